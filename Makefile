@@ -1,0 +1,65 @@
+# Needs only make and Python 3.11 or newer with venv. `make` alone lists the targets.
+
+PYTHON ?= python3
+BIN = .venv/bin
+ARGS =
+OUT = paper-results
+WORKERS = 2
+# -qq silences pip's chatter; errors are still shown.
+INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editable
+
+export MPLBACKEND = Agg
+
+.DEFAULT_GOAL := help
+.PHONY: help paper test slow lint format types doctest bench clean
+
+help: ## list the targets
+	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-9s%s\n", $$1, $$2 }' Makefile
+
+paper: .venv/core.stamp ## the paper's figures and verdicts, into paper-results/ (ARGS="--seeds 5")
+	$(BIN)/curricle paper --out "$(OUT)" $(ARGS)
+
+test: .venv/test.stamp ## the fast tests (ARGS="-k pursuit")
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+
+slow: .venv/test.stamp ## the statistical and long tests
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m slow --timeout 3600 $(ARGS)
+
+lint: .venv/dev.stamp ## ruff: rules and layout
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: .venv/dev.stamp ## let ruff fix what it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+types: .venv/dev.stamp ## mypy, strict
+	$(BIN)/mypy
+
+doctest: .venv/test.stamp ## every example in src/, docs/ and README.md
+	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
+
+bench: .venv/core.stamp ## time every benchmarks/bench_*.py
+	@set -e; for script in $(sort $(wildcard benchmarks/bench_*.py)); do \
+	  echo "$$script"; $(BIN)/python $$script $(ARGS); done
+
+clean: ## remove .venv, caches and builds (results stay)
+	rm -rf .venv build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find src tests -type d -name __pycache__ -prune -exec rm -rf {} +
+
+# Each stamp says that .venv holds that much: the library, then its test tools, then all tools.
+.venv/core.stamp: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("Curricle needs Python 3.11 or newer, and $(PYTHON) is %d.%d: name a newer one, as in make PYTHON=python3.12." % sys.version_info[:2])'
+	@echo 'Installing into .venv ...'
+	@$(PYTHON) -m venv .venv
+	@$(INSTALL) .
+	@touch $@
+
+.venv/test.stamp: .venv/core.stamp
+	@$(INSTALL) '.[test]'
+	@touch $@
+
+.venv/dev.stamp: .venv/test.stamp
+	@$(INSTALL) '.[dev]'
+	@touch $@

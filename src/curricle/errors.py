@@ -1,0 +1,42 @@
+"""The exceptions Curricle raises.
+
+::
+
+    CurricleError
+    ├── TaskError        a task that is not a valid MDP, map or game     (also ValueError)
+    ├── SettingError     a learner, budget or metric asked for nonsense  (also ValueError)
+    ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
+    ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
+    ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
+    └── StoreError       a results folder that cannot be used
+
+Every message is one sentence: the rule, the value that broke it, and the place.
+"""
+
+
+class CurricleError(Exception):
+    """Base of everything Curricle raises on purpose."""
+
+
+class TaskError(CurricleError, ValueError):
+    """A task is not a valid MDP, map or game."""
+
+
+class SettingError(CurricleError, ValueError):
+    """A learner, a budget, seeds, checkpoints or a metric make no sense."""
+
+
+class PotentialError(CurricleError, ValueError):
+    """A potential has the wrong shape or a value that is not finite."""
+
+
+class MappingError(CurricleError, ValueError):
+    """A mapping between two tasks does not fit them."""
+
+
+class CurriculumError(CurricleError, ValueError):
+    """A curriculum graph has a cycle, an unknown task or a malformed transfer."""
+
+
+class StoreError(CurricleError):
+    """A results folder cannot be used for this run."""

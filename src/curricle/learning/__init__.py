@@ -1,0 +1,1 @@
+"""Learning one task: potentials, exact planning, the learners and their compiled loops."""

@@ -1,0 +1,399 @@
+"""The compiled learning loops, and the evaluation of the greedy policy.
+
+The functions trust their input; :func:`curricle.learn`, which calls them, validates.
+
+Reading order: what the loops are given, the general loop :func:`train`, its faster twin
+:func:`train_q_learning`, greedy evaluation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from curricle.learning.sampling import (
+    Rule,
+    SOFTMAX,
+    acting_values,
+    choose,
+    draw_outcome,
+    draw_start,
+    expected_value,
+    greedy,
+    softmax,
+    tied,
+    uniform,
+)
+from curricle.learning.schedules import HARMONIC, Schedule, at
+
+FloatArray = npt.NDArray[np.float64]
+
+# What is added to the reward, or to the values acted on.
+PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
+# Update rules.
+Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
+
+NO_LIMIT = np.int64(2**62)
+JUDGE = np.uint64(0x5851F42D4C957F2D)
+"""Sets the stream of evaluations apart from that of learning, which they must not disturb."""
+
+
+class Model(NamedTuple):
+    """The tables of a :class:`FiniteMDP`, as the loops read them."""
+
+    outcome_row: npt.NDArray[np.int32]  # (S, A)
+    probability: FloatArray  # (Y, O)
+    cumulative: FloatArray  # (Y, O)
+    next_state: npt.NDArray[np.int32]  # (Y, O)
+    reward: FloatArray  # (Y, O)
+    terminal: npt.NDArray[np.bool_]  # (S,)
+    start_states: npt.NDArray[np.int64]  # (n,)
+    start_cumulative: FloatArray  # (n,)
+    discount: float
+    time_limit: int  # steps; NO_LIMIT for none
+
+
+class Shaping(NamedTuple):
+    """What a potential adds while learning; `initialise` and `look_ahead` need none of it."""
+
+    way: int
+    weight: Schedule
+    frame_steps: npt.NDArray[np.int64]  # (M,) the step from which each frame holds
+    state_values: FloatArray  # (M, S) Phi(s) of each frame
+    pair_values: FloatArray  # (S, A) phi(s, a)
+
+
+class Evaluation(NamedTuple):
+    """How the greedy policy is judged at a checkpoint."""
+
+    exact: bool
+    episodes: int  # rollouts, if not exact
+    discounted: bool
+    horizon: int  # steps of an episode
+    negligible: float  # probability still in play below which an exact evaluation stops
+
+
+class Record(NamedTuple):
+    """What a run writes down, one entry a checkpoint."""
+
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    greedy_return: FloatArray  # (T,)
+    steps: npt.NDArray[np.int64]  # (T,)
+    episodes: npt.NDArray[np.int64]  # (T,)
+
+
+# -- learning ------------------------------------------------------------------------------------
+
+
+@njit(cache=True, nogil=True, inline="always")
+def state_potential(weight, frame_steps, state_values, state, step):
+    """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
+    frame = np.searchsorted(frame_steps, step, side="right") - 1
+    return at(weight, step) * state_values[frame, state]
+
+
+@njit(cache=True, nogil=True)
+def bootstrap(q, table, state, next_action, values, rule, step, stream):
+    """Return what the rule takes `state` to be worth; `values` are its acting values.
+
+    Q-learning (paper E1): max_a Q(s, a). SARSA: Q(s, a) of the action that will be taken.
+    Expected SARSA: the policy's mean. Double Q-learning: the other table's value of this
+    table's best action.
+    """
+    if rule.update == SARSA:
+        return q[0, state, next_action]
+    if rule.update == EXPECTED_SARSA:
+        return expected_value(q, state, values, rule, step)
+    if rule.update == DOUBLE_Q_LEARNING:
+        return q[1 - table, state, greedy(q[table], state, stream)]
+    best = q[0, state, 0]
+    for action in range(1, q.shape[2]):
+        best = max(best, q[0, state, action])
+    return best
+
+
+@njit(cache=True, nogil=True)
+def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, record):
+    """Learn in place on `q` (1 or 2, S, A) and fill `record`; return steps and episodes done.
+
+    Parameters
+    ----------
+    visits : (S, A) int64
+        Updates of each pair; used only by a harmonic learning rate, which counts them.
+    stream : (1,) uint64
+        The run's random stream.
+    budget : (int, int)
+        Steps and episodes at which to stop, whichever comes first; a step budget may end within
+        an episode.
+    every : int
+        Steps between checkpoints; checkpoint 0 is before the first step.
+    """
+    # Arrays are taken out of their tuples here: inside the loop each access would count a reference.
+    outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
+    pay, terminal, discount = model.reward, model.terminal, model.discount
+    start_states, start_cumulative = model.start_states, model.start_cumulative
+    way, weight, frames, phi = shaping.way, shaping.weight, shaping.frame_steps, shaping.pair_values
+    potential, advice = shaping.state_values, phi[: phi.shape[0] if way == ADVICE else 0]
+    n_actions = q.shape[2]
+    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
+    judge = np.empty(1, np.uint64)
+    judge[0] = stream[0] ^ JUDGE
+    step, episodes, checkpoint = 0, 0, 1
+    ended, ended_return = 0, 0.0
+    record.greedy_return[0] = greedy_return(model, q, advice, at(weight, 0), evaluation, judge)
+
+    fresh = True  # the next step is the first of an episode
+    state, action, length, episode_return = 0, 0, 0, 0.0
+    potential_here, advice_before = 0.0, 0.0
+    while step < budget[0] and episodes < budget[1]:
+        if fresh:
+            state, length, episode_return = draw_start(start_states, start_cumulative, stream), 0, 0.0
+            advice_before = 0.0
+            if way == STATE:
+                potential_here = state_potential(weight, frames, potential, state, step)
+        if fresh or rule.update != SARSA:
+            acting_values(q, state, advice, at(weight, step), values)
+            action = choose(values, rule, step, stream)
+        row = outcome_row[state, action]
+        outcome = draw_outcome(cumulative, row, stream)
+        next_state, reward = successor[row, outcome], pay[row, outcome]
+        step += 1
+        length += 1
+        episode_return += reward
+        terminated = terminal[next_state]
+
+        if way == STATE:  # F = gamma Phi(s', t') - Phi(s, t), Phi(terminal) = 0
+            potential_next = 0.0
+            if not terminated:
+                potential_next = state_potential(weight, frames, potential, next_state, step)
+            reward += discount * potential_next - potential_here
+            potential_here = potential_next
+        elif way == LOOK_BACK:  # F = phi(s, a) - phi(s before, a before) / gamma
+            reward += phi[state, action] - advice_before / discount
+            advice_before = phi[state, action]
+            if terminated:  # the end's own term, gamma (0 - phi(s, a) / gamma), is due now
+                reward -= advice_before
+        elif way == BONUS:
+            reward += phi[state, action]
+
+        # Cutting off at the time limit is not termination: it bootstraps like any other step.
+        next_action, target, table = 0, reward, 0
+        if rule.update == DOUBLE_Q_LEARNING:
+            table = int(uniform(stream) * 2)
+        if not terminated:
+            acting_values(q, next_state, advice, at(weight, step), next_values)
+            if rule.update == SARSA:
+                next_action = choose(next_values, rule, step, stream)
+            target += discount * bootstrap(
+                q, table, next_state, next_action, next_values, rule, step, stream
+            )
+        if rule.learning_rate.shape == HARMONIC:
+            rate = at(rule.learning_rate, visits[state, action])
+            visits[state, action] += 1
+        else:
+            rate = at(rule.learning_rate, step - 1)
+        q[table, state, action] += rate * (target - q[table, state, action])
+
+        fresh = terminated or length >= model.time_limit
+        if fresh:
+            episodes += 1
+            ended += 1
+            ended_return += episode_return
+        state, action = next_state, next_action
+
+        if step == checkpoint * every:
+            record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+            record.greedy_return[checkpoint] = greedy_return(
+                model, q, advice, at(weight, step), evaluation, judge
+            )
+            record.steps[checkpoint] = step
+            record.episodes[checkpoint] = episodes
+            ended, ended_return = 0, 0.0
+            checkpoint += 1
+    return step, episodes
+
+
+@njit(cache=True, nogil=True)
+def rescan(q, state, row_best, row_action, row_ties):
+    """Store the row's maximum, one action that has it, and how many do."""
+    best, chosen, ties = q[state, 0], 0, 1
+    for action in range(1, q.shape[1]):
+        if q[state, action] > best:
+            best, chosen, ties = q[state, action], action, 1
+        elif q[state, action] == best:
+            ties += 1
+    row_best[state], row_action[state], row_ties[state] = best, chosen, ties
+
+
+@njit(cache=True, nogil=True)
+def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, record):
+    """Do what :func:`train` does, draw for draw, for Q-learning without reward shaping.
+
+    Each row's maximum is kept at hand and looked for again only when it was lowered, so that a
+    step scans no row; that is what makes this loop several times faster than the general one.
+    """
+    outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
+    pay, terminal, discount = model.reward, model.terminal, model.discount
+    start_states, start_cumulative = model.start_states, model.start_cumulative
+    table, no_advice = q[0], np.empty((0, 0))
+    n_states, n_actions = table.shape
+    row_best = np.empty(n_states)
+    row_action, row_ties = np.empty(n_states, np.int32), np.empty(n_states, np.int32)
+    for state in range(n_states):
+        rescan(table, state, row_best, row_action, row_ties)
+    judge = np.empty(1, np.uint64)
+    judge[0] = stream[0] ^ JUDGE
+    step, episodes, checkpoint = 0, 0, 1
+    ended, ended_return = 0, 0.0
+    record.greedy_return[0] = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
+
+    fresh, state, length, episode_return = True, 0, 0, 0.0
+    while step < budget[0] and episodes < budget[1]:
+        if fresh:
+            state, length, episode_return = draw_start(start_states, start_cumulative, stream), 0, 0.0
+        parameter = at(rule.exploring, step)
+        if rule.exploration == SOFTMAX:
+            action = softmax(table, state, row_best[state], parameter, stream)
+        elif uniform(stream) < parameter:
+            action = int(uniform(stream) * n_actions)
+        elif row_ties[state] == 1:
+            action = row_action[state]
+        else:
+            action = tied(table, state, row_best[state], row_ties[state], stream)
+        row = outcome_row[state, action]
+        outcome = draw_outcome(cumulative, row, stream)
+        next_state, reward = successor[row, outcome], pay[row, outcome]
+        step += 1
+        length += 1
+        episode_return += reward
+
+        target, terminated = reward, terminal[next_state]
+        if not terminated:
+            target += discount * row_best[next_state]
+        if rule.learning_rate.shape == HARMONIC:
+            rate = at(rule.learning_rate, visits[state, action])
+            visits[state, action] += 1
+        else:
+            rate = at(rule.learning_rate, step - 1)
+        old = table[state, action]
+        new = old + rate * (target - old)
+        table[state, action] = new
+        if new > row_best[state]:
+            row_best[state], row_action[state], row_ties[state] = new, action, 1
+        elif old == row_best[state] or new == row_best[state]:
+            rescan(table, state, row_best, row_action, row_ties)
+
+        fresh = terminated or length >= model.time_limit
+        if fresh:
+            episodes += 1
+            ended += 1
+            ended_return += episode_return
+        state = next_state
+        if step == checkpoint * every:
+            record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+            record.greedy_return[checkpoint] = greedy_return(
+                model, q, no_advice, 0.0, evaluation, judge
+            )
+            record.steps[checkpoint] = step
+            record.episodes[checkpoint] = episodes
+            ended, ended_return = 0, 0.0
+            checkpoint += 1
+    return step, episodes
+
+
+# -- evaluating the greedy policy ----------------------------------------------------------------
+
+
+@njit(cache=True, nogil=True)
+def greedy_return(model, q, advice, advice_weight, evaluation, stream):
+    """Return the greedy policy's expected return from the start distribution to the time limit.
+
+    Ties are broken uniformly. Exact by following the distribution over states, or the mean of
+    rollouts.
+    """
+    if evaluation.exact:
+        return followed_return(model, q, advice, advice_weight, evaluation)
+    outcome_row, cumulative, next_state = model.outcome_row, model.cumulative, model.next_state
+    reward, terminal, discount = model.reward, model.terminal, model.discount
+    start_states, start_cumulative = model.start_states, model.start_cumulative
+    values = np.empty((1, q.shape[2]))
+    total = 0.0
+    for _ in range(evaluation.episodes):
+        state, weight = draw_start(start_states, start_cumulative, stream), 1.0
+        for _ in range(evaluation.horizon):
+            acting_values(q, state, advice, advice_weight, values)
+            row = outcome_row[state, greedy(values, 0, stream)]
+            outcome = draw_outcome(cumulative, row, stream)
+            total += weight * reward[row, outcome]
+            state = next_state[row, outcome]
+            if terminal[state]:
+                break
+            if evaluation.discounted:
+                weight *= discount
+    return total / evaluation.episodes
+
+
+@njit(cache=True, nogil=True)
+def followed_return(model, q, advice, advice_weight, evaluation):
+    """Return the expected return by pushing the state distribution forward step by step."""
+    outcome_row, probability = model.outcome_row, model.probability
+    next_state, reward, terminal = model.next_state, model.reward, model.terminal
+    n_states, n_actions = outcome_row.shape
+    n_outcomes = probability.shape[1]
+    values = np.empty((1, n_actions))
+    only = np.full(n_states, -2)  # the greedy action, -1 where several tie, -2 not yet asked
+    mass, next_mass = np.zeros(n_states), np.zeros(n_states)
+    alive, next_alive = np.empty(n_states, np.int64), np.empty(n_states, np.int64)
+    before = 0.0
+    n_alive = model.start_states.shape[0]
+    for i in range(n_alive):
+        alive[i] = model.start_states[i]
+        mass[alive[i]] = model.start_cumulative[i] - before
+        before = model.start_cumulative[i]
+
+    total, weight = 0.0, 1.0
+    for _ in range(evaluation.horizon):
+        n_next, in_play = 0, 0.0
+        for i in range(n_alive):
+            state = alive[i]
+            if only[state] == -2:
+                acting_values(q, state, advice, advice_weight, values)
+                best = values.max()
+                ties = 0
+                for action in range(n_actions):
+                    if values[0, action] == best:
+                        ties += 1
+                        only[state] = action
+                if ties > 1:
+                    only[state] = -1
+            ties, first, last = 1, only[state], only[state] + 1
+            if only[state] == -1:
+                acting_values(q, state, advice, advice_weight, values)
+                best = values.max()
+                ties, first, last = (values == best).sum(), 0, n_actions
+            share = mass[state] / ties
+            mass[state] = 0.0
+            for action in range(first, last):
+                if ties > 1 and values[0, action] != best:
+                    continue
+                row = outcome_row[state, action]
+                for outcome in range(n_outcomes):
+                    part = share * probability[row, outcome]
+                    if part > 0.0:
+                        total += weight * part * reward[row, outcome]
+                        reached = next_state[row, outcome]
+                        if not terminal[reached]:
+                            if next_mass[reached] == 0.0:
+                                next_alive[n_next] = reached
+                                n_next += 1
+                            next_mass[reached] += part
+                            in_play += part
+        alive, next_alive = next_alive, alive
+        mass, next_mass = next_mass, mass
+        n_alive = n_next
+        if evaluation.discounted:
+            weight *= model.discount
+        if in_play * weight < evaluation.negligible:
+            break
+    return total

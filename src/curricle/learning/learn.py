@@ -1,0 +1,387 @@
+"""Training one task over many seeds: :func:`learn` and what it returns."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import SettingError
+from curricle.learning import kernels
+from curricle.learning.learners import SARSA, Learner, QLearning
+from curricle.learning.potential import StateActionPotential, StatePotential
+from curricle.learning.schedules import constant
+from curricle.tasks.mdp import FiniteMDP, Task
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Potential = StatePotential | StateActionPotential
+
+How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
+"""The ways a potential enters learning; :func:`learn` says what each does."""
+
+LARGEST_EXACT = 20_000
+"""Outcomes (S x A x O) up to which ``method="auto"`` follows the greedy policy exactly."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """A budget in episodes, where a bare number means steps.
+
+    Examples
+    --------
+    >>> Episodes(800)
+    Episodes(number=800)
+    """
+
+    number: int
+
+
+@dataclass(frozen=True)
+class GreedyEvaluation:
+    """How the greedy policy is judged at each checkpoint.
+
+    It is the expected return of one episode from the start distribution, cut at the time limit,
+    ties broken uniformly, in the task's own (unshaped) rewards.
+
+    Parameters
+    ----------
+    method : {"auto", "exact", "rollouts"}
+        Exactly, by following the distribution over states; or as the mean of some episodes. "auto"
+        is exact up to 20,000 outcomes (states x actions x outcomes of a pair).
+    episodes : int
+        Rollouts a checkpoint.
+    discounted : bool
+        Whether rewards are discounted, as :func:`solve` does, or summed as the paper does.
+    """
+
+    method: Literal["auto", "exact", "rollouts"] = "auto"
+    episodes: int = 100
+    discounted: bool = True
+
+    def __post_init__(self) -> None:
+        if self.method not in ("auto", "exact", "rollouts"):
+            raise SettingError(
+                f"method must be 'auto', 'exact' or 'rollouts': got {self.method!r}"
+            )
+        if self.episodes < 1:
+            raise SettingError(f"episodes of an evaluation must be at least 1: got {self.episodes}")
+
+    def settings(self, mdp: FiniteMDP) -> kernels.Evaluation:
+        """Return the evaluation of this task as the compiled loops read it."""
+        if mdp.time_limit is not None:
+            horizon = mdp.time_limit
+        elif not self.discounted:
+            raise SettingError("an undiscounted evaluation needs a task with a time limit: none set")
+        elif 0 < mdp.discount < 1:
+            horizon = int(np.ceil(np.log(NEGLIGIBLE) / np.log(mdp.discount)))
+        else:
+            horizon = 1 if mdp.discount == 0 else int(kernels.NO_LIMIT)
+        outcomes = mdp.outcome_row.size * mdp.probability.shape[1]
+        exact = self.method == "exact" or (self.method == "auto" and outcomes <= LARGEST_EXACT)
+        return kernels.Evaluation(exact, self.episodes, self.discounted, horizon, NEGLIGIBLE)
+
+
+NEGLIGIBLE = 1e-9
+"""Probability (or discounted weight) of still being under way at which an evaluation stops."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearningResult:
+    """What :func:`learn` found, for K seeds and T checkpoints.
+
+    Attributes
+    ----------
+    task : Task
+    learner : Learner
+    seeds : tuple of int
+        K of them.
+    values : (K, S, A) float64
+        The values each seed's policy ends up acting on, in the task's own rewards: Q, plus
+        what shaping had taken off it (phi, or Phi(s)). What a transfer hands on.
+    steps : (T,) int64
+        Steps taken at each checkpoint, from 0.
+    training_return : (K, T) float64
+        Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
+        NaN where none did.
+    greedy_return : (K, T) float64
+        Expected return of the greedy policy (:class:`GreedyEvaluation`). After a seed's budget
+        of episodes is spent its last value stands.
+    episodes : (K, T) int64
+        Episodes ended by each checkpoint.
+    steps_used, episodes_used : (K,) int64
+        What each seed spent in all.
+    """
+
+    task: Task
+    learner: Learner
+    seeds: tuple[int, ...]
+    values: FloatArray
+    steps: IntArray
+    training_return: FloatArray
+    greedy_return: FloatArray
+    episodes: IntArray
+    steps_used: IntArray
+    episodes_used: IntArray
+
+    def __repr__(self) -> str:
+        return (
+            f"LearningResult({type(self.learner).__name__}, {len(self.seeds)} seeds, "
+            f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
+            f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
+        )
+
+
+def learn(
+    task: Task,
+    learner: Learner | None = None,
+    budget: int | Episodes = 100_000,
+    *,
+    seeds: int | Sequence[int] = 1,
+    potential: Potential | None = None,
+    how: How = "initialise",
+    every: int | None = None,
+    evaluation: GreedyEvaluation | None = None,
+    stream: str = "",
+    workers: int | None = None,
+) -> LearningResult:
+    """Return what a learner makes of a task, for each of many seeds.
+
+    Parameters
+    ----------
+    task : Task
+    learner : Learner
+        Default :class:`QLearning`.
+    budget : int or Episodes
+        Steps (the last episode may be cut), or episodes.
+    seeds : int or sequence of int
+        K means seeds 0 .. K-1. The result of a seed depends on nothing but the seed, the stream
+        and the other arguments; not on the other seeds or the number of workers.
+    potential : StatePotential or StateActionPotential, optional
+    how : str
+        What to do with the potential (theory in the order of publication):
+
+        - ``"initialise"``: Q starts as phi(s, a); the same updates as look-ahead advice
+          (Wiewiora 2003).
+        - ``"look_ahead"``: rewards get F = gamma phi(s', a*) - phi(s, a), the policy acts on
+          Q + phi. Carried out on Q + phi itself, which is the same to the last digit save rounding.
+        - ``"look_back"``: F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; :class:`SARSA` only.
+        - ``"state"``: F = gamma Phi(s', t') - Phi(s, t). Takes a StatePotential.
+        - ``"advice"``: Q learns on plain rewards, the policy acts on Q + xi(t) phi with the
+          potential's weight xi (explicit decaying advice, Behboudian et al. 2020).
+        - ``"bonus"``: rewards get phi(s, a) outright. NOT potential-based: it can change the
+          optimal policy, and is here to show reward hacking.
+    every : int, optional
+        Steps between checkpoints; by default a hundredth of a step budget, 100 steps for a budget
+        of episodes.
+    evaluation : GreedyEvaluation, optional
+    stream : str
+        Name of the random stream, so that several trainings of one seed draw independently.
+    workers : int, optional
+        Threads over seeds; as many as there are processors by default.
+
+    Returns
+    -------
+    LearningResult
+
+    Raises
+    ------
+    SettingError
+        When an argument makes no sense; nothing has run then.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> result = learn(GridWorld("S.T"), QLearning(epsilon=0.2), 1000, seeds=2)
+    >>> result.values.shape, result.greedy_return[:, -1].round(2)
+    ((2, 3, 4), array([196.01, 196.01]))
+    """
+    learner = learner or QLearning()
+    mdp = task.mdp
+    seeds = seed_tuple(seeds)
+    steps, episodes = _budget(budget)
+    every = _spacing(every, budget)
+    shaping = _shaping(mdp, learner, potential, how, len(seeds))
+    judge = (evaluation or GreedyEvaluation()).settings(mdp)
+    longest = min(steps, episodes * (mdp.time_limit or steps))
+    if longest >= kernels.NO_LIMIT:
+        raise SettingError("a budget in episodes needs a task with a time limit: none set")
+    if workers is not None and workers < 1:
+        raise SettingError(f"workers must be at least 1: got {workers}")
+
+    model, rule = _model(mdp), learner.rule()
+    shape = (mdp.states.size, mdp.actions.size)
+    tables = np.empty((len(seeds), learner.tables, *shape))
+    initial = np.where(mdp.terminal[:, None], 0.0, float(learner.initial_value))
+
+    def train(k: int) -> tuple[kernels.Record, int, int]:
+        q = tables[k]
+        q[...] = initial
+        if isinstance(potential, StateActionPotential) and how in ("initialise", "look_ahead"):
+            q += potential.of_seed(k)
+        record = _empty_record(longest // every + 1)
+        visits = np.zeros(shape if rule.learning_rate.shape == kernels.HARMONIC else (1, 1), int)
+        random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
+        limits = (np.int64(steps), np.int64(episodes))
+        mine = shaping(k)
+        if learner.update == kernels.Q_LEARNING and mine.way == kernels.PLAIN:
+            done = kernels.train_q_learning(
+                model, rule, judge, q, visits, random, limits, every, record
+            )
+        else:
+            done = kernels.train(
+                model, rule, mine, judge, q, visits, random, limits, every, record
+            )
+        q[...] = q.mean(axis=0) + _taken_off(mine, how, done[0])
+        return record, *done
+
+    with ThreadPoolExecutor(min(workers or os.cpu_count() or 1, len(seeds))) as pool:
+        done = list(pool.map(train, range(len(seeds))))
+    return _result(task, learner, seeds, tables[:, 0], done, every)
+
+
+def seed_tuple(seeds: int | Sequence[int]) -> tuple[int, ...]:
+    """Return K as 0 .. K-1 and a sequence as it is, or raise SettingError."""
+    if isinstance(seeds, (int, np.integer)):
+        if seeds < 1:
+            raise SettingError(f"seeds must be at least 1: got {seeds}")
+        return tuple(range(int(seeds)))
+    numbers = tuple(int(s) for s in seeds)
+    if not numbers or len(set(numbers)) != len(numbers) or min(numbers) < 0:
+        raise SettingError(f"seeds must be different whole numbers from 0, at least one: got {seeds}")
+    return numbers
+
+
+def stream_start(seed: int, stream: str) -> int:
+    """Return where the random stream of this seed and name starts, a 64-bit number."""
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
+
+
+def _budget(budget: int | Episodes) -> tuple[int, int]:
+    number = budget.number if isinstance(budget, Episodes) else budget
+    if isinstance(number, bool) or number != int(number) or number < 1:
+        raise SettingError(f"a budget must be a whole number, at least 1: got {budget}")
+    if isinstance(budget, Episodes):
+        return int(kernels.NO_LIMIT), int(number)
+    return int(number), int(kernels.NO_LIMIT)
+
+
+def _spacing(every: int | None, budget: int | Episodes) -> int:
+    if every is None:
+        return 100 if isinstance(budget, Episodes) else max(1, budget // 100)
+    if every != int(every) or every < 1:
+        raise SettingError(f"every must be a whole number of steps, at least 1: got {every}")
+    if not isinstance(budget, Episodes) and every > budget:
+        raise SettingError(f"every must not exceed the budget of {budget} steps: got {every}")
+    return int(every)
+
+
+def _shaping(
+    mdp: FiniteMDP, learner: Learner, potential: Potential | None, how: How, n_seeds: int
+) -> Any:
+    """Return the function k -> what the loop of the k-th seed is to add."""
+    if how not in get_args(How):
+        raise SettingError(f"how must be one of {', '.join(get_args(How))}: got {how!r}")
+    nothing = kernels.Shaping(
+        kernels.PLAIN, constant(1.0), np.zeros(1, np.int64), np.zeros((1, 1)), np.zeros((1, 1))
+    )
+    if potential is None:
+        return lambda k: nothing
+    wanted = StatePotential if how == "state" else StateActionPotential
+    if not isinstance(potential, wanted):
+        raise SettingError(
+            f"how={how!r} takes a {wanted.__name__}: got a {type(potential).__name__}"
+        )
+    if potential.task.mdp is not mdp:
+        raise SettingError(
+            f"a potential must be made for the task it shapes: it belongs to {potential.task}"
+        )
+    if how == "look_back" and (not isinstance(learner, SARSA) or mdp.discount == 0):
+        raise SettingError(
+            "look_back is valid for on-policy SARSA at a positive discount only: got "
+            f"{type(learner).__name__} at discount {mdp.discount:g}"
+        )
+    if how not in ("state", "advice") and potential.weight != constant(1.0):
+        raise SettingError(f"a potential's weight counts only for state and advice: how={how!r}")
+    if isinstance(potential, StatePotential):
+        state = nothing._replace(
+            way=kernels.STATE,
+            weight=potential.weight,
+            frame_steps=potential.frame_steps,
+            state_values=potential.values,
+        )
+        return lambda k: state
+    if potential.per_seed and len(potential.values) != n_seeds:
+        raise SettingError(
+            f"a potential per seed needs one for each of {n_seeds} seeds: it has "
+            f"{len(potential.values)}"
+        )
+    way = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}.get(
+        how, kernels.PLAIN
+    )
+    if way == kernels.PLAIN:  # carried out on the table itself
+        return lambda k: nothing
+    return lambda k: nothing._replace(
+        way=way, weight=potential.weight, pair_values=potential.of_seed(k)
+    )
+
+
+def _taken_off(shaping: kernels.Shaping, how: How, step: int) -> Any:
+    """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
+    weight = shaping.weight(step)
+    if shaping.way == kernels.STATE:
+        frame = int(np.searchsorted(shaping.frame_steps, step, side="right")) - 1
+        return weight * shaping.state_values[frame][:, None]
+    if shaping.way == kernels.ADVICE:
+        return weight * shaping.pair_values
+    return 0.0
+
+
+def _model(mdp: FiniteMDP) -> kernels.Model:
+    limit = kernels.NO_LIMIT if mdp.time_limit is None else np.int64(mdp.time_limit)
+    return kernels.Model(
+        mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward,
+        mdp.terminal, mdp.start_states, mdp.start_cumulative, float(mdp.discount), limit,
+    )  # fmt: skip
+
+
+def _empty_record(n: int) -> kernels.Record:
+    return kernels.Record(
+        np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    )
+
+
+def _result(
+    task: Task,
+    learner: Learner,
+    seeds: tuple[int, ...],
+    values: FloatArray,
+    done: list[tuple[kernels.Record, int, int]],
+    every: int,
+) -> LearningResult:
+    """Put the seeds' records on one axis of checkpoints."""
+    n = max(steps for _, steps, _ in done) // every + 1
+    training = np.stack([record.training_return[:n] for record, _, _ in done])
+    greedy = np.stack([record.greedy_return[:n] for record, _, _ in done])
+    episodes = np.stack([record.episodes[:n] for record, _, _ in done])
+    for k, (_, steps, _) in enumerate(done):
+        last = steps // every
+        greedy[k, last + 1 :], episodes[k, last + 1 :] = greedy[k, last], episodes[k, last]
+    for array in (values, training, greedy, episodes):
+        array.flags.writeable = False
+    return LearningResult(
+        task=task,
+        learner=learner,
+        seeds=seeds,
+        values=values,
+        steps=np.arange(n) * every,
+        training_return=training,
+        greedy_return=greedy,
+        episodes=episodes,
+        steps_used=np.array([steps for _, steps, _ in done]),
+        episodes_used=np.array([count for _, _, count in done]),
+    )

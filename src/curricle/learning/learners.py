@@ -1,0 +1,95 @@
+"""The learners: which update, how fast, and how they explore. Frozen values; :func:`learn` runs them."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from curricle.errors import SettingError
+from curricle.learning import kernels, sampling
+from curricle.learning.schedules import Schedule, within
+
+
+@dataclass(frozen=True)
+class Learner:
+    """What the tabular learners share.
+
+    Parameters
+    ----------
+    learning_rate : float or Schedule
+        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair.
+    epsilon : float or Schedule, optional
+        Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
+        ties broken at random. The default, 0.1, holds unless `inverse_temperature` is given.
+    inverse_temperature : float or Schedule, optional
+        Softmax exploration instead: P(a) proportional to exp(beta Q(s, a)).
+    initial_value : float
+        Q before learning, in every state that is not terminal.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range, or both kinds of exploration are asked for.
+    """
+
+    learning_rate: float | Schedule = 0.1
+    epsilon: float | Schedule | None = None
+    inverse_temperature: float | Schedule | None = None
+    initial_value: float = 0.0
+
+    update: ClassVar[int]
+    tables: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        if self.epsilon is not None and self.inverse_temperature is not None:
+            raise SettingError(
+                "exploration is either epsilon-greedy or softmax: got epsilon="
+                f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
+            )
+        within("initial_value", self.initial_value, -1e300, 1e300)
+        self.rule()
+
+    def rule(self) -> Any:
+        """Return the learner as the compiled loops read it."""
+        rate = within("learning_rate", self.learning_rate, 0.0, 1.0)
+        if self.inverse_temperature is not None:
+            beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e300)
+            return kernels.Rule(self.update, rate, sampling.SOFTMAX, beta)
+        epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
+        return kernels.Rule(self.update, rate, sampling.EPSILON_GREEDY, epsilon)
+
+
+@dataclass(frozen=True)
+class QLearning(Learner):
+    """Q(s,a) += alpha (r + gamma max_b Q(s',b) - Q(s,a)) (paper E1; Watkins 1989).
+
+    Examples
+    --------
+    >>> QLearning(learning_rate=0.2)
+    QLearning(learning_rate=0.2, epsilon=None, inverse_temperature=None, initial_value=0.0)
+    """
+
+    update: ClassVar[int] = kernels.Q_LEARNING
+
+
+@dataclass(frozen=True)
+class SARSA(Learner):
+    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next."""
+
+    update: ClassVar[int] = kernels.SARSA
+
+
+@dataclass(frozen=True)
+class ExpectedSARSA(Learner):
+    """Q(s,a) += alpha (r + gamma sum_b pi(b|s') Q(s',b) - Q(s,a)) (van Seijen et al. 2009)."""
+
+    update: ClassVar[int] = kernels.EXPECTED_SARSA
+
+
+@dataclass(frozen=True)
+class DoubleQLearning(Learner):
+    """Two tables, a coin choosing which learns from the other's value (van Hasselt 2010).
+
+    It acts on, and reports, the mean of both.
+    """
+
+    update: ClassVar[int] = kernels.DOUBLE_Q_LEARNING
+    tables: ClassVar[int] = 2

@@ -1,0 +1,180 @@
+"""Potentials: what a state, or a state-action pair, is taken to be worth before learning.
+
+Both kinds are zero in terminal states by construction (Grzes 2017): shaping that pays for the
+terminal itself changes the optimal policy. The discount is the task's; there is no second one.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import PotentialError
+from curricle.learning.schedules import constant, schedule
+from curricle.tasks.mdp import Task
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StatePotential:
+    """Phi(s), possibly changing with time; shapes with F = gamma Phi(s', t') - Phi(s, t).
+
+    Paper E2; Ng, Harada, Russell 1999; for a changing potential Devlin, Kudenko 2012.
+
+    Parameters
+    ----------
+    task : Task
+        The task to be shaped.
+    values : (S,) or (M, S) float array
+        Phi, or M frames of it. Values at terminal states are replaced by 0.
+    frame_steps : (M,) int array, optional
+        The step of learning from which each frame holds; the first must be 0.
+    weight : float or Schedule
+        Factor w(t), so that Phi(s, t) = w(t) * frame(t)[s].
+
+    Raises
+    ------
+    PotentialError
+        When the shape is wrong or a value is not finite.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> phi = StatePotential(GridWorld("S.T"), [0.0, 1.0, 7.0])
+    >>> phi.values
+    array([[0., 1., 0.]])
+    >>> round(float(phi.shaping_reward(0, 1)), 2)  # gamma is 0.99
+    0.99
+    """
+
+    task: Task
+    values: FloatArray
+    frame_steps: Any = (0,)
+    weight: Any = 1.0
+
+    def __post_init__(self) -> None:
+        mdp = self.task.mdp
+        n_states = mdp.states.size
+        values = _finite(self.values, "Phi")
+        if values.ndim not in (1, 2) or values.shape[-1] != n_states:
+            raise PotentialError(
+                f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
+                f"{values.shape}"
+            )
+        values = np.where(mdp.terminal, 0.0, values.reshape(-1, n_states))
+        steps = np.array(self.frame_steps, dtype=np.int64)
+        if steps.shape != (len(values),) or steps[0] != 0 or (np.diff(steps) <= 0).any():
+            raise PotentialError(
+                f"frame_steps must rise from 0, one for each of the {len(values)} frames: got "
+                f"{steps.tolist()}"
+            )
+        _freeze(self, values=values, frame_steps=steps)
+        object.__setattr__(self, "weight", schedule(self.weight))
+
+    def at(self, step: int = 0) -> FloatArray:
+        """Return Phi(s, t), (S,) float64, after `step` steps of learning."""
+        frame = int(np.searchsorted(self.frame_steps, step, side="right")) - 1
+        return np.asarray(self.weight(step) * self.values[frame])
+
+    def shaping_reward(
+        self, state: npt.ArrayLike, next_state: npt.ArrayLike, *, step: int = 0
+    ) -> FloatArray:
+        """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, of the shape of the states."""
+        discount = self.task.mdp.discount
+        return np.asarray(discount * self.at(step + 1)[next_state] - self.at(step)[state])
+
+
+@dataclass(frozen=True, eq=False)
+class StateActionPotential:
+    """phi(s, a), for Q-initialisation and advice (paper E5; Wiewiora 2003).
+
+    Parameters
+    ----------
+    task : Task
+        The task to be shaped.
+    values : (S, A) or (K, S, A) float array
+        phi, the same for every seed or one for each of K seeds. Values at terminal states are
+        replaced by 0.
+    weight : float or Schedule
+        Factor xi(t) of explicit decaying advice (``how="advice"``); 1 for all other ways.
+
+    Raises
+    ------
+    PotentialError
+        When the shape is wrong or a value is not finite.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> phi = StateActionPotential(GridWorld("ST"), [[1.0, 2.0, 3.0, 4.0], [5.0] * 4])
+    >>> phi.values
+    array([[1., 2., 3., 4.],
+           [0., 0., 0., 0.]])
+    >>> phi.to_state().values
+    array([[4., 0.]])
+    """
+
+    task: Task
+    values: FloatArray
+    weight: Any = 1.0
+
+    def __post_init__(self) -> None:
+        mdp = self.task.mdp
+        shape = (mdp.states.size, mdp.actions.size)
+        values = _finite(self.values, "phi")
+        if values.ndim not in (2, 3) or values.shape[-2:] != shape:
+            raise PotentialError(
+                f"a state-action potential must have shape {shape} or (K, *{shape}): got "
+                f"{values.shape}"
+            )
+        _freeze(self, values=np.where(mdp.terminal[:, None], 0.0, values))
+        object.__setattr__(self, "weight", schedule(self.weight))
+
+    @property
+    def per_seed(self) -> bool:
+        """Whether each seed has a potential of its own."""
+        return self.values.ndim == 3
+
+    def of_seed(self, k: int) -> FloatArray:
+        """Return phi for the k-th seed, (S, A) float64."""
+        return self.values[k] if self.per_seed else self.values
+
+    def to_state(self) -> StatePotential:
+        """Return the state potential Phi(s) = max_a phi(s, a); not for a potential per seed."""
+        if self.per_seed:
+            raise PotentialError("a state potential is the same for every seed: phi has one each")
+        return StatePotential(self.task, self.values.max(axis=1), weight=self.weight)
+
+    def look_ahead(
+        self,
+        state: npt.ArrayLike,
+        action: npt.ArrayLike,
+        next_state: npt.ArrayLike,
+        next_action: npt.ArrayLike,
+    ) -> FloatArray:
+        """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
+        phi = self.of_seed(0)
+        discount = self.task.mdp.discount
+        return np.asarray(discount * phi[next_state, next_action] - phi[state, action])
+
+    @property
+    def is_weighted(self) -> bool:
+        """Whether the weight is anything but the constant 1."""
+        return bool(self.weight != constant(1.0))
+
+
+def _finite(given: npt.ArrayLike, name: str) -> FloatArray:
+    values = np.array(given, dtype=np.float64)
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        place = tuple(int(i) for i in bad[0])
+        raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
+    return values
+
+
+def _freeze(owner: object, **arrays: npt.NDArray[Any]) -> None:
+    for name, array in arrays.items():
+        array.flags.writeable = False
+        object.__setattr__(owner, name, array)

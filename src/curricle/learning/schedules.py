@@ -1,0 +1,115 @@
+"""Numbers that change while learning: learning rates, exploration, weights of a potential."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from curricle.errors import SettingError
+
+# Shapes of a schedule.
+CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)
+
+
+class Schedule(NamedTuple):
+    """A number as a function of the steps taken; build it with the functions of this module.
+
+    A harmonic learning rate counts the visits to its state-action pair instead of all steps.
+    """
+
+    shape: int
+    first: float
+    last: float
+    span: float
+
+    def __call__(self, step: int) -> float:
+        """Return the value after `step` steps (visits)."""
+        return float(at(self, step))
+
+
+def constant(value: float) -> Schedule:
+    """Return the schedule that always is `value`.
+
+    Examples
+    --------
+    >>> constant(0.1)(500)
+    0.1
+    """
+    return Schedule(CONSTANT, _finite("a schedule", value), value, 1.0)
+
+
+def linear(first: float, last: float, *, steps: int) -> Schedule:
+    """Return the schedule that goes straight from `first` to `last` in `steps` steps, and stays.
+
+    Examples
+    --------
+    >>> linear(1.0, 0.0, steps=100)(25)
+    0.75
+    """
+    return Schedule(LINEAR, _finite("first", first), _finite("last", last), _span("steps", steps))
+
+
+def exponential(first: float, last: float = 0.0, *, half_life: float) -> Schedule:
+    """Return the schedule whose distance from `last` halves every `half_life` steps.
+
+    Examples
+    --------
+    >>> exponential(1.0, half_life=10)(20)
+    0.25
+    """
+    span = _span("half_life", half_life)
+    return Schedule(EXPONENTIAL, _finite("first", first), _finite("last", last), span)
+
+
+def harmonic(first: float = 1.0, last: float = 0.0, *, half: float = 1.0) -> Schedule:
+    """Return ``last + (first - last) / (1 + n / half)``; halfway after `half` steps or visits.
+
+    As a learning rate `n` counts the updates of the pair, so that ``harmonic()`` is 1 / (n + 1),
+    the sample mean, and the Robbins-Monro conditions hold.
+
+    Examples
+    --------
+    >>> harmonic()(3)
+    0.25
+    """
+    span = _span("half", half)
+    return Schedule(HARMONIC, _finite("first", first), _finite("last", last), span)
+
+
+def schedule(value: "float | Schedule") -> Schedule:
+    """Return a number as a constant schedule, a schedule as it is."""
+    return value if isinstance(value, Schedule) else constant(value)
+
+
+def within(name: str, value: "float | Schedule", low: float, high: float) -> Schedule:
+    """Return `value` as a schedule that starts and ends in [low, high], or raise SettingError."""
+    result = schedule(value)
+    for number in (result.first, result.last):
+        if not low <= number <= high:
+            raise SettingError(f"{name} must lie in [{low:g}, {high:g}]: got {number:g}")
+    return result
+
+
+def _finite(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise SettingError(f"{name} must be finite: got {value}")
+    return float(value)
+
+
+def _span(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise SettingError(f"{name} must be positive: got {value}")
+    return float(value)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def at(schedule, step):
+    """Return the value of a schedule after `step` steps."""
+    if schedule.shape == CONSTANT:
+        return schedule.first
+    if schedule.shape == LINEAR:
+        done = min(1.0, step / schedule.span)
+        return schedule.first + (schedule.last - schedule.first) * done
+    if schedule.shape == EXPONENTIAL:
+        return schedule.last + (schedule.first - schedule.last) * 0.5 ** (step / schedule.span)
+    return schedule.last + (schedule.first - schedule.last) / (1.0 + step / schedule.span)

@@ -1,0 +1,269 @@
+"""Learning curves: what one arm earned at each checkpoint, seed by seed.
+
+A curve may be NaN in the leading checkpoints of a seed, where no episode has ended yet. Such a
+place is read in one of two ways: it never counts as reaching a threshold, and in everything else
+the seed's first measured value stands in for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import SettingError
+
+__all__ = ["Curve", "charge_source", "require_direct", "require_pair", "smooth"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The learning curves of one arm, one row per seed.
+
+    Attributes
+    ----------
+    steps : (T,) int64
+        Checkpoints in target steps, from 0 or later, increasing.
+    values : (K, T) float64
+        Unshaped return at each checkpoint. NaN is allowed only in the leading places of a row,
+        where the seed has measured nothing yet; the last place is always measured.
+    source_steps : (K,) int64
+        Steps each seed spent on source tasks before its first target step; one number stands
+        for all seeds, and the default is 0.
+
+    Raises
+    ------
+    SettingError
+        If a shape, a checkpoint or a value breaks the rules above.
+
+    Notes
+    -----
+    The arrays are copied and frozen.
+
+    Examples
+    --------
+    >>> curve = Curve(np.array([0, 100, 200]), np.array([[-9.0, -4.0, -1.0]]))
+    >>> curve.source_steps
+    array([0])
+    """
+
+    steps: IntArray
+    values: FloatArray
+    source_steps: IntArray = field(default_factory=lambda: np.zeros((), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        steps = _whole("steps", self.steps)
+        if steps.ndim != 1 or steps.size == 0:
+            raise SettingError(f"steps must have shape (T,) with T at least 1: got {steps.shape}")
+        if steps[0] < 0:
+            raise SettingError(f"steps must be at least 0: checkpoint 0 is {steps[0]}")
+        if np.any(np.diff(steps) <= 0):
+            place = int(np.argmax(np.diff(steps) <= 0)) + 1
+            raise SettingError(
+                f"steps must be increasing: checkpoint {place} is {steps[place]}"
+                f" after {steps[place - 1]}"
+            )
+        values = np.array(self.values, dtype=np.float64)
+        if values.ndim != 2 or values.shape[0] == 0 or values.shape[1] != steps.size:
+            raise SettingError(
+                f"values must have shape (K, {steps.size}) with K at least 1: got {values.shape}"
+            )
+        _check_measured(values)
+        source = _whole("source_steps", self.source_steps)
+        if source.ndim != 0 and source.shape != values.shape[:1]:
+            raise SettingError(
+                f"source_steps must have shape ({values.shape[0]},), one per seed:"
+                f" got {source.shape}"
+            )
+        if np.any(source < 0):
+            raise SettingError(f"source_steps must be at least 0: got {source.min()}")
+        source = np.array(np.broadcast_to(source, values.shape[:1]))
+        for name, array in (("steps", steps), ("values", values), ("source_steps", source)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def filled(self) -> FloatArray:
+        """Return the values with each seed's first measured value in its leading NaN.
+
+        Returns
+        -------
+        (K, T) float64
+            Return, without NaN.
+
+        Examples
+        --------
+        >>> Curve(np.array([0, 100]), np.array([[np.nan, -4.0]])).filled()
+        array([[-4., -4.]])
+        """
+        missing = np.isnan(self.values)
+        first = np.take_along_axis(self.values, missing.sum(axis=1, keepdims=True), axis=1)
+        return np.where(missing, first, self.values)
+
+
+def smooth(values: FloatArray, window: int) -> FloatArray:
+    """Return the trailing mean of each row over the last `window` checkpoints.
+
+    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start.
+
+    Parameters
+    ----------
+    values : (K, T) float64
+        Return. NaN is allowed only in leading places: it is left out of the means and stays NaN.
+    window : int
+        Checkpoints from 1, which changes nothing, to T. The paper uses 10.
+
+    Returns
+    -------
+    (K, T) float64
+        Return. A row that is constant stays exactly so: rounding moves no threshold.
+
+    Raises
+    ------
+    SettingError
+        If `window` is not a whole number from 1 to T, or `values` is malformed.
+
+    Examples
+    --------
+    >>> smooth(np.array([[0.0, 2.0, 4.0]]), window=2)
+    array([[0., 1., 3.]])
+    """
+    mean = np.array(values, dtype=np.float64)
+    if mean.ndim != 2 or mean.size == 0:
+        raise SettingError(f"values must have shape (K, T), neither 0: got {mean.shape}")
+    _check_measured(mean)
+    if not 1 <= window <= mean.shape[1] or int(window) != window:
+        raise SettingError(
+            f"window must be a whole number of checkpoints from 1 to {mean.shape[1]}: got {window}"
+        )
+    original = mean.copy()
+    for lag in range(1, int(window)):
+        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)  # running mean, newest first
+        mean[:, lag:] += np.where(np.isnan(step), 0.0, step)
+    return mean
+
+
+def charge_source(baseline: Curve, transfer: Curve) -> Curve:
+    """Return a transfer curve on the strong axis: total steps, source steps included.
+
+    At the checkpoint x of the direct learner, seed k has the direct learner's first value while
+    x < source_steps_k + steps_0, and its own value at x - source_steps_k target steps from there
+    on. Any measure of the result is that measure under strong transfer, at the same total budget.
+
+    Parameters
+    ----------
+    baseline : Curve
+        The direct learner, K seeds and T checkpoints, without source steps.
+    transfer : Curve
+        The same seeds and checkpoints.
+
+    Returns
+    -------
+    Curve
+        K seeds, T checkpoints, no source steps left to charge.
+
+    Raises
+    ------
+    SettingError
+        If the curves do not pair or `baseline` has source steps.
+
+    Notes
+    -----
+    Values between checkpoints are linearly interpolated, and the start of learning is resolved
+    to one checkpoint.
+
+    References
+    ----------
+    Narvekar et al., "Curriculum learning for reinforcement learning domains", JMLR 21(181), 2020.
+
+    Examples
+    --------
+    >>> steps = np.array([0, 100, 200, 300])
+    >>> direct = Curve(steps, np.array([[0.0, 1.0, 2.0, 3.0]]))
+    >>> helped = Curve(steps, np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([150]))
+    >>> charge_source(direct, helped).values
+    array([[0. , 0. , 5.5, 6.5]])
+    """
+    require_pair(baseline, transfer)
+    require_direct(baseline)
+    first = baseline.filled()[:, :1]
+    target = baseline.steps - transfer.source_steps[:, np.newaxis]
+    rows = zip(target, transfer.filled(), strict=True)
+    earned = np.stack([np.interp(x, transfer.steps, row) for x, row in rows])
+    return Curve(baseline.steps, np.where(target < transfer.steps[0], first, earned))
+
+
+def require_pair(baseline: Curve, transfer: Curve) -> None:
+    """Raise unless two curves hold the same seeds and checkpoints.
+
+    Raises
+    ------
+    SettingError
+        If their seeds K or checkpoints (T,) differ.
+
+    Examples
+    --------
+    >>> curve = Curve(np.array([0, 100]), np.array([[1.0, 2.0]]))
+    >>> require_pair(curve, curve)
+    """
+    ours, theirs = baseline.values.shape, transfer.values.shape
+    if ours[0] != theirs[0]:
+        raise SettingError(
+            "baseline and transfer must hold the same seeds, row by row:"
+            f" got {ours[0]} and {theirs[0]} seeds"
+        )
+    if not np.array_equal(baseline.steps, transfer.steps):
+        raise SettingError(
+            "baseline and transfer must share their checkpoints:"
+            f" got {ours[1]} ending at {baseline.steps[-1]} and"
+            f" {theirs[1]} ending at {transfer.steps[-1]}"
+        )
+
+
+def require_direct(baseline: Curve) -> None:
+    """Raise unless a curve belongs to a direct learner, one without source steps.
+
+    Raises
+    ------
+    SettingError
+        If any seed of `baseline` spent steps on source tasks.
+
+    Examples
+    --------
+    >>> require_direct(Curve(np.array([0, 100]), np.array([[1.0, 2.0]])))
+    """
+    if np.any(baseline.source_steps):
+        raise SettingError(
+            "the baseline of a strong comparison must have no source steps:"
+            f" got {baseline.source_steps.max()}"
+        )
+
+
+def _whole(name: str, array: IntArray) -> IntArray:
+    """Return an int64 copy of `array`, refusing anything but integers."""
+    copy = np.array(array)
+    if copy.dtype.kind not in "iu":
+        raise SettingError(f"{name} must be integers: got dtype {copy.dtype}")
+    return copy.astype(np.int64)
+
+
+def _check_measured(values: FloatArray) -> None:
+    """Raise unless `values` (K, T) is finite but for NaN in leading places."""
+    infinite = np.isinf(values)
+    if infinite.any():
+        seed, place = np.argwhere(infinite)[0]
+        raise SettingError(
+            f"values must not be infinite: seed {seed}, checkpoint {place} is {values[seed, place]}"
+        )
+    missing = np.isnan(values)
+    leading = np.logical_and.accumulate(missing, axis=1)
+    leading[:, -1] = False  # the last checkpoint is always measured
+    if np.any(missing & ~leading):
+        seed, place = np.argwhere(missing & ~leading)[0]
+        raise SettingError(
+            "values may be NaN only before a seed's first measurement:"
+            f" seed {seed}, checkpoint {place} is NaN"
+        )

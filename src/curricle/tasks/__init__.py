@@ -1,0 +1,1 @@
+"""Tasks: spaces with named components, finite MDPs, and the domains built on them."""

@@ -1,0 +1,434 @@
+"""Finite Markov decision processes as frozen tables.
+
+Pairs (s, a) that share an outcome distribution share a *row*: ``outcome_row[s, a]`` names one of
+Y rows, and each row lists up to O outcomes with probability, successor and reward. A domain whose
+moves are deterministic but for one random part (a maze: Y = cells; pursuit: Y = states, O = prey
+moves) so stays small, and an arbitrary MDP simply has Y = S * A.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import TaskError
+from curricle.tasks.spaces import Component, Space
+
+FloatArray = npt.NDArray[np.float64]
+PROBABILITY_TOLERANCE = 1e-8
+
+
+class Task(Protocol):
+    """Anything that can be learnt, solved and mapped: it has spaces and converts to tables."""
+
+    @property
+    def states(self) -> Space:
+        """The state space, S points."""
+
+    @property
+    def actions(self) -> Space:
+        """The action space, A points."""
+
+    @property
+    def mdp(self) -> "FiniteMDP":
+        """The task as tables."""
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteMDP:
+    """A finite MDP with a start distribution, a discount and a time limit; validated and frozen.
+
+    Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form at hand.
+
+    Parameters
+    ----------
+    states, actions : Space
+        S states and A actions.
+    outcome_row : (S, A) int32
+        The outcome row of each pair, in 0 .. Y-1. Rows of terminal states are never used.
+    probability : (Y, O) float64
+        Outcome probabilities; each row sums to 1 (pad short rows with probability 0).
+    next_state : (Y, O) int32
+        Successor of each outcome.
+    reward : (Y, O) float64
+        Reward of each outcome; so it may depend on s, a and s'.
+    terminal : (S,) bool
+        States whose entry ends the episode; their value is 0.
+    start : (S,) float64
+        Probability of starting in each state; none on a terminal one.
+    discount : float
+        In [0, 1]. 1 only where every policy ends or a time limit is set.
+    time_limit : int, optional
+        Steps after which an episode is cut off. Cutting off is not termination: learners keep
+        bootstrapping.
+
+    Raises
+    ------
+    TaskError
+        Naming the state and action that break a rule.
+
+    Examples
+    --------
+    >>> walk = FiniteMDP.from_outcomes(
+    ...     [[[(1.0, 0, -1.0)], [(0.5, 0, -1.0), (0.5, 1, -1.0)]], [[], []]],
+    ...     terminal=[False, True], start=0, discount=0.9)
+    >>> walk
+    FiniteMDP(2 states, 2 actions, 1 terminal, discount 0.9, no time limit)
+    """
+
+    states: Space
+    actions: Space
+    outcome_row: npt.NDArray[np.int32]
+    probability: FloatArray
+    next_state: npt.NDArray[np.int32]
+    reward: FloatArray
+    terminal: npt.NDArray[np.bool_]
+    start: FloatArray
+    discount: float
+    time_limit: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, dtype in _ARRAYS.items():
+            array = np.array(getattr(self, name), dtype=dtype, order="C")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        self._check_shapes()
+        self._check_outcomes()
+        self._check_start()
+        self._check_discount()
+
+    # -- constructors --------------------------------------------------------------------------
+
+    @classmethod
+    def from_dense(
+        cls,
+        transition: npt.ArrayLike,
+        reward: npt.ArrayLike,
+        *,
+        terminal: npt.ArrayLike,
+        start: npt.ArrayLike,
+        discount: float,
+        time_limit: int | None = None,
+        states: Space | None = None,
+        actions: Space | None = None,
+    ) -> Self:
+        """Return the MDP given by dense arrays.
+
+        Parameters
+        ----------
+        transition : (S, A, S) float array
+            P(s' | s, a).
+        reward : (S, A, S), (S, A) or (S,) float array
+            Reward on s, a, s'; on s, a; or on the state that is left.
+        terminal : (S,) bool array
+        start : int or (S,) float array
+            The start state, or its distribution.
+        discount, time_limit, states, actions
+            As in the class; spaces default to one component ``state`` and one ``action``.
+
+        Examples
+        --------
+        >>> mdp = FiniteMDP.from_dense([[[0.0, 1.0]], [[0.0, 1.0]]], [[5.0], [0.0]],
+        ...                            terminal=[False, True], start=0, discount=0.9)
+        >>> float(mdp.reward.max())
+        5.0
+        """
+        p = np.asarray(transition, dtype=np.float64)
+        if p.ndim != 3 or p.shape[0] != p.shape[2]:
+            raise TaskError(f"transition must have shape (S, A, S): got {p.shape}")
+        n_states, n_actions, _ = p.shape
+        r = np.asarray(reward, dtype=np.float64)
+        if r.shape not in (p.shape, p.shape[:2], p.shape[:1]):
+            raise TaskError(
+                f"reward must have shape {p.shape}, {p.shape[:2]} or {p.shape[:1]}: got {r.shape}"
+            )
+        r = np.broadcast_to(r.reshape(r.shape + (1,) * (3 - r.ndim)), p.shape)
+        flat_p, flat_r = p.reshape(-1, n_states), r.reshape(-1, n_states)
+        width = max(1, int((flat_p != 0).sum(axis=1).max(initial=0)))
+        # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
+        successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
+        return cls._one_row_a_pair(
+            np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
+            successor,
+            np.take_along_axis(flat_r, successor, axis=1),
+            terminal=np.asarray(terminal),
+            start=start_distribution(start, n_states),
+            discount=discount,
+            time_limit=time_limit,
+            states=states,
+            actions=actions,
+        )
+
+    @classmethod
+    def from_outcomes(
+        cls,
+        outcomes: Any,
+        *,
+        start: npt.ArrayLike,
+        discount: float,
+        terminal: npt.ArrayLike | None = None,
+        time_limit: int | None = None,
+        states: Space | None = None,
+        actions: Space | None = None,
+    ) -> Self:
+        """Return the MDP given by outcome lists.
+
+        Parameters
+        ----------
+        outcomes : nested sequences or dicts
+            ``outcomes[s][a]`` is a list of ``(probability, next_state, reward)``, or of
+            ``(probability, next_state, reward, terminated)`` as Gymnasium's toy-text tables
+            have it. The list may be empty in terminal states.
+        terminal : (S,) bool array, optional
+            Needed unless the outcomes carry ``terminated``.
+        start, discount, time_limit, states, actions
+            As in :meth:`from_dense`.
+
+        Examples
+        --------
+        >>> mdp = FiniteMDP.from_outcomes([[[(1.0, 1, 2.0, True)]], [[]]], start=0, discount=1.0)
+        >>> mdp.terminal
+        array([False,  True])
+        """
+        n_states, n_actions = len(outcomes), len(outcomes[0])
+        for s in range(n_states):
+            if len(outcomes[s]) != n_actions:
+                raise TaskError(
+                    f"every state must list the same number of actions: state {s} lists "
+                    f"{len(outcomes[s])}, state 0 lists {n_actions}"
+                )
+        lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
+        ended = _terminal_states(lists) if terminal is None else np.asarray(terminal)
+        shape = (n_states, n_actions, max(1, max(len(pair) for row in lists for pair in row)))
+        p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
+        for s, row in enumerate(lists):
+            for a, pair in enumerate(row):
+                for o, outcome in enumerate(pair):
+                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
+        return cls._one_row_a_pair(
+            p,
+            successor,
+            r,
+            terminal=ended,
+            start=start_distribution(start, n_states),
+            discount=discount,
+            time_limit=time_limit,
+            states=states,
+            actions=actions,
+        )
+
+    @classmethod
+    def _one_row_a_pair(
+        cls,
+        probability: FloatArray,
+        next_state: npt.NDArray[Any],
+        reward: FloatArray,
+        *,
+        states: Space | None,
+        actions: Space | None,
+        **rest: Any,
+    ) -> Self:
+        """Build the MDP in which every pair has an outcome row of its own, (S, A, O) tables."""
+        n_states, n_actions, width = probability.shape
+        return cls(
+            states=states or Space([Component("state", n_states)]),
+            actions=actions or Space([Component("action", n_actions)]),
+            outcome_row=np.arange(n_states * n_actions).reshape(n_states, n_actions),
+            probability=probability.reshape(-1, width),
+            next_state=next_state.reshape(-1, width),
+            reward=reward.reshape(-1, width),
+            **rest,
+        )
+
+    # -- validation ----------------------------------------------------------------------------
+
+    def _check_shapes(self) -> None:
+        n_states, n_actions = self.states.size, self.actions.size
+        table = self.probability.shape
+        expected = {
+            "outcome_row": (n_states, n_actions),
+            "next_state": table,
+            "reward": table,
+            "terminal": (n_states,),
+            "start": (n_states,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise TaskError(f"{name} must have shape {shape}: got {getattr(self, name).shape}")
+        if self.outcome_row.min() < 0 or self.outcome_row.max() >= len(self.probability):
+            raise TaskError(
+                f"outcome_row must lie in 0..{len(self.probability) - 1}: got "
+                f"{self.outcome_row.min()}..{self.outcome_row.max()}"
+            )
+        if self.next_state.min() < 0 or self.next_state.max() >= n_states:
+            raise TaskError(
+                f"next states must lie in 0..{n_states - 1}: got "
+                f"{self.next_state.min()}..{self.next_state.max()}"
+            )
+
+    def _check_outcomes(self) -> None:
+        used = np.zeros(len(self.probability), dtype=bool)
+        used[self.outcome_row[~self.terminal]] = True
+        sums = self.probability.sum(axis=1)
+        rules = (
+            ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE),
+            ("transition probabilities must not be negative", (self.probability >= 0).all(axis=1)),
+            ("rewards must be finite", np.isfinite(self.reward).all(axis=1)),
+        )
+        for rule, holds in rules:
+            bad = np.flatnonzero(used & ~holds)
+            if bad.size:
+                owner = (self.outcome_row == bad[0]) & ~self.terminal[:, None]
+                state, action = np.argwhere(owner)[0]
+                if "sum" in rule:
+                    value = f"sums to {sums[bad[0]]:.10g}"
+                else:
+                    table = self.reward if "reward" in rule else self.probability
+                    value = f"has {table[bad[0]].tolist()}"
+                raise TaskError(f"{rule}: state {state}, action {action} {value}")
+
+    def _check_start(self) -> None:
+        if not np.isfinite(self.start).all() or (self.start < 0).any():
+            raise TaskError("start probabilities must be finite and not negative: got one that is")
+        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
+            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
+        bad = np.flatnonzero((self.start > 0) & self.terminal)
+        if bad.size:
+            raise TaskError(
+                f"an episode must not start in a terminal state: state {bad[0]} has start "
+                f"probability {self.start[bad[0]]:g}"
+            )
+
+    def _check_discount(self) -> None:
+        if not 0 <= self.discount <= 1:
+            raise TaskError(f"discount must lie in [0, 1]: got {self.discount}")
+        if self.time_limit is not None and self.time_limit < 1:
+            raise TaskError(f"time_limit must be at least 1 step: got {self.time_limit}")
+        if self.discount == 1 and self.time_limit is None:
+            endless = endless_states(self)
+            if endless.size:
+                raise TaskError(
+                    "discount 1 needs a time limit or a task where every policy ends: from state "
+                    f"{endless[0]} an episode can go on for ever"
+                )
+
+    # -- derived -------------------------------------------------------------------------------
+
+    @property
+    def mdp(self) -> Self:
+        """The task itself, so that a FiniteMDP is a :class:`Task`."""
+        return self
+
+    @cached_property
+    def cumulative(self) -> FloatArray:
+        """Cumulative outcome probabilities, (Y, O) float64; the last possible outcome gets 1."""
+        total = np.cumsum(self.probability, axis=1)
+        remaining = np.cumsum(self.probability[:, ::-1], axis=1)[:, ::-1]
+        after = np.concatenate([remaining[:, 1:], np.zeros((len(remaining), 1))], axis=1)
+        return _frozen(np.where(after == 0, 1.0, total))
+
+    @cached_property
+    def start_cumulative(self) -> FloatArray:
+        """Cumulative start distribution over :attr:`start_states`, float64, ending in 1."""
+        total = np.cumsum(self.start[self.start_states])
+        total[-1] = 1.0
+        return _frozen(total)
+
+    @cached_property
+    def start_states(self) -> npt.NDArray[np.int64]:
+        """The states an episode may start in."""
+        return np.flatnonzero(self.start)
+
+    def __repr__(self) -> str:
+        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
+        return (
+            f"FiniteMDP({self.states.size} states, {self.actions.size} actions, "
+            f"{int(self.terminal.sum())} terminal, discount {self.discount:g}, {limit})"
+        )
+
+
+_ARRAYS: dict[str, type] = {
+    "outcome_row": np.int32,
+    "probability": np.float64,
+    "next_state": np.int32,
+    "reward": np.float64,
+    "terminal": np.bool_,
+    "start": np.float64,
+}
+
+
+def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
+    """Return the (S,) start distribution for a start state or a distribution."""
+    given = np.asarray(start)
+    if given.ndim == 0 and np.issubdtype(given.dtype, np.integer):
+        if not 0 <= given < n_states:
+            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {given}")
+        distribution = np.zeros(n_states)
+        distribution[given] = 1.0
+        return distribution
+    if given.shape != (n_states,):
+        raise TaskError(f"start must be a state or have shape ({n_states},): got {given.shape}")
+    return given.astype(np.float64)
+
+
+def endless_states(
+    mdp: FiniteMDP, allowed: npt.NDArray[np.bool_] | None = None
+) -> npt.NDArray[np.int64]:
+    """Return the states from which the `allowed` actions can avoid every terminal for ever.
+
+    The largest set of states each of which has an allowed action whose every outcome stays in
+    the set; it is empty just when every allowed policy ends with probability 1.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+    allowed : (S, A) bool array, optional
+        All actions by default.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> endless_states(GridWorld("S.T").mdp)
+    array([0, 1])
+    """
+    staying = ~mdp.terminal
+    impossible = mdp.probability == 0
+    while True:
+        row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
+        pair_stays = row_stays[mdp.outcome_row]
+        if allowed is not None:
+            pair_stays &= allowed
+        remains = staying & pair_stays.any(axis=1)
+        if (remains == staying).all():
+            return np.flatnonzero(staying)
+        staying = remains
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    array.flags.writeable = False
+    return array
+
+
+def _terminal_states(lists: Sequence[Any]) -> npt.NDArray[np.bool_]:
+    """Collect the ``terminated`` flags of outcome lists into one flag a state."""
+    flags: dict[int, bool] = {}
+    for s, row in enumerate(lists):
+        for a, pair in enumerate(row):
+            for outcome in pair:
+                if len(outcome) < 4:
+                    raise TaskError(
+                        "outcomes need a terminated flag where no terminal array is given: state "
+                        f"{s}, action {a} has {outcome}"
+                    )
+                if flags.setdefault(outcome[1], outcome[3]) != outcome[3]:
+                    # Gymnasium's tables let absorbing states loop on themselves either way.
+                    if outcome[1] == s:
+                        continue
+                    raise TaskError(
+                        "entering a state must end the episode always or never: state "
+                        f"{outcome[1]} does both, the second time from state {s}, action {a}"
+                    )
+    return np.array([flags.get(s, False) for s in range(len(lists))])

@@ -1,0 +1,210 @@
+"""Predator pursuit on a grid (paper, F4; E7): predators chase a prey, all moving at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import TaskError
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.spaces import Component, Decoded, Space
+
+MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
+LARGEST_TABLE = 500_000_000
+"""State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
+
+Capture = Literal["all", "any", "as_published"] | int
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
+
+    A state is the cell of the prey and of each predator; the predators are told apart (ordered)
+    and may share a cell. An action is one move for each predator. The prey moves at the same time
+    as they do. Episodes start anywhere the prey is not caught, uniformly.
+
+    Parameters
+    ----------
+    size : int
+        Cells per side.
+    predators : int
+        At least 1.
+    moves : {4, 5}
+        North, east, south, west; 5 adds staying (for predators and prey).
+    torus : bool
+        Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
+    capture : {"all", "any", "as_published"} or int
+        How many predators must stand on the prey's cell. The reward and the end follow from this
+        one predicate, but for ``"as_published"``: the episode ends at the first touch, which is
+        yet paid as a capture only if all predators touch (what the paper's runs did).
+    prey : "uniform", array or callable
+        The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
+        function from the decoded states (name -> (S,) cells) to (S, moves).
+    step_reward, capture_reward : float
+        Paid by a step that does not / does catch the prey.
+    discount, time_limit
+        As in :class:`FiniteMDP`.
+
+    Raises
+    ------
+    TaskError
+        On sizes, rules or prey policies that make no sense.
+
+    Examples
+    --------
+    >>> hunt = Pursuit(size=4, predators=2)
+    >>> hunt.states.names, hunt.states.size, hunt.actions.size
+    (('prey', 'predator_1', 'predator_2'), 4096, 25)
+    >>> Pursuit(size=4, predators=1).states.names
+    ('prey', 'predator')
+    """
+
+    size: int = 4
+    predators: int = 2
+    moves: Literal[4, 5] = 5
+    torus: bool = False
+    capture: Capture = "all"
+    prey: Any = "uniform"
+    step_reward: float = -1.0
+    capture_reward: float = 0.0
+    discount: float = 0.99
+    time_limit: int | None = 200
+
+    def __post_init__(self) -> None:
+        if self.size < 2:
+            raise TaskError(f"size must be at least 2 cells: got {self.size}")
+        if self.predators < 1:
+            raise TaskError(f"predators must be at least 1: got {self.predators}")
+        if self.moves not in (4, 5):
+            raise TaskError(f"moves must be 4 or 5: got {self.moves}")
+        by_number = isinstance(self.capture, int) and 1 <= self.capture <= self.predators
+        if not by_number and self.capture not in ("all", "any", "as_published"):
+            raise TaskError(
+                "capture must be 'all', 'any', 'as_published' or a number of predators from 1 to "
+                f"{self.predators}: got {self.capture!r}"
+            )
+        if not isinstance(self.prey, str) and not callable(self.prey):
+            # Nested tuples keep the task a value that compares and hashes.
+            policy = np.asarray(self.prey, dtype=np.float64)
+            object.__setattr__(self, "prey", tuple(map(tuple, policy.tolist())))
+
+    @property
+    def cells(self) -> int:
+        """The number of cells."""
+        return self.size**2
+
+    @cached_property
+    def predator_names(self) -> tuple[str, ...]:
+        """``predator`` if there is one, else ``predator_1``, ``predator_2``, ..."""
+        if self.predators == 1:
+            return ("predator",)
+        return tuple(f"predator_{i}" for i in range(1, self.predators + 1))
+
+    @cached_property
+    def states(self) -> Space:
+        """The cells of the prey and of each predator, size^(2 + 2 predators) points."""
+        labels = tuple(f"({i // self.size},{i % self.size})" for i in range(self.cells))
+        names = ("prey", *self.predator_names)
+        return Space([Component(name, self.cells, labels=labels) for name in names])
+
+    @cached_property
+    def actions(self) -> Space:
+        """One move for each predator, moves^predators points."""
+        labels = tuple(MOVES)[-self.moves :]
+        return Space([Component(n, self.moves, labels=labels) for n in self.predator_names])
+
+    @cached_property
+    def landing(self) -> npt.NDArray[np.int64]:
+        """The cell that each move leads to from each cell, (cells, moves) int64."""
+        row, column = np.divmod(np.arange(self.cells), self.size)
+        steps = np.array(list(MOVES.values()))[-self.moves :]
+        rows, columns = row[:, None] + steps[:, 0], column[:, None] + steps[:, 1]
+        if self.torus:
+            return (rows % self.size) * self.size + columns % self.size
+        inside = (rows >= 0) & (rows < self.size) & (columns >= 0) & (columns < self.size)
+        return np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None])
+
+    @cached_property
+    def mdp(self) -> FiniteMDP:
+        """The task as tables: an outcome row is (prey before, predators after), O = prey moves.
+
+        Raises
+        ------
+        TaskError
+            When the table would not fit, naming the size.
+        """
+        n_states, n_actions = self.states.size, self.actions.size
+        if n_states * n_actions > LARGEST_TABLE:
+            raise TaskError(
+                f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
+                f"pursuit has {n_states:,} states x {n_actions} actions"
+            )
+        where, move = self.states.decode(), self.actions.decode()
+        moved = {
+            name: self.landing[where[name][:, None], move[name][None, :]]
+            for name in self.predator_names
+        }
+        after_predators = self.states.encode(prey=where["prey"][:, None], **moved)
+        prey_after = self.landing[where["prey"]]
+        predators = {name: where[name][:, None] for name in self.predator_names}
+        next_state = self.states.encode(prey=prey_after, **predators)
+        touching = self._touching()
+        ended, caught = touching >= self._enough_to_end, touching >= self._enough_to_catch
+        policy = self._prey_policy()
+        if len(policy) == self.cells:
+            outcome_row, probability = after_predators, policy[where["prey"]]
+        else:  # the prey looks at the predators: every pair has a row of its own
+            outcome_row = np.arange(n_states * n_actions).reshape(n_states, n_actions)
+            probability = np.repeat(policy, n_actions, axis=0)
+            next_state = next_state[after_predators.ravel()]
+        return FiniteMDP(
+            states=self.states,
+            actions=self.actions,
+            outcome_row=outcome_row,
+            probability=probability,
+            next_state=next_state,
+            reward=np.where(caught[next_state], self.capture_reward, self.step_reward),
+            terminal=ended,
+            start=~ended / np.count_nonzero(~ended),
+            discount=self.discount,
+            time_limit=self.time_limit,
+        )
+
+    def _touching(self) -> npt.NDArray[np.int64]:
+        """The number of predators on the prey's cell in each state, (S,)."""
+        where = self.states.decode()
+        return np.sum([where[name] == where["prey"] for name in self.predator_names], axis=0)
+
+    @property
+    def _enough_to_end(self) -> int:
+        if isinstance(self.capture, int):
+            return self.capture
+        return self.predators if self.capture == "all" else 1
+
+    @property
+    def _enough_to_catch(self) -> int:
+        return self.predators if self.capture == "as_published" else self._enough_to_end
+
+    def _prey_policy(self) -> npt.NDArray[np.float64]:
+        """The prey's move probabilities, (cells, moves) or (S, moves)."""
+        if isinstance(self.prey, str):
+            if self.prey != "uniform":
+                raise TaskError(f"prey must be 'uniform', an array or a function: got {self.prey!r}")
+            return np.full((self.cells, self.moves), 1 / self.moves)
+        decide: Callable[[Decoded], Any] | None = self.prey if callable(self.prey) else None
+        policy = np.asarray(decide(self.states.decode()) if decide else self.prey, dtype=np.float64)
+        if policy.shape not in ((self.cells, self.moves), (self.states.size, self.moves)):
+            raise TaskError(
+                f"the prey's policy must have shape ({self.cells}, {self.moves}) or "
+                f"({self.states.size}, {self.moves}): got {policy.shape}"
+            )
+        bad = np.flatnonzero((policy < 0).any(1) | ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE))
+        if bad.size:
+            raise TaskError(
+                f"the prey's probabilities must sum to 1: row {bad[0]} is {policy[bad[0]].tolist()}"
+            )
+        return policy

@@ -1,0 +1,236 @@
+"""The house rules: imports point down, stay public and form no cycle; code comes in short pieces.
+
+The library is read with ``ast`` and never imported, so imports inside functions and under
+``TYPE_CHECKING`` count too. ``__init__.pyi`` is read as part of its ``__init__.py``.
+"""
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
+FLOORS = {
+    "errors": 0,
+    "tasks": 1,
+    "learning": 2,
+    "transfer": 3,
+    "curriculum": 4,
+    "interop": 4,
+    "study": 5,
+    "report": 6,
+    "paper": 7,
+    "cli": 8,
+}
+# The package's own __init__ offers the public names of every wing up to `report`, so it stands
+# above them: only `paper` and `cli` may say `from curricle import ...`.
+FACADE_FLOOR = FLOORS["report"]
+ROOF = {"", "__main__"}  # curricle/__init__ and __main__: may import anything
+MAX_FILE_LINES = 400
+MAX_FUNCTION_LINES = 60  # from `def` to the last line, docstring included; aim for 40
+
+
+class Import(NamedTuple):
+    """Module ``source`` imports ``name`` from module ``target`` (names without "curricle.")."""
+
+    source: str
+    target: str
+    name: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.source} line {self.line} imports {self.name} from {self.target}"
+
+
+def module_name(path: Path, package: Path) -> str:
+    parts = path.relative_to(package).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def source_files(package: Path) -> list[Path]:
+    return sorted([*package.rglob("*.py"), *package.rglob("*.pyi")])
+
+
+def imports_of(path: Path, package: Path, modules: set[str]) -> list[Import]:
+    """Every import that ``path`` makes from inside the package."""
+    source = module_name(path, package)
+    home = path.relative_to(package).parent.parts
+    found = []
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            pairs = [(alias.name, "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                up = home[: len(home) - node.level + 1]
+                base = ".".join(["curricle", *up, *filter(None, [base])])
+            pairs = [(base, alias.name) for alias in node.names]
+        else:
+            continue
+        for base, name in pairs:
+            top, _, target = base.partition(".")
+            if top != "curricle":
+                continue
+            submodule = f"{target}.{name}".strip(".")
+            is_module = submodule in modules  # `from curricle.tasks import mdp`
+            found.append(Import(source, submodule if is_module else target, name, node.lineno))
+    return found
+
+
+def all_imports(package: Path) -> tuple[set[str], list[Import]]:
+    files = source_files(package)
+    modules = {module_name(path, package) for path in files}
+    return modules, [each for path in files for each in imports_of(path, package, modules)]
+
+
+def wing(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def upward_imports(package: Path) -> list[str]:
+    """Imports across wings that do not point down."""
+    floors = {**FLOORS, "": FACADE_FLOOR}
+    return [
+        str(each)
+        for each in all_imports(package)[1]
+        if wing(each.source) not in ROOF
+        and wing(each.source) != wing(each.target)
+        and floors.get(wing(each.target), 99) >= floors.get(wing(each.source), -1)
+    ]
+
+
+def private_imports(package: Path) -> list[str]:
+    """Imports across wings of a name, or from a module, that starts with one underscore."""
+
+    def private(dotted: str) -> bool:
+        return any(p.startswith("_") and not p.endswith("__") for p in dotted.split("."))
+
+    return [
+        str(each)
+        for each in all_imports(package)[1]
+        if wing(each.source) != wing(each.target) and private(f"{each.target}.{each.name}")
+    ]
+
+
+def import_cycle(package: Path) -> list[str]:
+    """The modules of one import cycle; empty if there is none."""
+    graph: dict[str, set[str]] = {}
+    for each in all_imports(package)[1]:
+        if wing(each.source) not in ROOF and each.source != each.target:
+            graph.setdefault(each.source, set()).add(each.target)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def too_long(package: Path) -> list[str]:
+    """Files and functions over the limits."""
+    found = []
+    for path in source_files(package):
+        text, name = path.read_text("utf-8"), path.relative_to(package)
+        if (lines := len(text.splitlines())) > MAX_FILE_LINES:
+            found.append(f"{name} has {lines} lines")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > MAX_FUNCTION_LINES:
+                    found.append(f"{name}:{node.lineno} {node.name} has {lines} lines")
+    return found
+
+
+def test_every_wing_has_a_floor():
+    wings = {wing(module) for module in all_imports(PACKAGE)[0]} - ROOF
+    assert wings, "no source found"
+    assert wings <= set(FLOORS), "give the new wing its place in FLOORS and in the design"
+
+
+def test_imports_point_down():
+    assert upward_imports(PACKAGE) == []
+
+
+def test_imports_across_wings_are_public():
+    assert private_imports(PACKAGE) == []
+
+
+def test_no_import_cycle():
+    assert import_cycle(PACKAGE) == []
+
+
+def test_files_and_functions_are_short():
+    assert too_long(PACKAGE) == []
+
+
+# The rules themselves, on small houses built for the purpose.
+
+
+@pytest.fixture
+def build(tmp_path):
+    def build_package(files: dict[str, str]) -> Path:
+        for name, text in {"__init__.py": "", **files}.items():
+            path = tmp_path / name
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, "utf-8")
+        return tmp_path
+
+    return build_package
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("tasks/mdp.py", "from curricle.learning import solve"),
+        ("tasks/mdp.py", "import curricle.study.store"),
+        ("tasks/mdp.py", "from ..learning.kernels import sweep"),
+        ("tasks/mdp.py", "def f():\n    from curricle import learning"),
+        ("tasks/mdp.py", "if TYPE_CHECKING:\n    from curricle.cli import main"),
+        ("tasks/__init__.pyi", "from ..learning import solve"),
+        ("curriculum.py", "from .interop import gymnasium"),
+        ("study/runner.py", "from curricle import compare"),
+        ("errors.py", "from curricle import errors, tasks"),
+    ],
+)
+def test_upward_import_is_found(build, file, text):
+    package = build({"learning/__init__.py": "", "tasks/__init__.py": "", file: text})
+    assert len(upward_imports(package)) == 1
+
+
+def test_downward_and_sibling_imports_are_allowed(build):
+    package = build(
+        {
+            "errors.py": "",
+            "tasks/spaces.py": "import numpy",
+            "tasks/mdp.py": "from .spaces import Space\nfrom ..errors import Wrong",
+            "paper/figure3.py": "import curricle as cr",
+        }
+    )
+    assert upward_imports(package) == []
+    assert private_imports(package) == []
+    assert import_cycle(package) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["from curricle.tasks.mdp import _check", "from curricle.tasks._tables import build"],
+)
+def test_private_import_is_found(build, text):
+    assert len(private_imports(build({"paper/figure3.py": text}))) == 1
+
+
+def test_import_cycle_is_found(build):
+    package = build(
+        {
+            "tasks/mdp.py": "from .spaces import Space",
+            "tasks/spaces.py": "from curricle.tasks import mdp",
+        }
+    )
+    assert set(import_cycle(package)) == {"tasks.mdp", "tasks.spaces"}
+
+
+def test_long_code_is_found(build):
+    body = "    x = 1\n" * MAX_FUNCTION_LINES
+    assert len(too_long(build({"errors.py": f"def f():\n{body}"}))) == 1
+    assert len(too_long(build({"errors.py": "x = 1\n" * (MAX_FILE_LINES + 1)}))) == 1

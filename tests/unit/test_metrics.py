@@ -1,0 +1,345 @@
+"""Learning curves and measures of transfer, on numbers small enough to check by hand."""
+
+import numpy as np
+import pytest
+
+from curricle.errors import SettingError
+from curricle.study.metrics import (
+    Curve,
+    Times,
+    asymptotic_performance,
+    charge_source,
+    fraction_of_optimum,
+    jumpstart,
+    midpoint,
+    smooth,
+    steps_saved,
+    time_to_threshold,
+    total_reward,
+    transfer_ratio,
+)
+
+NAN = np.nan
+STEPS = np.array([0, 100, 200, 300, 400])
+
+
+def curve(*rows, steps=STEPS, source=0):
+    return Curve(steps, np.array(rows, dtype=float), np.array(source))
+
+
+DIRECT = curve([0, 1, 2, 3, 4], [0, 0, 0, 0, 4])
+HELPED = curve([2, 3, 4, 4, 4], [2, 2, 2, 2, 2], source=[150, 200])
+
+
+# Curve
+
+
+def test_curve_copies_and_freezes_its_arrays():
+    steps, values = np.array([0, 100]), np.array([[1.0, 2.0]])
+    made = Curve(steps, values)
+    values[0, 0] = 9.0
+    assert made.values[0, 0] == 1.0
+    for array in (made.steps, made.values, made.source_steps):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    assert steps.flags.writeable
+
+
+def test_curve_dtypes_and_default_source_steps():
+    made = Curve(np.array([5, 7], dtype=np.int32), np.ones((3, 2), dtype=np.float32))
+    assert (made.steps.dtype, made.values.dtype) == (np.int64, np.float64)
+    assert made.source_steps.dtype == np.int64
+    assert made.source_steps.tolist() == [0, 0, 0]
+
+
+def test_one_number_of_source_steps_stands_for_all_seeds():
+    assert curve([1, 2], [3, 4], steps=[0, 1], source=7).source_steps.tolist() == [7, 7]
+
+
+@pytest.mark.parametrize(
+    ("steps", "values", "source", "message"),
+    [
+        ([0.0, 1.0], [[1, 2]], 0, "steps must be integers: got dtype float64"),
+        ([[0]], [[1]], 0, r"steps must have shape \(T,\) with T at least 1: got \(1, 1\)"),
+        ([0, 5, 5], [[1, 2, 3]], 0, "steps must be increasing: checkpoint 2 is 5 after 5"),
+        ([-1, 0], [[1, 2]], 0, "steps must be at least 0: checkpoint 0 is -1"),
+        ([0, 1], [1, 2], 0, r"shape \(K, 2\) with K at least 1: got \(2,\)"),
+        ([0, 1], [[1, 2, 3]], 0, r"shape \(K, 2\) with K at least 1: got \(1, 3\)"),
+        ([0, 1], [[1, np.inf]], 0, "not be infinite: seed 0, checkpoint 1 is inf"),
+        ([0, 1, 2], [[1, NAN, 2]], 0, "first measurement: seed 0, checkpoint 1 is NaN"),
+        ([0, 1], [[1, 2], [NAN, NAN]], 0, "first measurement: seed 1, checkpoint 1 is NaN"),
+        ([0, 1], [[1, 2]], [1, 2], r"source_steps must have shape \(1,\), one per seed"),
+        ([0, 1], [[1, 2]], -3, "source_steps must be at least 0: got -3"),
+        ([0, 1], [[1, 2]], 0.5, "source_steps must be integers"),
+    ],
+)
+def test_curve_refuses(steps, values, source, message):
+    with pytest.raises(SettingError, match=message):
+        Curve(np.array(steps), np.array(values, dtype=float), np.array(source))
+
+
+def test_filled_puts_the_first_measured_value_in_leading_nan():
+    made = curve([NAN, NAN, 3, 4, 5], [1, 2, 3, 4, 5])
+    assert made.filled().tolist() == [[3, 3, 3, 4, 5], [1, 2, 3, 4, 5]]
+
+
+# smooth
+
+
+def test_smooth_is_a_trailing_mean_over_fewer_at_the_start():
+    values = np.array([[3.0, 5.0, 10.0, 0.0], [1.0, 1.0, 1.0, 1.0]])
+    np.testing.assert_allclose(smooth(values, 3), [[3, 4, 6, 5], [1, 1, 1, 1]])
+    assert smooth(values, 1).tolist() == values.tolist()
+
+
+def test_smooth_leaves_leading_nan_out_of_the_means():
+    assert smooth(np.array([[NAN, NAN, 4.0, 6.0, 8.0]]), 2).tolist()[0][2:] == [4, 5, 7]
+    assert np.isnan(smooth(np.array([[NAN, NAN, 4.0]]), 3)).tolist() == [[True, True, False]]
+
+
+def test_smooth_does_not_change_its_argument():
+    values = np.array([[1.0, 2.0, 3.0]])
+    smooth(values, 2)
+    assert values.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("window", [0, 4, 1.5, NAN])
+def test_smooth_refuses_a_window_that_does_not_fit(window):
+    message = f"window must be a whole number of checkpoints from 1 to 3: got {window}"
+    with pytest.raises(SettingError, match=message):
+        smooth(np.zeros((2, 3)), window)
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (3, 0)])
+def test_smooth_refuses_a_shape_that_is_no_curve(shape):
+    with pytest.raises(SettingError, match="values must have shape"):
+        smooth(np.zeros(shape), 1)
+
+
+# Thresholds
+
+
+def test_midpoint_is_taken_on_the_smoothed_mean_over_seeds():
+    made = curve([0, 8, 0, 4, 4], [0, 8, 0, 0, 8])  # mean 0 8 0 2 6
+    assert midpoint(made) == 4.0
+    assert midpoint(made, window=2) == 2.0  # 0 4 4 1 4
+
+
+def test_midpoint_reads_leading_nan_as_the_first_measured_value():
+    assert midpoint(curve([NAN, 2, 4], [0, 0, 0], steps=[0, 1, 2])) == 1.5
+
+
+def test_fraction_of_optimum():
+    assert fraction_of_optimum(10.0, 0.0, 0.9) == pytest.approx(9.0)
+    assert fraction_of_optimum(-1.0, -11.0, 0.5) == -6.0
+    assert fraction_of_optimum(-1.1773, -2500.0, 1) == -1.1773
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 1.0, 0.5), "worst must be finite and at most optimum: got 1.0 and 0.0"),
+        ((NAN, 1.0, 0.5), "worst must be finite"),
+        ((0.0, -np.inf, 0.5), "worst must be finite"),
+        ((1.0, 0.0, 1.1), "fraction must be from 0 to 1: got 1.1"),
+        ((1.0, 0.0, NAN), "fraction must be from 0 to 1: got nan"),
+    ],
+)
+def test_fraction_of_optimum_refuses(arguments, message):
+    with pytest.raises(SettingError, match=message):
+        fraction_of_optimum(*arguments)
+
+
+# Time to threshold
+
+
+def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
+    times = time_to_threshold(curve([0, 1, 0, 3, 4], [5, 0, 0, 0, 0]), 1.0)
+    assert times.steps.tolist() == [100, 0]
+    assert times.reached.all()
+
+
+def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
+    weak = time_to_threshold(HELPED, 4.0)
+    assert weak.steps.tolist() == [200, 400]
+    assert weak.reached.tolist() == [True, False]
+    strong = time_to_threshold(HELPED, 4.0, strong=True)
+    assert strong.steps.tolist() == [350, 600]
+    assert strong.reached.tolist() == [True, False]
+
+
+def test_reaching_at_the_last_checkpoint_is_not_censored():
+    assert time_to_threshold(curve([0, 0, 0, 0, 1]), 1.0).reached.all()
+
+
+def test_smoothing_delays_the_time():
+    assert time_to_threshold(curve([0, 4, 4, 4, 4]), 4.0, window=3).steps.tolist() == [300]
+
+
+def test_leading_nan_never_reaches():
+    assert time_to_threshold(curve([NAN, NAN, 4, 4, 4]), 1.0).steps.tolist() == [200]
+
+
+def test_a_constant_curve_reaches_its_own_value_however_smoothed():
+    made = Curve(np.arange(50), np.full((1, 50), 0.1))
+    assert time_to_threshold(made, 0.1, window=10).steps.tolist() == [0]
+    assert smooth(made.values, 10).min() == 0.1
+
+
+@pytest.mark.parametrize("threshold", [NAN, np.inf])
+def test_threshold_must_be_finite(threshold):
+    with pytest.raises(SettingError, match="threshold must be a finite return"):
+        time_to_threshold(DIRECT, threshold)
+
+
+@pytest.mark.parametrize(
+    ("steps", "reached", "text"),
+    [
+        ([27_000, 27_800], [True, True], "27,400 steps (2 seeds)"),
+        ([100], [True], "100 steps (1 seed)"),
+        ([200, 400], [True, False], "at least 300 steps (1 of 2 seeds never reached it)"),
+        ([400], [False], "at least 400 steps (1 of 1 seed never reached it)"),
+    ],
+)
+def test_times_print(steps, reached, text):
+    assert str(Times(np.array(steps), np.array(reached))) == text
+
+
+def test_restricted_mean_keeps_the_censored():
+    assert Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean() == 300.0
+
+
+@pytest.mark.parametrize(
+    ("steps", "reached"), [([1.0], [True, True]), ([], []), ([NAN], [True]), ([-1.0], [True])]
+)
+def test_times_refuse(steps, reached):
+    with pytest.raises(SettingError, match="steps"):
+        Times(np.array(steps), np.array(reached))
+
+
+def test_times_freeze_their_arrays():
+    times = Times(np.array([1.0]), np.array([True]))
+    assert not times.steps.flags.writeable
+    assert not times.reached.flags.writeable
+
+
+def test_steps_saved_is_paired_by_seed():
+    assert steps_saved(DIRECT, HELPED, 2.0).tolist() == [200, 400]
+    assert steps_saved(DIRECT, HELPED, 2.0, strong=True).tolist() == [50, 200]
+
+
+def test_steps_saved_when_nobody_arrives():
+    assert steps_saved(DIRECT, HELPED, 99.0).tolist() == [0, 0]
+    assert steps_saved(DIRECT, HELPED, 99.0, strong=True).tolist() == [-150, -200]
+
+
+# The strong axis
+
+
+def test_charge_source_shifts_each_seed_by_its_own_source_steps():
+    charged = charge_source(DIRECT, HELPED)
+    np.testing.assert_allclose(charged.values, [[0, 0, 2.5, 3.5, 4], [0, 0, 2, 2, 2]])
+    assert charged.source_steps.tolist() == [0, 0]
+    assert charged.steps.tolist() == STEPS.tolist()
+
+
+def test_source_steps_beyond_the_budget_leave_nothing_earned():
+    charged = charge_source(curve([1, 2, 3, 4, 5]), curve([9, 9, 9, 9, 9], source=1000))
+    assert charged.values.tolist() == [[1, 1, 1, 1, 1]]
+
+
+def test_charge_source_where_the_checkpoints_start_later():
+    steps = [100, 200, 300]
+    charged = charge_source(
+        curve([1, 2, 3], steps=steps), curve([7, 8, 9], steps=steps, source=100)
+    )
+    assert charged.values.tolist() == [[1, 7, 8]]
+
+
+def test_charge_source_reads_leading_nan_as_the_first_measured_value():
+    charged = charge_source(curve([NAN, 1, 2, 3, 4]), curve([NAN, 5, 6, 7, 8], source=100))
+    assert charged.values.tolist() == [[1, 5, 5, 6, 7]]
+
+
+# Jumpstart, asymptote, area
+
+
+def test_jumpstart_weak_and_strong():
+    assert jumpstart(DIRECT, HELPED).tolist() == [2, 2]
+    assert jumpstart(DIRECT, HELPED, strong=True).tolist() == [0.5, 2]
+
+
+def test_strong_jumpstart_is_unknown_beyond_the_baseline():
+    strong = jumpstart(
+        DIRECT, curve([2, 2, 2, 2, 2], [2, 2, 2, 2, 2], source=[400, 401]), strong=True
+    )
+    assert strong[0] == -2.0
+    assert np.isnan(strong[1])
+
+
+def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():
+    assert asymptotic_performance(DIRECT).tolist() == [4, 4]
+    assert asymptotic_performance(DIRECT, fraction=0.4).tolist() == [3.5, 2]
+    assert asymptotic_performance(DIRECT, fraction=1).tolist() == [2, 0.8]
+
+
+@pytest.mark.parametrize("fraction", [0, -0.1, 1.01, NAN])
+def test_asymptotic_performance_refuses(fraction):
+    with pytest.raises(SettingError, match="fraction must be above 0 and at most 1"):
+        asymptotic_performance(DIRECT, fraction=fraction)
+
+
+def test_strong_asymptote_is_taken_at_the_same_total_budget():
+    helped = curve([0, 1, 2, 3, 4], source=100)
+    assert asymptotic_performance(charge_source(curve([0, 0, 0, 0, 0]), helped)).tolist() == [3]
+
+
+def test_total_reward_is_the_mean_height_with_uneven_checkpoints():
+    assert total_reward(DIRECT).tolist() == [2, 0.5]
+    assert total_reward(curve([0, 4, 4], steps=[100, 200, 500])).tolist() == [3.5]
+    assert total_reward(curve([NAN, 4, 4], steps=[0, 1, 2])).tolist() == [4]
+
+
+def test_total_reward_needs_two_checkpoints():
+    with pytest.raises(SettingError, match="an area needs at least 2 checkpoints: got 1"):
+        total_reward(curve([1], steps=[0]))
+
+
+def test_transfer_ratio_weak_and_strong():
+    assert transfer_ratio(DIRECT, HELPED).tolist() == [0.75, 3]
+    # charged heights: (0 + 2.5 + 3.5 + 4 / 2) / 4 = 2 and (2 + 2 + 2 / 2) / 4 = 1.25
+    np.testing.assert_allclose(transfer_ratio(DIRECT, HELPED, strong=True), [0, 1.5])
+
+
+def test_transfer_ratio_is_positive_for_a_gain_among_negative_returns():
+    assert transfer_ratio(curve([-4, -4], steps=[0, 1]), curve([-1, -1], steps=[0, 1])) == 0.75
+
+
+def test_transfer_ratio_is_nan_where_the_baseline_area_is_zero():
+    assert np.isnan(transfer_ratio(curve([-1, 1], steps=[0, 1]), curve([2, 2], steps=[0, 1])))
+
+
+# Curves that do not pair
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [
+        jumpstart,
+        transfer_ratio,
+        charge_source,
+        lambda baseline, transfer: steps_saved(baseline, transfer, 1.0),
+    ],
+)
+def test_curves_must_pair(measure):
+    with pytest.raises(SettingError, match="same seeds, row by row: got 2 and 1 seeds"):
+        measure(DIRECT, curve([0, 1, 2, 3, 4]))
+    with pytest.raises(SettingError, match="got 5 ending at 400 and 2 ending at 100"):
+        measure(DIRECT, curve([0, 1], [0, 1], steps=[0, 100]))
+
+
+@pytest.mark.parametrize("measure", [jumpstart, transfer_ratio])
+def test_a_strong_comparison_needs_a_direct_learner(measure):
+    with pytest.raises(SettingError, match="must have no source steps: got 200"):
+        measure(HELPED, DIRECT, strong=True)
+    assert np.isfinite(measure(HELPED, DIRECT)).all()

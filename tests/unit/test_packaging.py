@@ -1,0 +1,19 @@
+"""What pyproject.toml says once holds everywhere."""
+
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
+
+
+def test_dependency_groups_mirror_the_extras():
+    extras, groups = PYPROJECT["project"]["optional-dependencies"], PYPROJECT["dependency-groups"]
+    assert groups["test"] == extras["test"]
+    assert groups["dev"][0] == {"include-group": "test"}
+    assert extras["dev"][0] == "curricle[test]"
+    assert groups["dev"][1:] == extras["dev"][1:]
+
+
+def test_installed_version_is_the_one_in_pyproject():
+    assert version("curricle") == PYPROJECT["project"]["version"]
