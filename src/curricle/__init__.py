@@ -1,9 +1,16 @@
-"""Curriculum learning by potential-based reward shaping."""
-from curricle.tasks.gridworld import GridWorld, Rewards
-from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.mdp import FiniteMDP
-from curricle.learning.learn import learn, Episodes, GreedyEvaluation, LearningResult
-from curricle.learning.learners import QLearning, SARSA, ExpectedSARSA, DoubleQLearning
-from curricle.learning.planning import solve, evaluate, greedy_policy
-from curricle.learning.potential import StatePotential, StateActionPotential
-from curricle.learning.schedules import constant, linear, exponential, harmonic
+"""Curricle: curriculum learning by potential-based reward shaping.
+
+Train a reinforcement learner on easier source tasks, carry what it valued into a hard target
+through mappings f(s, a), aggregate several sources into one potential, and shape or initialise
+the target's learner with it.
+
+Axis letters used throughout: S states, A actions, O outcomes of a pair, Y outcome rows, N sources
+(transfers), K seeds, T checkpoints. Arrays of values and policies have axes (S, A).
+
+The public names are those of ``__init__.pyi``; each is imported when first used, so that
+``import curricle`` is quick.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

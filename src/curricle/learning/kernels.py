@@ -87,10 +87,10 @@ class Record(NamedTuple):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def state_potential(weight, frame_steps, state_values, state, step):
+def state_potential(shaping, state, step):
     """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
-    frame = np.searchsorted(frame_steps, step, side="right") - 1
-    return at(weight, step) * state_values[frame, state]
+    frame = np.searchsorted(shaping.frame_steps, step, side="right") - 1
+    return at(shaping.weight, step) * shaping.state_values[frame, state]
 
 
 @njit(cache=True, nogil=True)
@@ -113,72 +113,87 @@ def bootstrap(q, table, state, next_action, values, rule, step, stream):
     return best
 
 
+@njit(cache=True, nogil=True, inline="always")
+def shaping_reward(shaping, phi, discount, state, action, next_state, terminated, step, carried):
+    """Return what shaping adds to the reward of a step, and what it carries to the next step.
+
+    Carried is Phi(s', t') for a state potential, phi(s, a) for look-back advice. The potential of
+    a terminal state is 0.
+    """
+    if shaping.way == STATE:  # F = gamma Phi(s', t') - Phi(s, t)
+        here, there = carried, 0.0
+        if not terminated:
+            there = state_potential(shaping, next_state, step)
+        return discount * there - here, there
+    if shaping.way == LOOK_BACK:  # F = phi(s, a) - phi(s before, a before) / gamma
+        here, before = phi[state, action], carried
+        if terminated:  # the end's own term, gamma (0 - phi(s, a) / gamma), is due now
+            return -before / discount, 0.0
+        return here - before / discount, here
+    if shaping.way == BONUS:
+        return phi[state, action], 0.0
+    return 0.0, 0.0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def step_size(rate, visits, state, action, step):
+    """Return the learning rate of an update; a harmonic one counts the pair's updates."""
+    if rate.shape != HARMONIC:
+        return at(rate, step)
+    visits[state, action] += 1
+    return at(rate, visits[state, action] - 1)
+
+
+@njit(cache=True, nogil=True)
+def write(record, checkpoint, step, episodes, ended, ended_return, value):
+    """Fill one checkpoint of a record."""
+    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+    record.greedy_return[checkpoint] = value
+    record.steps[checkpoint] = step
+    record.episodes[checkpoint] = episodes
+
+
 @njit(cache=True, nogil=True)
 def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, record):
-    """Learn in place on `q` (1 or 2, S, A) and fill `record`; return steps and episodes done.
+    """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
-    Parameters
-    ----------
-    visits : (S, A) int64
-        Updates of each pair; used only by a harmonic learning rate, which counts them.
-    stream : (1,) uint64
-        The run's random stream.
-    budget : (int, int)
-        Steps and episodes at which to stop, whichever comes first; a step budget may end within
-        an episode.
-    every : int
-        Steps between checkpoints; checkpoint 0 is before the first step.
+    `visits` (S, A) counts updates for a harmonic learning rate, `stream` (1,) is the run's random
+    stream, `budget` are the steps and episodes at which to stop, `every` the steps between
+    checkpoints (checkpoint 0 is before the first step).
     """
     # Arrays are taken out of their tuples here: inside the loop each access would count a reference.
     outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
     pay, terminal, discount = model.reward, model.terminal, model.discount
-    start_states, start_cumulative = model.start_states, model.start_cumulative
-    way, weight, frames, phi = shaping.way, shaping.weight, shaping.frame_steps, shaping.pair_values
-    potential, advice = shaping.state_values, phi[: phi.shape[0] if way == ADVICE else 0]
-    n_actions = q.shape[2]
-    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
-    judge = np.empty(1, np.uint64)
-    judge[0] = stream[0] ^ JUDGE
-    step, episodes, checkpoint = 0, 0, 1
-    ended, ended_return = 0, 0.0
-    record.greedy_return[0] = greedy_return(model, q, advice, at(weight, 0), evaluation, judge)
+    weight, phi = shaping.weight, shaping.pair_values
+    advice = phi[: phi.shape[0] if shaping.way == ADVICE else 0]
+    values, next_values = np.empty((1, q.shape[2])), np.empty((1, q.shape[2]))
+    judge = stream ^ JUDGE
+    value = greedy_return(model, q, advice, at(weight, 0), evaluation, judge)
+    write(record, 0, 0, 0, 0, 0.0, value)
 
-    fresh = True  # the next step is the first of an episode
-    state, action, length, episode_return = 0, 0, 0, 0.0
-    potential_here, advice_before = 0.0, 0.0
+    step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
+    fresh, state, action, length, episode_return, carried = True, 0, 0, 0, 0.0, 0.0
     while step < budget[0] and episodes < budget[1]:
         if fresh:
-            state, length, episode_return = draw_start(start_states, start_cumulative, stream), 0, 0.0
-            advice_before = 0.0
-            if way == STATE:
-                potential_here = state_potential(weight, frames, potential, state, step)
+            state = draw_start(model.start_states, model.start_cumulative, stream)
+            length, episode_return, carried = 0, 0.0, 0.0
+            if shaping.way == STATE:
+                carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting_values(q, state, advice, at(weight, step), values)
             action = choose(values, rule, step, stream)
         row = outcome_row[state, action]
         outcome = draw_outcome(cumulative, row, stream)
-        next_state, reward = successor[row, outcome], pay[row, outcome]
-        step += 1
-        length += 1
-        episode_return += reward
+        next_state, target = successor[row, outcome], pay[row, outcome]
         terminated = terminal[next_state]
+        step, length, episode_return = step + 1, length + 1, episode_return + target
 
-        if way == STATE:  # F = gamma Phi(s', t') - Phi(s, t), Phi(terminal) = 0
-            potential_next = 0.0
-            if not terminated:
-                potential_next = state_potential(weight, frames, potential, next_state, step)
-            reward += discount * potential_next - potential_here
-            potential_here = potential_next
-        elif way == LOOK_BACK:  # F = phi(s, a) - phi(s before, a before) / gamma
-            reward += phi[state, action] - advice_before / discount
-            advice_before = phi[state, action]
-            if terminated:  # the end's own term, gamma (0 - phi(s, a) / gamma), is due now
-                reward -= advice_before
-        elif way == BONUS:
-            reward += phi[state, action]
-
+        extra, carried = shaping_reward(
+            shaping, phi, discount, state, action, next_state, terminated, step, carried
+        )
+        target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
-        next_action, target, table = 0, reward, 0
+        next_action, table = 0, 0
         if rule.update == DOUBLE_Q_LEARNING:
             table = int(uniform(stream) * 2)
         if not terminated:
@@ -188,29 +203,17 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
             target += discount * bootstrap(
                 q, table, next_state, next_action, next_values, rule, step, stream
             )
-        if rule.learning_rate.shape == HARMONIC:
-            rate = at(rule.learning_rate, visits[state, action])
-            visits[state, action] += 1
-        else:
-            rate = at(rule.learning_rate, step - 1)
+        rate = step_size(rule.learning_rate, visits, state, action, step - 1)
         q[table, state, action] += rate * (target - q[table, state, action])
 
         fresh = terminated or length >= model.time_limit
         if fresh:
-            episodes += 1
-            ended += 1
-            ended_return += episode_return
+            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action
-
         if step == checkpoint * every:
-            record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
-            record.greedy_return[checkpoint] = greedy_return(
-                model, q, advice, at(weight, step), evaluation, judge
-            )
-            record.steps[checkpoint] = step
-            record.episodes[checkpoint] = episodes
-            ended, ended_return = 0, 0.0
-            checkpoint += 1
+            value = greedy_return(model, q, advice, at(weight, step), evaluation, judge)
+            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
     return step, episodes
 
 
@@ -235,23 +238,22 @@ def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, 
     """
     outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
     pay, terminal, discount = model.reward, model.terminal, model.discount
-    start_states, start_cumulative = model.start_states, model.start_cumulative
     table, no_advice = q[0], np.empty((0, 0))
     n_states, n_actions = table.shape
     row_best = np.empty(n_states)
     row_action, row_ties = np.empty(n_states, np.int32), np.empty(n_states, np.int32)
     for state in range(n_states):
         rescan(table, state, row_best, row_action, row_ties)
-    judge = np.empty(1, np.uint64)
-    judge[0] = stream[0] ^ JUDGE
-    step, episodes, checkpoint = 0, 0, 1
-    ended, ended_return = 0, 0.0
-    record.greedy_return[0] = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
+    judge = stream ^ JUDGE
+    value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
+    write(record, 0, 0, 0, 0, 0.0, value)
 
+    step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
     fresh, state, length, episode_return = True, 0, 0, 0.0
     while step < budget[0] and episodes < budget[1]:
         if fresh:
-            state, length, episode_return = draw_start(start_states, start_cumulative, stream), 0, 0.0
+            state = draw_start(model.start_states, model.start_cumulative, stream)
+            length, episode_return = 0, 0.0
         parameter = at(rule.exploring, step)
         if rule.exploration == SOFTMAX:
             action = softmax(table, state, row_best[state], parameter, stream)
@@ -263,19 +265,13 @@ def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, 
             action = tied(table, state, row_best[state], row_ties[state], stream)
         row = outcome_row[state, action]
         outcome = draw_outcome(cumulative, row, stream)
-        next_state, reward = successor[row, outcome], pay[row, outcome]
-        step += 1
-        length += 1
-        episode_return += reward
+        next_state, target = successor[row, outcome], pay[row, outcome]
+        step, length, episode_return = step + 1, length + 1, episode_return + target
 
-        target, terminated = reward, terminal[next_state]
+        terminated = terminal[next_state]
         if not terminated:
             target += discount * row_best[next_state]
-        if rule.learning_rate.shape == HARMONIC:
-            rate = at(rule.learning_rate, visits[state, action])
-            visits[state, action] += 1
-        else:
-            rate = at(rule.learning_rate, step - 1)
+        rate = step_size(rule.learning_rate, visits, state, action, step - 1)
         old = table[state, action]
         new = old + rate * (target - old)
         table[state, action] = new
@@ -286,19 +282,12 @@ def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, 
 
         fresh = terminated or length >= model.time_limit
         if fresh:
-            episodes += 1
-            ended += 1
-            ended_return += episode_return
+            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state = next_state
         if step == checkpoint * every:
-            record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
-            record.greedy_return[checkpoint] = greedy_return(
-                model, q, no_advice, 0.0, evaluation, judge
-            )
-            record.steps[checkpoint] = step
-            record.episodes[checkpoint] = episodes
-            ended, ended_return = 0, 0.0
-            checkpoint += 1
+            value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
+            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
     return step, episodes
 
 
@@ -359,14 +348,7 @@ def followed_return(model, q, advice, advice_weight, evaluation):
             state = alive[i]
             if only[state] == -2:
                 acting_values(q, state, advice, advice_weight, values)
-                best = values.max()
-                ties = 0
-                for action in range(n_actions):
-                    if values[0, action] == best:
-                        ties += 1
-                        only[state] = action
-                if ties > 1:
-                    only[state] = -1
+                only[state] = values.argmax() if (values == values.max()).sum() == 1 else -1
             ties, first, last = 1, only[state], only[state] + 1
             if only[state] == -1:
                 acting_values(q, state, advice, advice_weight, values)

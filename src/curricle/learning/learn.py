@@ -142,7 +142,7 @@ def learn(
     budget: int | Episodes = 100_000,
     *,
     seeds: int | Sequence[int] = 1,
-    potential: Potential | None = None,
+    potential: Potential | Sequence[Potential] | None = None,
     how: How = "initialise",
     every: int | None = None,
     evaluation: GreedyEvaluation | None = None,
@@ -161,7 +161,8 @@ def learn(
     seeds : int or sequence of int
         K means seeds 0 .. K-1. The result of a seed depends on nothing but the seed, the stream
         and the other arguments; not on the other seeds or the number of workers.
-    potential : StatePotential or StateActionPotential, optional
+    potential : StatePotential or StateActionPotential, or K of them, optional
+        One for all seeds, or one for each.
     how : str
         What to do with the potential (theory in the order of publication):
 
@@ -205,7 +206,7 @@ def learn(
     seeds = seed_tuple(seeds)
     steps, episodes = _budget(budget)
     every = _spacing(every, budget)
-    shaping = _shaping(mdp, learner, potential, how, len(seeds))
+    potentials = _potentials(mdp, learner, potential, how, len(seeds))
     judge = (evaluation or GreedyEvaluation()).settings(mdp)
     longest = min(steps, episodes * (mdp.time_limit or steps))
     if longest >= kernels.NO_LIMIT:
@@ -219,24 +220,23 @@ def learn(
     initial = np.where(mdp.terminal[:, None], 0.0, float(learner.initial_value))
 
     def train(k: int) -> tuple[kernels.Record, int, int]:
-        q = tables[k]
+        q, mine, shaping = tables[k], potentials[k], _shaping(potentials[k], how)
         q[...] = initial
-        if isinstance(potential, StateActionPotential) and how in ("initialise", "look_ahead"):
-            q += potential.of_seed(k)
+        if mine is not None and how in ("initialise", "look_ahead"):
+            q += mine.values
         record = _empty_record(longest // every + 1)
         visits = np.zeros(shape if rule.learning_rate.shape == kernels.HARMONIC else (1, 1), int)
         random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
         limits = (np.int64(steps), np.int64(episodes))
-        mine = shaping(k)
-        if learner.update == kernels.Q_LEARNING and mine.way == kernels.PLAIN:
+        if learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN:
             done = kernels.train_q_learning(
                 model, rule, judge, q, visits, random, limits, every, record
             )
         else:
             done = kernels.train(
-                model, rule, mine, judge, q, visits, random, limits, every, record
+                model, rule, shaping, judge, q, visits, random, limits, every, record
             )
-        q[...] = q.mean(axis=0) + _taken_off(mine, how, done[0])
+        q[...] = q.mean(axis=0) + _taken_off(shaping, done[0])
         return record, *done
 
     with ThreadPoolExecutor(min(workers or os.cpu_count() or 1, len(seeds))) as pool:
@@ -280,57 +280,66 @@ def _spacing(every: int | None, budget: int | Episodes) -> int:
     return int(every)
 
 
-def _shaping(
-    mdp: FiniteMDP, learner: Learner, potential: Potential | None, how: How, n_seeds: int
-) -> Any:
-    """Return the function k -> what the loop of the k-th seed is to add."""
+def _potentials(
+    mdp: FiniteMDP,
+    learner: Learner,
+    potential: Potential | Sequence[Potential] | None,
+    how: How,
+    n_seeds: int,
+) -> list[Potential | None]:
+    """Return the potential of each seed, checked against the task, the learner and `how`."""
     if how not in get_args(How):
         raise SettingError(f"how must be one of {', '.join(get_args(How))}: got {how!r}")
-    nothing = kernels.Shaping(
-        kernels.PLAIN, constant(1.0), np.zeros(1, np.int64), np.zeros((1, 1)), np.zeros((1, 1))
-    )
-    if potential is None:
-        return lambda k: nothing
-    wanted = StatePotential if how == "state" else StateActionPotential
-    if not isinstance(potential, wanted):
-        raise SettingError(
-            f"how={how!r} takes a {wanted.__name__}: got a {type(potential).__name__}"
-        )
-    if potential.task.mdp is not mdp:
-        raise SettingError(
-            f"a potential must be made for the task it shapes: it belongs to {potential.task}"
-        )
     if how == "look_back" and (not isinstance(learner, SARSA) or mdp.discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
             f"{type(learner).__name__} at discount {mdp.discount:g}"
         )
-    if how not in ("state", "advice") and potential.weight != constant(1.0):
-        raise SettingError(f"a potential's weight counts only for state and advice: how={how!r}")
+    if potential is None:
+        return [None] * n_seeds
+    each = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
+    if len(each) != n_seeds:
+        raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
+    wanted = StatePotential if how == "state" else StateActionPotential
+    for one in each:
+        if not isinstance(one, wanted):
+            raise SettingError(
+                f"how={how!r} takes a {wanted.__name__}: got a {type(one).__name__}"
+            )
+        if one.task.mdp is not mdp:
+            raise SettingError(
+                f"a potential must be made for the task it shapes: it belongs to {one.task}"
+            )
+        if how not in ("state", "advice") and one.weight != constant(1.0):
+            raise SettingError(
+                f"only state and advice take a potential with a weight: got how={how!r}"
+            )
+    return each
+
+
+def _shaping(potential: Potential | None, how: How) -> kernels.Shaping:
+    """Return what the general loop is to add; nothing where phi is written into the table."""
+    nothing = kernels.Shaping(
+        kernels.PLAIN, constant(1.0), np.zeros(1, np.int64), np.zeros((1, 1)), np.zeros((1, 1))
+    )
     if isinstance(potential, StatePotential):
-        state = nothing._replace(
+        return nothing._replace(
             way=kernels.STATE,
             weight=potential.weight,
             frame_steps=potential.frame_steps,
             state_values=potential.values,
         )
-        return lambda k: state
-    if potential.per_seed and len(potential.values) != n_seeds:
-        raise SettingError(
-            f"a potential per seed needs one for each of {n_seeds} seeds: it has "
-            f"{len(potential.values)}"
-        )
-    way = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}.get(
-        how, kernels.PLAIN
-    )
-    if way == kernels.PLAIN:  # carried out on the table itself
-        return lambda k: nothing
-    return lambda k: nothing._replace(
-        way=way, weight=potential.weight, pair_values=potential.of_seed(k)
+    if potential is None or how not in _WAYS:
+        return nothing
+    return nothing._replace(
+        way=_WAYS[how], weight=potential.weight, pair_values=potential.values
     )
 
 
-def _taken_off(shaping: kernels.Shaping, how: How, step: int) -> Any:
+_WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
+
+
+def _taken_off(shaping: kernels.Shaping, step: int) -> Any:
     """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
     weight = shaping.weight(step)
     if shaping.way == kernels.STATE:

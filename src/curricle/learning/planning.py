@@ -81,7 +81,7 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     >>> from curricle import GridWorld
     >>> solution = solve(GridWorld("S.T", discount=0.5))
     >>> solution.values, solution.optimal[0]
-    (array([ 99., 200.,   0.]), array([False,  True, False, False]))
+    (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
     """
     mdp = task.mdp
     everything = np.ones((mdp.states.size, mdp.actions.size))
@@ -120,7 +120,7 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> P
     >>> from curricle import GridWorld
     >>> maze = GridWorld("S.T", discount=0.5)
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
-    array([ -2., 200.,   0.])
+    array([ -2., 199.,   0.])
     """
     mdp = task.mdp
     probabilities = policy_table(mdp, policy)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import PotentialError
-from curricle.learning.schedules import constant, schedule
+from curricle.learning.schedules import schedule
 from curricle.tasks.mdp import Task
 
 FloatArray = npt.NDArray[np.float64]
@@ -94,9 +94,8 @@ class StateActionPotential:
     ----------
     task : Task
         The task to be shaped.
-    values : (S, A) or (K, S, A) float array
-        phi, the same for every seed or one for each of K seeds. Values at terminal states are
-        replaced by 0.
+    values : (S, A) float array
+        phi. Values at terminal states are replaced by 0.
     weight : float or Schedule
         Factor xi(t) of explicit decaying advice (``how="advice"``); 1 for all other ways.
 
@@ -124,27 +123,15 @@ class StateActionPotential:
         mdp = self.task.mdp
         shape = (mdp.states.size, mdp.actions.size)
         values = _finite(self.values, "phi")
-        if values.ndim not in (2, 3) or values.shape[-2:] != shape:
+        if values.shape != shape:
             raise PotentialError(
-                f"a state-action potential must have shape {shape} or (K, *{shape}): got "
-                f"{values.shape}"
+                f"a state-action potential must have shape {shape}: got {values.shape}"
             )
         _freeze(self, values=np.where(mdp.terminal[:, None], 0.0, values))
         object.__setattr__(self, "weight", schedule(self.weight))
 
-    @property
-    def per_seed(self) -> bool:
-        """Whether each seed has a potential of its own."""
-        return self.values.ndim == 3
-
-    def of_seed(self, k: int) -> FloatArray:
-        """Return phi for the k-th seed, (S, A) float64."""
-        return self.values[k] if self.per_seed else self.values
-
     def to_state(self) -> StatePotential:
-        """Return the state potential Phi(s) = max_a phi(s, a); not for a potential per seed."""
-        if self.per_seed:
-            raise PotentialError("a state potential is the same for every seed: phi has one each")
+        """Return the state potential Phi(s) = max_a phi(s, a)."""
         return StatePotential(self.task, self.values.max(axis=1), weight=self.weight)
 
     def look_ahead(
@@ -155,14 +142,8 @@ class StateActionPotential:
         next_action: npt.ArrayLike,
     ) -> FloatArray:
         """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
-        phi = self.of_seed(0)
-        discount = self.task.mdp.discount
+        phi, discount = self.values, self.task.mdp.discount
         return np.asarray(discount * phi[next_state, next_action] - phi[state, action])
-
-    @property
-    def is_weighted(self) -> bool:
-        """Whether the weight is anything but the constant 1."""
-        return bool(self.weight != constant(1.0))
 
 
 def _finite(given: npt.ArrayLike, name: str) -> FloatArray:

@@ -236,10 +236,14 @@ class GridWorld:
         >>> GridWorld("S#T").state(0, 2)
         1
         """
-        number = int(self._cell_space.encode(row=row, column=column))
+        number = int(self.states_at(row, column))
         if number == MISSING:
             raise TaskError(f"a state needs a free cell of the map: got ({row}, {column})")
         return number
+
+    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        """Return the states of these cells, `MISSING` where there is no free cell."""
+        return self._cell_space.encode(row=row, column=column)
 
     # -- tables --------------------------------------------------------------------------------
 
@@ -248,9 +252,8 @@ class GridWorld:
         """The maze as tables: one outcome row for arriving in each cell, one for bumping there."""
         n_states = len(self.cells)
         arrival = np.arange(n_states)
-        landing = self._cell_space.encode(
-            row=self.cells[:, 0, None] + _STEPS[:, 0],
-            column=self.cells[:, 1, None] + _STEPS[:, 1],
+        landing = self.states_at(
+            self.cells[:, 0, None] + _STEPS[:, 0], self.cells[:, 1, None] + _STEPS[:, 1]
         )
         bumped = landing == MISSING
         reward = np.stack([self._pay(bumped=False), self._pay(bumped=True)])

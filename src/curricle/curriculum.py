@@ -1,0 +1,258 @@
+"""Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import CurriculumError
+from curricle.learning.learn import (
+    Episodes,
+    GreedyEvaluation,
+    How,
+    LearningResult,
+    learn,
+    seed_tuple,
+)
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.potential import StateActionPotential
+from curricle.tasks.mdp import Task
+from curricle.transfer.aggregation import Aggregate, aggregate, mean
+from curricle.transfer.edge import Transfer
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Curriculum:
+    """A directed acyclic graph of tasks whose edges carry potentials.
+
+    Every setting below may be one value for all tasks or a dict from task name to value; tasks
+    that a dict leaves out get the default.
+
+    Parameters
+    ----------
+    tasks : dict of str to Task
+    transfers : sequence of Transfer
+        Several may share source and target (one source through several mappings).
+    aggregate : callable or dict
+        (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
+        :func:`mean`.
+    learner : Learner or dict
+        Default ``QLearning()``.
+    budget : int, Episodes or dict
+        Steps, or episodes; default 100,000 steps.
+    how : str or dict
+        How potentials enter learning, see :func:`learn`; default ``"initialise"``. For
+        ``"state"`` the potential is Phi(s) = max_a phi(s, a).
+    every : int or dict, optional
+        Steps between checkpoints.
+    evaluation : GreedyEvaluation or dict, optional
+
+    Raises
+    ------
+    CurriculumError
+        On a cycle (naming it), an unknown task, or a mapping between other tasks than its edge.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, minimum, project
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> curriculum = Curriculum(
+    ...     tasks={"hunt": hunt, "chase": chase},
+    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator=name))
+    ...                for name in ("predator_1", "predator_2")],
+    ...     aggregate=minimum, budget={"chase": 10_000, "hunt": 20_000})
+    >>> curriculum.order
+    ('chase', 'hunt')
+    >>> result = curriculum.train(seeds=2)
+    >>> result.source_steps("hunt")
+    array([10000, 10000])
+    """
+
+    tasks: Mapping[str, Task]
+    transfers: Sequence[Transfer] = ()
+    aggregate: Aggregate | Mapping[str, Aggregate] = mean
+    learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
+    budget: int | Episodes | Mapping[str, int | Episodes] = 100_000
+    how: How | Mapping[str, How] = "initialise"
+    every: int | None | Mapping[str, int | None] = None
+    evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
+        default_factory=GreedyEvaluation
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tasks", dict(self.tasks))
+        object.__setattr__(self, "transfers", tuple(self.transfers))
+        if not self.tasks:
+            raise CurriculumError("a curriculum needs at least one task: got none")
+        names = ", ".join(self.tasks)
+        for transfer in self.transfers:
+            for role in ("source", "target"):
+                name = getattr(transfer, role)
+                if name not in self.tasks:
+                    raise CurriculumError(
+                        f"a transfer's {role} must be one of the tasks {names}: got {name!r}"
+                    )
+                if self.tasks[name].mdp is not getattr(transfer.mapping, role).mdp:
+                    raise CurriculumError(
+                        f"a transfer's mapping must be made for its tasks: the mapping's {role} "
+                        f"is not the task {name!r} in {transfer.source} -> {transfer.target}"
+                    )
+        for setting in ("aggregate", "learner", "budget", "how", "every", "evaluation"):
+            given = getattr(self, setting)
+            for name in given if isinstance(given, Mapping) else ():
+                if name not in self.tasks:
+                    raise CurriculumError(
+                        f"{setting} must name tasks out of {names}: got {name!r}"
+                    )
+        _ = self.order
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The tasks' names, every source before its targets."""
+        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
+        for transfer in self.transfers:
+            graph[transfer.target].append(transfer.source)
+        try:
+            return tuple(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            cycle = " -> ".join(reversed(error.args[1]))
+            raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
+
+    def into(self, name: str) -> tuple[Transfer, ...]:
+        """Return the transfers into a task."""
+        return tuple(t for t in self.transfers if t.target == name)
+
+    def ancestors(self, name: str) -> tuple[str, ...]:
+        """Return the tasks that have to be trained before `name`, in training order."""
+        wanted = {name}
+        for node in reversed(self.order):
+            if node in wanted:
+                wanted.update(t.source for t in self.into(node))
+        return tuple(node for node in self.order if node in wanted and node != name)
+
+    def train(
+        self,
+        seeds: int | Sequence[int] = 1,
+        *,
+        trained: Mapping[str, LearningResult] | None = None,
+        workers: int | None = None,
+        progress: Callable[[str], Any] | None = None,
+    ) -> "CurriculumResult":
+        """Return every task learnt, in order, each once; K seeds are K independent curricula.
+
+        Parameters
+        ----------
+        seeds : int or sequence of int
+            As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
+            A task's random stream is named after it, so that a result does not depend on
+            which other tasks are there.
+        trained : dict of str to LearningResult, optional
+            Tasks learnt before, for the same seeds; they are taken as they are.
+        workers : int, optional
+            Threads over seeds.
+        progress : callable, optional
+            Called with the name of each task when it is learnt.
+
+        Raises
+        ------
+        CurriculumError
+            When a result in `trained` is for an unknown task, another task or other seeds.
+        """
+        numbers = seed_tuple(seeds)
+        results = self._checked(trained or {}, numbers)
+        potentials: dict[str, list[StateActionPotential]] = {}
+        for name in self.order:
+            if name in results:
+                continue
+            potentials[name] = self._potentials(name, results, len(numbers))
+            how = _pick(self.how, name, "initialise")
+            phi = [p.to_state() for p in potentials[name]] if how == "state" else potentials[name]
+            results[name] = learn(
+                self.tasks[name],
+                _pick(self.learner, name, QLearning()),
+                _pick(self.budget, name, 100_000),
+                seeds=numbers,
+                potential=phi or None,
+                how=how,
+                every=_pick(self.every, name, None),
+                evaluation=_pick(self.evaluation, name, GreedyEvaluation()),
+                stream=name,
+                workers=workers,
+            )
+            if progress is not None:
+                progress(name)
+        return CurriculumResult(self, results, potentials)
+
+    def _potentials(
+        self, name: str, results: Mapping[str, LearningResult], n_seeds: int
+    ) -> list[StateActionPotential]:
+        """Return the aggregated potential of each seed; none for a task without sources."""
+        edges = self.into(name)
+        if not edges:
+            return []
+        function = _pick(self.aggregate, name, mean)
+        return [
+            StateActionPotential(
+                self.tasks[name],
+                aggregate(
+                    function, np.stack([e.potential(results[e.source].values[k]) for e in edges])
+                ),
+            )
+            for k in range(n_seeds)
+        ]
+
+    def _checked(
+        self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
+    ) -> dict[str, LearningResult]:
+        for name, result in trained.items():
+            if name not in self.tasks or result.task.mdp is not self.tasks[name].mdp:
+                raise CurriculumError(
+                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                )
+            if result.seeds != seeds:
+                raise CurriculumError(
+                    f"a trained result must have the seeds asked for, {seeds}: {name!r} has "
+                    f"{result.seeds}"
+                )
+        return dict(trained)
+
+
+@dataclass(frozen=True, eq=False)
+class CurriculumResult:
+    """What training a curriculum gave.
+
+    Attributes
+    ----------
+    curriculum : Curriculum
+    nodes : dict of str to LearningResult
+    potentials : dict of str to list of StateActionPotential
+        For each task trained here, the potential of each seed (empty without sources).
+    """
+
+    curriculum: Curriculum
+    nodes: Mapping[str, LearningResult]
+    potentials: Mapping[str, list[StateActionPotential]]
+
+    def __getitem__(self, name: str) -> LearningResult:
+        if name not in self.nodes:
+            raise CurriculumError(f"a task must be one of {', '.join(self.nodes)}: got {name!r}")
+        return self.nodes[name]
+
+    def source_steps(self, name: str) -> npt.NDArray[np.int64]:
+        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
+        spent = np.zeros(len(self[name].seeds), dtype=np.int64)
+        for source in self.curriculum.ancestors(name):
+            spent += self.nodes[source].steps_used
+        return spent
+
+
+def _pick(setting: Any, name: str, default: Value) -> Value:
+    """Return a setting's value for one task."""
+    result: Value = setting.get(name, default) if isinstance(setting, Mapping) else setting
+    return result

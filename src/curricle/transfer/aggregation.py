@@ -1,0 +1,71 @@
+"""Aggregation of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6)."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import CurriculumError
+
+FloatArray = npt.NDArray[np.float64]
+Aggregate = Callable[[FloatArray], FloatArray]
+"""Any function (N, S, A) -> (S, A)."""
+
+
+def maximum(potentials: FloatArray) -> FloatArray:
+    """Return max_i phi_i(s, a): the most hopeful source counts. (N, S, A) -> (S, A)."""
+    return np.asarray(potentials.max(axis=0))
+
+
+def mean(potentials: FloatArray) -> FloatArray:
+    """Return the mean of phi_i(s, a) over the sources. (N, S, A) -> (S, A)."""
+    return np.asarray(potentials.mean(axis=0))
+
+
+def minimum(potentials: FloatArray) -> FloatArray:
+    """Return min_i phi_i(s, a): the most cautious source counts. (N, S, A) -> (S, A)."""
+    return np.asarray(potentials.min(axis=0))
+
+
+def total(potentials: FloatArray) -> FloatArray:
+    """Return sum_i phi_i(s, a), Svetlik's aggregate (paper E4). (N, S, A) -> (S, A)."""
+    return np.asarray(potentials.sum(axis=0))
+
+
+def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
+    """Return what an aggregate makes of N potentials, checked.
+
+    Parameters
+    ----------
+    function : callable
+        (N, S, A) -> (S, A).
+    potentials : (N, S, A) float64
+
+    Returns
+    -------
+    (S, A) float64
+
+    Raises
+    ------
+    CurriculumError
+        When the function returns another shape or values that are not finite.
+
+    Examples
+    --------
+    >>> aggregate(minimum, np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    array([[1., 2.]])
+    """
+    result = np.asarray(function(potentials), dtype=np.float64)
+    name = getattr(function, "__name__", repr(function))
+    if result.shape != potentials.shape[1:]:
+        raise CurriculumError(
+            f"an aggregate must return shape {potentials.shape[1:]}: {name} returned {result.shape}"
+        )
+    bad = np.argwhere(~np.isfinite(result))
+    if len(bad):
+        state, action = bad[0]
+        raise CurriculumError(
+            f"an aggregate must return finite values: {name} returned {result[state, action]} at "
+            f"state {state}, action {action}"
+        )
+    return result

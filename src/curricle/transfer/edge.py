@@ -1,0 +1,50 @@
+"""One edge of a curriculum: a source's values, read through a mapping, scaled and shifted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import CurriculumError
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What a source task hands to a target: phi_i(s, a) = scale Q_source(f(s, a)) + shift.
+
+    Parameters
+    ----------
+    source, target : str
+        Names of tasks in the curriculum.
+    mapping : StateActionMapping
+        From the target to the source.
+    scale, shift : float
+        Applied to mapped pairs; an unmapped pair keeps the mapping's `unmapped_value`. Neither
+        changes the optimum, both change learning strongly.
+
+    Raises
+    ------
+    CurriculumError
+        When scale or shift is not finite.
+    """
+
+    source: str
+    target: str
+    mapping: StateActionMapping
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("scale", "shift"):
+            if not np.isfinite(getattr(self, name)):
+                raise CurriculumError(
+                    f"{name} of a transfer must be finite: {self.source} -> {self.target} has "
+                    f"{getattr(self, name)}"
+                )
+
+    def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return phi_i, (..., S, A), for source values (..., S', A')."""
+        q = np.asarray(source_values, dtype=np.float64)
+        read = self.mapping.read(self.scale * q)
+        return read + self.shift * (self.mapping.index != UNMAPPED)

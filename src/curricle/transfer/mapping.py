@@ -1,0 +1,389 @@
+"""Inter-task mappings f(s, a): which source pair each target pair reads its value from (paper E5)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import MappingError
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import Task
+from curricle.tasks.spaces import MISSING, Decoded, Space
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
+
+UNMAPPED = -1
+"""Entry of a mapping for a target pair without a source pair."""
+ENDED = -2
+"""Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the target a mapping reaches, and how much of the source it uses.
+
+    Attributes
+    ----------
+    target_pairs : int
+        Pairs (s, a) of the target, s not terminal.
+    mapped, ended, unmapped : float
+        Shares of them that read a source pair, that fall on a source's terminal state (value 0),
+        and that have no counterpart. They sum to 1.
+    source_pairs : int
+        Pairs of the source, s not terminal.
+    never_used : int
+        Source pairs no target pair reads.
+    most_readers : int
+        The largest number of target pairs that read one source pair.
+    mean_readers : float
+        The mean of that number over the source pairs that are read (aliasing).
+    """
+
+    target_pairs: int
+    mapped: float
+    ended: float
+    unmapped: float
+    source_pairs: int
+    never_used: int
+    most_readers: int
+    mean_readers: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
+            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
+            f"{self.source_pairs:,} source pairs never used, the others read by "
+            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StateActionMapping:
+    """A mapping of target pairs (s, a) to source pairs, as an index array.
+
+    Build one with :func:`identity`, :func:`same_position`, :func:`project`,
+    :func:`relative_objects` or :func:`from_function`, or give the array.
+
+    Parameters
+    ----------
+    target, source : Task
+        S states and A actions, S' and A'.
+    index : (S, A) int array
+        ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
+        states do not count.
+    unmapped_value : float
+        What unmapped pairs are worth. 0 is optimistic where rewards are negative.
+
+    Raises
+    ------
+    MappingError
+        On a wrong shape, a pair out of range or in a terminal source state.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> print(project(hunt, chase, predator="predator_1").coverage())
+    90.0% of 18,000 target pairs mapped, 10.0% at the source's end, 0.0% unmapped; ...
+    """
+
+    target: Task
+    source: Task
+    index: IntArray
+    unmapped_value: float = 0.0
+
+    def __post_init__(self) -> None:
+        target, source = self.target.mdp, self.source.mdp
+        index = np.array(self.index)
+        shape = (target.states.size, target.actions.size)
+        n_pairs = source.states.size * source.actions.size
+        if index.shape != shape or not np.issubdtype(index.dtype, np.integer):
+            raise MappingError(
+                f"a mapping must be an integer array of the target's shape {shape}: got "
+                f"{index.dtype} of shape {index.shape}"
+            )
+        if not np.isfinite(self.unmapped_value):
+            raise MappingError(f"unmapped_value must be finite: got {self.unmapped_value}")
+        index = np.where(target.terminal[:, None], ENDED, index)
+        bad = np.argwhere((index < ENDED) | (index >= n_pairs))
+        if len(bad):
+            s, a = bad[0]
+            raise MappingError(
+                f"a mapping's entries must lie in 0..{n_pairs - 1}, or be UNMAPPED or ENDED: "
+                f"target state {s}, action {a} has {index[s, a]}"
+            )
+        onto_terminal = (index >= 0) & source.terminal[index // source.actions.size]
+        bad = np.argwhere(onto_terminal)
+        if len(bad):
+            s, a = bad[0]
+            raise MappingError(
+                "a mapping must not point at a terminal source state, whose values are never "
+                f"learnt; use ENDED or UNMAPPED: target state {s}, action {a} points at source "
+                f"state {index[s, a] // source.actions.size}"
+            )
+        index.flags.writeable = False
+        object.__setattr__(self, "index", index)
+
+    def read(self, source_values: npt.ArrayLike) -> FloatArray:
+        """Return phi(s, a) = Q_source(f(s, a)), 0 where ended, `unmapped_value` where unmapped.
+
+        Parameters
+        ----------
+        source_values : (..., S', A') float array
+
+        Returns
+        -------
+        (..., S, A) float64
+        """
+        q = np.asarray(source_values, dtype=np.float64)
+        expected = (self.source.states.size, self.source.actions.size)
+        if q.shape[-2:] != expected:
+            raise MappingError(
+                f"source values must end in the source's shape {expected}: got {q.shape}"
+            )
+        flat = q.reshape(*q.shape[:-2], -1)
+        values = flat[..., np.maximum(self.index, 0)]
+        fixed = np.where(self.index == UNMAPPED, self.unmapped_value, 0.0)
+        return np.asarray(np.where(self.index >= 0, values, fixed))
+
+    def coverage(self) -> Coverage:
+        """Return how much of the target is reached, and of the source used."""
+        source = self.source.mdp
+        index = self.index[~self.target.mdp.terminal]
+        readers = np.bincount(index[index >= 0], minlength=source.outcome_row.size)
+        available = np.repeat(~source.terminal, source.actions.size)
+        used = readers[readers > 0]
+        return Coverage(
+            target_pairs=index.size,
+            mapped=float((index >= 0).mean()),
+            ended=float((index == ENDED).mean()),
+            unmapped=float((index == UNMAPPED).mean()),
+            source_pairs=int(available.sum()),
+            never_used=int((available & (readers == 0)).sum()),
+            most_readers=int(readers.max()),
+            mean_readers=float(used.mean()) if used.size else 0.0,
+        )
+
+    def mapped_states(self) -> npt.NDArray[np.bool_]:
+        """Return which target states have at least one mapped pair, (S,) bool."""
+        return np.asarray((self.index >= 0).any(axis=1))
+
+
+def identity(task: Task) -> StateActionMapping:
+    """Return the mapping of a task onto itself; it lifts Q to itself.
+
+    Examples
+    --------
+    >>> identity(GridWorld("S.T")).index[0]
+    array([0, 1, 2, 3])
+    """
+    n_states, n_actions = task.states.size, task.actions.size
+    return _from_parts(
+        task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0
+    )
+
+
+def same_position(
+    target: GridWorld, source: GridWorld, *, unmapped_value: float = 0.0
+) -> StateActionMapping:
+    """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
+
+    Cells are compared in map coordinates, which a crop keeps.
+
+    Examples
+    --------
+    >>> maze = GridWorld("S..T")
+    >>> same_position(maze, maze.crop(rows=(0, 1), columns=(2, 4))).index[:3, 0]
+    array([-1, -1,  0])
+    """
+    for role, task in (("target", target), ("source", source)):
+        if not isinstance(task, GridWorld):
+            raise MappingError(f"same_position maps a GridWorld to a GridWorld: the {role} is {task}")
+    state = source.states_at(target.cells[:, 0], target.cells[:, 1])
+    moves = np.arange(target.actions.size)[None, :]
+    return _from_parts(target, source, state[:, None], moves, unmapped_value)
+
+
+def project(
+    target: Task, source: Task, *, unmapped_value: float = 0.0, **renaming: str
+) -> StateActionMapping:
+    """Return the mapping that reads the source's components off the target's by name (paper E7).
+
+    Each component of the source's states and actions takes its value from the target component
+    of the same name, or the one named in `renaming`. Components with labels correspond label by
+    label, so that (1,2) on a 5x5 grid is (1,2) on a 4x4 grid; a value the source does not have
+    leaves the pair unmapped.
+
+    Parameters
+    ----------
+    target, source : Task
+    unmapped_value : float
+    **renaming : str
+        ``source_component="target_component"``.
+
+    Raises
+    ------
+    MappingError
+        On an unknown component, listing the valid ones.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=4, predators=2), Pursuit(size=4, predators=1)
+    >>> f1 = project(hunt, chase, predator="predator_1")
+    >>> pair = f1.index[hunt.states.encode(prey=9, predator_1=3, predator_2=5),
+    ...                 hunt.actions.encode(predator_1=2, predator_2=0)]
+    >>> chase.states.label(pair // 5), chase.actions.label(pair % 5)
+    ('prey=(2,1) predator=(0,3)', 'predator=east')
+    """
+    known = {*source.states.names, *source.actions.names}
+    for name in renaming:
+        if name not in known:
+            raise MappingError(
+                f"renaming must start from a source component ({', '.join(sorted(known))}): got "
+                f"{name!r}"
+            )
+    state = source.states.encode(**_read_components(target.states, source.states, renaming))
+    action = source.actions.encode(**_read_components(target.actions, source.actions, renaming))
+    return _from_parts(target, source, state[:, None], action[None, :], unmapped_value)
+
+
+def relative_objects(
+    target: GridWorld, source: GridWorld, *, unmapped_value: float = 0.0
+) -> StateActionMapping:
+    """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
+
+    A target state matches a source state if every object of the source lies, relative to the
+    agent, where the target has an object of its class: s_target = [s_source, rest]. That is, the
+    source's drawing fits the target's at some shift. Where several shifts fit, the smallest
+    (upwards, then to the left) is taken.
+
+    Examples
+    --------
+    >>> source = GridWorld("S.T")
+    >>> relative_objects(GridWorld(["S....", "....T"]), source).index[:, 0].reshape(2, 5)
+    array([[-1, -1, -1, -1, -1],
+           [-1, -1,  0,  4, -2]])
+    """
+    for role, task in (("target", target), ("source", source)):
+        if not isinstance(task, GridWorld):
+            raise MappingError(
+                f"relative_objects maps a GridWorld to a GridWorld: the {role} is {task}"
+            )
+    there = set(target.objects)
+    name, row, column = source.objects[0]
+    shifts = sorted((r - row, c - column) for n, r, c in target.objects if n == name)
+    state = np.full(target.states.size, MISSING)
+    for down, right in shifts:
+        if all((n, r + down, c + right) in there for n, r, c in source.objects):
+            found = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
+            state = np.where(state == MISSING, found, state)
+    moves = np.arange(target.actions.size)[None, :]
+    return _from_parts(target, source, state[:, None], moves, unmapped_value)
+
+
+def from_function(
+    target: Task, source: Task, function: PairFunction, *, unmapped_value: float = 0.0
+) -> StateActionMapping:
+    """Return the mapping that a function on decoded components computes.
+
+    Parameters
+    ----------
+    target, source : Task
+    function : callable
+        Takes the target's decoded states (name -> (S, 1) int64) and actions (name -> (1, A)) and
+        returns the source's as two dicts of arrays that broadcast to (S, A). Values that are no
+        point of the source's space leave the pair unmapped.
+    unmapped_value : float
+
+    Raises
+    ------
+    MappingError
+        When the function does not return all of the source's components.
+
+    Examples
+    --------
+    >>> line, half = GridWorld("S...T"), GridWorld("S.T")
+    >>> coarse = from_function(line, half, lambda state, action: (
+    ...     {"row": state["row"], "column": state["column"] // 2}, action))
+    >>> coarse.index[:, 0]
+    array([ 0,  0,  4,  4, -2])
+    """
+    states = {k: v[:, None] for k, v in target.states.decode().items()}
+    actions = {k: v[None, :] for k, v in target.actions.decode().items()}
+    parts = []
+    for kind, space, given in zip(
+        ("state", "action"), (source.states, source.actions), function(states, actions), strict=True
+    ):
+        if set(given) != set(space.names):
+            raise MappingError(
+                f"the function must return the source's {kind} components "
+                f"{', '.join(space.names)}: got {', '.join(given) or 'none'}"
+            )
+        parts.append(space.encode(**given))
+    return _from_parts(target, source, parts[0], parts[1], unmapped_value)
+
+
+def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
+    """Return the mapping `second` after `first`: from the target of `first` to the source of `second`.
+
+    Pairs that either leaves unmapped are unmapped, with the value of `first`.
+
+    Raises
+    ------
+    MappingError
+        When the source of `first` is not the target of `second`.
+
+    Examples
+    --------
+    >>> maze = GridWorld("S..T")
+    >>> crop = maze.crop(rows=(0, 1), columns=(2, 4))
+    >>> both = compose(same_position(maze, crop), identity(crop))
+    >>> bool((both.index == same_position(maze, crop).index).all())
+    True
+    """
+    if first.source.mdp is not second.target.mdp:
+        raise MappingError(
+            "composition needs the first mapping's source to be the second's target: got "
+            f"{first.source} and {second.target}"
+        )
+    through = second.index.ravel()[np.maximum(first.index, 0)]
+    index = np.where(first.index >= 0, through, first.index)
+    return StateActionMapping(first.target, second.source, index, first.unmapped_value)
+
+
+def _read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
+    """Return the source's components as values of the target's points."""
+    values = target.decode()
+    read = {}
+    for component in source.components:
+        name = renaming.get(component.name, component.name)
+        if name not in target.names:
+            raise MappingError(
+                f"source component {component.name!r} must be read from a target component "
+                f"({', '.join(target.names)}): got {name!r}"
+            )
+        origin = target.component(name)
+        column = values[name]
+        if component.labels is not None and origin.labels is not None:
+            place = {label: component.low + i for i, label in enumerate(component.labels)}
+            nowhere = component.low - 1
+            table = np.array([place.get(label, nowhere) for label in origin.labels])
+            column = table[column - origin.low]
+        read[component.name] = column
+    return read
+
+
+def _from_parts(
+    target: Task, source: Task, state: IntArray, action: IntArray, unmapped_value: float
+) -> StateActionMapping:
+    """Put source states and actions (broadcast to (S, A), MISSING where none) together."""
+    state, action = np.broadcast_arrays(state, action)
+    missing = (state == MISSING) | (action == MISSING)
+    ended = source.mdp.terminal[np.maximum(state, 0)]
+    pair = np.where(ended, ENDED, state * source.actions.size + action)
+    index = np.where(missing, UNMAPPED, pair)
+    return StateActionMapping(target, source, index, unmapped_value)
