@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
+from curricle.learning.learn import LearningResult
 
 __all__ = ["Curve", "charge_source", "require_direct", "require_pair", "smooth"]
 
@@ -85,6 +86,18 @@ class Curve:
         for name, array in (("steps", steps), ("values", values), ("source_steps", source)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @classmethod
+    def of(cls, result: LearningResult, source_steps: npt.ArrayLike = 0) -> Curve:
+        """Return the greedy returns of a training as a curve.
+
+        Parameters
+        ----------
+        result : LearningResult
+        source_steps : int or (K,) int array
+            As :meth:`CurriculumResult.source_steps` gives them.
+        """
+        return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
     def filled(self) -> FloatArray:
         """Return the values with each seed's first measured value in its leading NaN.

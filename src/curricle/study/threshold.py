@@ -92,7 +92,7 @@ class Times:
         return f"at least {text} ({missed} of {of_seeds} never reached it)"
 
 
-def midpoint(curve: Curve, *, window: int = 1) -> float:
+def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
     """Return the threshold midway between a curve's lowest and highest value.
 
     (min_t m_t + max_t m_t) / 2, m the mean over seeds of the smoothed curve.
@@ -103,6 +103,9 @@ def midpoint(curve: Curve, *, window: int = 1) -> float:
         Usually the direct learner's.
     window : int
         Checkpoints to smooth over.
+    after : int
+        Steps; earlier checkpoints do not count. An untrained table breaks all its ties at random,
+        which can be far worse than anything that follows.
 
     Returns
     -------
@@ -112,7 +115,7 @@ def midpoint(curve: Curve, *, window: int = 1) -> float:
     Raises
     ------
     SettingError
-        If `window` does not fit the curve.
+        If `window` or `after` does not fit the curve.
 
     Notes
     -----
@@ -124,7 +127,12 @@ def midpoint(curve: Curve, *, window: int = 1) -> float:
     >>> midpoint(Curve(np.array([0, 100]), np.array([[-9.0, -1.0], [-7.0, -3.0]])))
     -5.0
     """
-    mean = smooth(curve.filled(), window).mean(axis=0)
+    counted = curve.steps >= after
+    if not counted.any():
+        raise SettingError(
+            f"after must not exceed the last checkpoint, {curve.steps[-1]}: got {after}"
+        )
+    mean = smooth(curve.filled(), window).mean(axis=0)[counted]
     return float((mean.min() + mean.max()) / 2)
 
 

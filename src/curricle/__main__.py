@@ -1,0 +1,5 @@
+"""``python -m curricle`` is the ``curricle`` command."""
+
+from curricle.cli import main
+
+main()

@@ -1,0 +1,216 @@
+"""F4: pursuit. Two predators learn from one, as published and as stated, and why it collapsed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from curricle import (
+    UNMAPPED,
+    Curriculum,
+    Curve,
+    Episodes,
+    GreedyEvaluation,
+    Learner,
+    LearningResult,
+    Pursuit,
+    QLearning,
+    StateActionMapping,
+    Transfer,
+    learn,
+    maximum,
+    mean,
+    minimum,
+    project,
+    total,
+)
+from curricle.paper.pursuit_claims import claims
+from curricle.paper.settings import (
+    DISCOUNT,
+    EPISODE_CAP,
+    EPSILON,
+    INVERSE_TEMPERATURE,
+    LEARNING_RATE,
+    FigureResult,
+    Tick,
+)
+from curricle.report.plotting import draw_curve, new_figure
+
+TARGET_STEPS = 350_000
+SOURCE_BUDGET = Episodes(2_000)
+CHECKPOINTS = 35
+PAPER_SEEDS = 5
+AGGREGATES = {"max": maximum, "mean": mean, "min": minimum, "total": total}
+COLOURS = {
+    "baseline": "black", "source": "grey", "max": "vermillion", "mean": "blue", "min": "green",
+    "total": "purple", "scale 0.5": "orange", "scale 1": "blue", "scale 2": "green",
+}  # fmt: skip
+SOFTMAX = QLearning(learning_rate=LEARNING_RATE, inverse_temperature=INVERSE_TEMPERATURE)
+GREEDY = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
+ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One way of running the experiment.
+
+    Parameters
+    ----------
+    title : str
+    hunt : Pursuit
+        Two predators, the target.
+    learner : Learner
+    colocated : bool
+        Whether states in which the predators share a cell are mapped.
+    aggregates : tuple of str
+        Which aggregates to run, at scale 1.
+    baseline : bool
+        Whether to run the direct learner too.
+    scales : tuple of float
+        Scales of the source's Q to run under the mean instead.
+    source_budget, target_steps
+        Budgets; a number is steps.
+    """
+
+    title: str
+    hunt: Pursuit
+    learner: Learner
+    colocated: bool = True
+    aggregates: tuple[str, ...] = tuple(AGGREGATES)
+    baseline: bool = True
+    scales: tuple[float, ...] = ()
+    source_budget: int | Episodes = SOURCE_BUDGET
+    target_steps: int = TARGET_STEPS
+
+
+def _hunt(size: int = 4, capture: Any = "all", **rules: Any) -> Pursuit:
+    return Pursuit(size, 2, capture=capture, **{"discount": DISCOUNT, "time_limit": EPISODE_CAP, **rules})
+
+
+SETTINGS = {
+    "as published": Setting(
+        "as published: first touch ends, shared cells unmapped", _hunt(capture="as_published"),
+        SOFTMAX, colocated=False,
+    ),
+    "as published, all mapped": Setting(
+        "control: as published, but every state mapped", _hunt(capture="as_published"),
+        SOFTMAX, baseline=False,
+    ),
+    "as stated": Setting("as stated: both must catch, every state mapped", _hunt(), SOFTMAX),
+    "epsilon-greedy": Setting(
+        "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled",
+        _hunt(5, discount=0.95, time_limit=100), GREEDY, aggregates=(), baseline=False,
+        scales=(0.5, 1.0, 2.0), source_budget=400_000, target_steps=400_000,
+    ),
+}  # fmt: skip
+
+
+def mappings(setting: Setting) -> list[StateActionMapping]:
+    """Return f_1 and f_2 (paper E7), without the shared cells where the setting says so."""
+    hunt = setting.hunt
+    chase = Pursuit(hunt.size, 1, discount=hunt.discount, time_limit=hunt.time_limit)
+    found = [project(hunt, chase, predator=name) for name in hunt.predator_names]
+    if setting.colocated:
+        return found
+    where = hunt.states.decode()
+    shared = where["predator_1"] == where["predator_2"]
+    return [
+        StateActionMapping(hunt, f.source, np.where(shared[:, None], UNMAPPED, f.index))
+        for f in found
+    ]
+
+
+def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[str, LearningResult]:
+    """Return the trainings of a setting by arm: baseline, source, and one a potential."""
+    every = setting.target_steps // CHECKPOINTS
+    arms = {}
+    if setting.baseline:
+        arms["baseline"] = learn(
+            setting.hunt, setting.learner, setting.target_steps, seeds=seeds, every=every,
+            evaluation=ROLLOUTS, stream="hunt", workers=workers,
+        )  # fmt: skip
+        tick(f"{setting.title}: baseline")
+    f = mappings(setting)
+    plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
+    plans += [(f"scale {scale:g}", mean, scale) for scale in setting.scales]
+    for name, aggregate, scale in plans:
+        curriculum = Curriculum(
+            tasks={"chase": f[0].source, "hunt": setting.hunt},
+            transfers=[Transfer("chase", "hunt", one, scale=scale) for one in f],
+            aggregate=aggregate,
+            learner=setting.learner,
+            budget={"chase": setting.source_budget, "hunt": setting.target_steps},
+            every={"hunt": every, "chase": 2_000},
+            evaluation=ROLLOUTS,
+        )
+        known = {"chase": arms["source"]} if "source" in arms else {}
+        result = curriculum.train(seeds, trained=known, workers=workers)
+        arms["source"], arms[name] = result["chase"], result["hunt"]
+        tick(f"{setting.title}: {name}")
+    return arms
+
+
+def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+    """Return figure 4."""
+    results = {
+        name: run(setting, seeds, workers, tick) for name, setting in SETTINGS.items()
+    }
+    few = min(seeds, PAPER_SEEDS)
+    figure, axes = new_figure(len(SETTINGS), 2, width=11, height=3.4 * len(SETTINGS))
+    for row, (name, arms) in zip(axes, results.items(), strict=True):
+        for panel, count in zip(row, (few, seeds), strict=True):
+            _draw(panel, arms, count, name)
+            panel.set_title(f"{SETTINGS[name].title} ({count} seeds)", fontsize=9)
+    return FigureResult(
+        name="figure4",
+        title="Figure 4: pursuit, two predators learning from one",
+        caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with 95 % "
+        "bootstrap bands. Rows 1 to 3: return of the greedy policy (100 rollouts a checkpoint), "
+        "4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
+        "return of the training episodes on 5x5. Source steps are not charged here; they are in "
+        "the data and the evidence. Returns below -10 are drawn on a logarithmic scale.",
+        figure=figure,
+        tables={"figure4": _table(results)},
+        claims=tuple(claims(results, SETTINGS, mappings)),
+        settings={
+            "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse temperature "
+            f"{INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
+            "tasks": "4x4 walls, five moves, discount 0.99, cut at 200 (row 4: 5x5, 0.95, 100)",
+            "budget": "2,000 source episodes, 350,000 target steps (row 4: 400,000 steps each)",
+            "entering": "Q of the target starts as phi (Wiewiora 2003)",
+        },
+    )  # fmt: skip
+
+
+def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: str) -> None:
+    training = setting == "epsilon-greedy"
+    for name, result in arms.items():
+        if training and name == "source":
+            continue
+        values = result.training_return if training else result.greedy_return
+        draw_curve(panel, Curve(result.steps, values[:count]), label=name, colour=COLOURS[name])
+    panel.set_yscale("symlog", linthresh=10, linscale=2)
+    ticks = [-t for t in (1, 2, 3, 5, 7, 10, 20, 50, 100, 200)]
+    panel.set_yticks(ticks, [str(t) for t in ticks])
+    panel.set_yticks([], minor=True)
+    low, high = panel.dataLim.intervaly
+    panel.set_ylim(1.15 * low, min(-0.5, high + 1))
+    panel.set(xlabel="steps", ylabel="training return" if training else "greedy return")
+    panel.legend(loc="lower right", ncols=3, fontsize=7)
+
+
+def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, np.ndarray]:
+    names = ("setting", "arm", "seed", "steps", "source_steps", "training_return", "greedy_return")
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    for setting, arms in results.items():
+        for arm, result in arms.items():
+            n_seeds, n = result.greedy_return.shape
+            spent = 0 * result.steps_used if arm in ("baseline", "source") else arms["source"].steps_used
+            for name, column in zip(names, (
+                np.full(n_seeds * n, setting), np.full(n_seeds * n, arm),
+                np.repeat(result.seeds, n), np.tile(result.steps, n_seeds), np.repeat(spent, n),
+                result.training_return.ravel(), result.greedy_return.ravel(),
+            ), strict=True):  # fmt: skip
+                parts[name].append(column)
+    return {name: np.concatenate(columns) for name, columns in parts.items()}

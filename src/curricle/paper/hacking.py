@@ -1,0 +1,91 @@
+"""Reward hacking, which the paper tells in words: a bonus that makes the agent loop for ever."""
+
+import numpy as np
+
+from curricle import (
+    Curve,
+    GridWorld,
+    QLearning,
+    Rewards,
+    StateActionPotential,
+    greedy_policy,
+    learn,
+    rollout,
+)
+from curricle.paper.settings import (
+    EPSILON,
+    LEARNING_RATE,
+    SUMMED,
+    Claim,
+    FigureResult,
+    Tick,
+    over_seeds,
+    verdict,
+)
+from curricle.paper.transferred_maze import curve_table
+from curricle.report.plotting import draw_curve, draw_maze, new_figure
+
+MAZE = GridWorld(
+    ["S....", "..#..", "..#.T", ".....", "....."],
+    rewards=Rewards(step=-1, treasure=20), discount=0.95, time_limit=100,
+)  # fmt: skip
+STEPS = 30_000
+LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
+COLOURS = {"no shaping": "black", "as a bonus": "vermillion", "as a potential": "green"}
+
+
+def nearness() -> StateActionPotential:
+    """Return the well-meant hint: 4 at the treasure, half a point less with each cell."""
+    treasure = next((row, column) for name, row, column in MAZE.objects if name == "treasure")
+    hint = 4 - abs(MAZE.cells - treasure).sum(axis=1) / 2
+    return StateActionPotential(MAZE, np.repeat(hint[:, None], MAZE.actions.size, axis=1))
+
+
+def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+    """Return the picture of reward hacking."""
+    hint = nearness()
+    arms = {"no shaping": {}, "as a bonus": {"potential": hint, "how": "bonus"},
+            "as a potential": {"potential": hint.to_state(), "how": "state"}}  # fmt: skip
+    results = {}
+    for name, shaping in arms.items():
+        results[name] = learn(MAZE, LEARNER, STEPS, seeds=seeds, evaluation=SUMMED,
+                              workers=workers, **shaping)  # fmt: skip
+        tick(f"reward hacking: {name}")
+    figure, axes = new_figure(1, 3, width=11, height=3.6)
+    for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
+        policy = greedy_policy(results[name].values[0])
+        episode = rollout(MAZE, policy)
+        draw_maze(panel, MAZE, path=episode.states)
+        end = "reaches the treasure" if episode.terminated else "loops until cut off"
+        panel.set_title(f"{name}: {end}")
+    for name, result in results.items():
+        draw_curve(axes[0, 2], Curve.of(result), label=name, colour=COLOURS[name])
+    axes[0, 2].set(xlabel="steps", ylabel="greedy return, bonus not counted", title="true return")
+    axes[0, 2].legend(loc="center right")
+    final = {name: result.greedy_return[:, -1] for name, result in results.items()}
+    return FigureResult(
+        name="hacking",
+        title="Reward hacking: a bonus is not a potential",
+        caption="The same hint, 'being near the treasure is good', added to the reward outright and "
+        "as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
+        f"{seeds} seeds with 95 % bootstrap bands.",
+        figure=figure,
+        tables={"hacking": curve_table({n: Curve.of(r) for n, r in results.items()})},
+        claims=(
+            Claim(
+                "hacking.bonus-loops", "hacking",
+                "A reward that is not a potential difference can make the agent loop instead of "
+                "finishing (E3); as a potential the same hint leaves the optimum alone",
+                "5x5 grid, treasure 20, step -1, discount 0.95",
+                verdict(
+                    bool((final["as a bonus"] <= -MAZE.time_limit).mean() > 0.9)
+                    and bool((final["as a potential"] > 0).all())
+                ),
+                {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
+            ),
+        ),
+        settings={
+            "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}",
+            "budget": f"{STEPS:,} steps",
+        },
+    )  # fmt: skip

@@ -1,0 +1,120 @@
+"""Running the paper: every figure into a folder, with its data, its claims and one page."""
+
+import io
+from collections.abc import Iterable
+from dataclasses import asdict
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+from curricle import SettingError
+from curricle.paper.settings import Claim, FigureResult, Tick
+from curricle.report.page import Section, page
+from curricle.report.plotting import STYLE
+from curricle.study.store import ResultsFolder
+
+FIGURES = {
+    "1": "curricle.paper.figure1",
+    "2": "curricle.paper.figure2",
+    "3": "curricle.paper.figure3",
+    "4": "curricle.paper.figure4",
+    "hacking": "curricle.paper.hacking",
+}
+INTRODUCTION = """<p>Every figure and claim of the paper, run again. A claim is <em>reproduced</em>
+where the runs show it, <em>not reproduced</em> where they do not; an open question of the paper is
+<em>explained</em> where a control answers it. Numbers in brackets are 95 % bootstrap intervals
+over seeds. All claims as data: <a href="claims.json">claims.json</a>.</p>"""
+
+
+def reproduce(
+    folder: str | Path,
+    *,
+    figures: Iterable[str] = tuple(FIGURES),
+    seeds: int = 30,
+    workers: int | None = None,
+    tick: Tick = lambda words: None,
+) -> list[dict[str, Any]]:
+    """Write figures, data, claims and the page into a folder, and return all claims in it.
+
+    Figures that the folder already holds complete are not run again.
+
+    Parameters
+    ----------
+    folder : str or Path
+        For results of these settings only.
+    figures : iterable of str
+        Out of ``1 2 3 4 hacking``.
+    seeds : int
+        Seeds 0 .. seeds - 1 for everything that is learnt.
+    workers : int, optional
+        Threads; the results do not depend on it.
+    tick : callable, optional
+        Called with a few words for each piece done.
+
+    Raises
+    ------
+    SettingError
+        On an unknown figure or fewer than 2 seeds; nothing is written then.
+    StoreError
+        When the folder holds results of other settings.
+    """
+    wanted = list(dict.fromkeys(figures))
+    for name in wanted:
+        if name not in FIGURES:
+            raise SettingError(f"a figure must be one of {', '.join(FIGURES)}: got {name!r}")
+    if seeds < 2:
+        raise SettingError(f"intervals over seeds need at least 2 seeds: got {seeds}")
+    if workers is not None and workers < 1:
+        raise SettingError(f"workers must be at least 1: got {workers}")
+    store = ResultsFolder(folder, {"curricle": metadata.version("curricle"), "seeds": seeds})
+    for name in wanted:
+        if not store.has(_summary(name)):
+            room = import_module(FIGURES[name])
+            _save(store, name, room.build(seeds, workers, tick))
+    return _assemble(store)
+
+
+def _summary(name: str) -> str:
+    """The file that is written last of a figure's, so that its presence means completeness."""
+    return f"data/{name if name == 'hacking' else 'figure' + name}.json"
+
+
+def _save(store: ResultsFolder, name: str, result: FigureResult) -> None:
+    with matplotlib.rc_context(STYLE):
+        for kind in ("png", "svg"):
+            buffer = io.BytesIO()
+            metadata = {"Date": None} if kind == "svg" else None
+            result.figure.savefig(buffer, format=kind, metadata=metadata)
+            store.write(f"{result.name}.{kind}", buffer.getvalue())
+    for table, columns in result.tables.items():
+        store.write_table(f"data/{table}.parquet", columns)
+    store.write_json(
+        _summary(name),
+        {
+            "title": result.title,
+            "caption": result.caption,
+            "image": f"{result.name}.svg",
+            "settings": dict(result.settings),
+            "claims": [_as_dict(claim) for claim in result.claims],
+            "links": {"PNG": f"{result.name}.png"}
+            | {f"{table}.parquet": f"data/{table}.parquet" for table in result.tables},
+        },
+    )
+
+
+def _as_dict(claim: Claim) -> dict[str, Any]:
+    return {**asdict(claim), "evidence": dict(claim.evidence)}
+
+
+def _assemble(store: ResultsFolder) -> list[dict[str, Any]]:
+    """Write claims.json and index.html from all figures the folder holds."""
+    sections = [
+        Section(**store.read_json(_summary(name))) for name in FIGURES if store.has(_summary(name))
+    ]
+    claims = [claim for section in sections for claim in section.claims]
+    store.write_json("claims.json", claims)
+    title = "Curriculum Learning via Reward Shaping, reproduced"
+    store.write("index.html", page(title, INTRODUCTION, sections).encode())
+    return claims

@@ -1,0 +1,90 @@
+"""The tasks and numbers behind the paper's figures, and what a figure's room must deliver."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from curricle import GreedyEvaluation, GridWorld, Interval, Rewards, bootstrap
+
+MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
+
+LEARNING_RATE = 0.1
+DISCOUNT = 0.99
+EPSILON = 0.1
+EPISODE_CAP = 200
+INVERSE_TEMPERATURE = 0.2
+
+SUMMED = GreedyEvaluation(discounted=False)
+"""The paper's measure: the undiscounted return of a greedy episode, cut at the cap."""
+
+Tick = Callable[[str], object]
+"""Called with a few words whenever a piece of a figure is done."""
+
+Verdict = Literal["reproduced", "not reproduced", "explained"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper (or an answer to a question it left open), and what became of it.
+
+    Parameters
+    ----------
+    id, figure : str
+    claim : str
+        The statement.
+    setting : str
+        What it was tested on.
+    verdict : {"reproduced", "not reproduced", "explained"}
+    evidence : dict
+        Numbers; those over seeds as ``{"estimate", "low", "high", "seeds"}``.
+    """
+
+    id: str
+    figure: str
+    claim: str
+    setting: str
+    verdict: Verdict
+    evidence: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FigureResult:
+    """All that a figure's room hands over: picture, caption, data, settings and claims."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    tables: Mapping[str, Mapping[str, Any]]
+    claims: tuple[Claim, ...]
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+
+def maze(step: float) -> GridWorld:
+    """Return the paper's 10x10 maze; `step` is -1 in its text and -5 in its runs."""
+    return GridWorld(MAP, rewards=Rewards(step=step), discount=DISCOUNT, time_limit=EPISODE_CAP)
+
+
+def verdict(holds: bool) -> Verdict:
+    """Return the verdict on a claim that holds or does not."""
+    return "reproduced" if holds else "not reproduced"
+
+
+def over_seeds(values: npt.ArrayLike) -> dict[str, Any]:
+    """Return the mean over seeds with its 95 % bootstrap interval, as evidence."""
+    return evidence(bootstrap(np.asarray(values, dtype=np.float64)))
+
+
+def evidence(interval: Interval) -> dict[str, Any]:
+    """Return an interval as evidence."""
+    return {
+        "estimate": float(interval.estimate),
+        "low": float(interval.low),
+        "high": float(interval.high),
+        "seeds": interval.n,
+    }

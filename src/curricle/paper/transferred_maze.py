@@ -1,0 +1,116 @@
+"""The maze experiments that figures 2 and 3 share: a corner as source, the whole maze as target."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from curricle import (
+    Curriculum,
+    CurriculumResult,
+    Curve,
+    Episodes,
+    GridWorld,
+    LearningResult,
+    QLearning,
+    Times,
+    Transfer,
+    learn,
+    midpoint,
+    same_position,
+    time_to_threshold,
+)
+from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED
+
+SOURCE_BUDGET = Episodes(250)
+TARGET_BUDGET = Episodes(800)
+EVERY = 100
+WINDOW = 10
+SETTLED = 2_000
+"""Steps before which the lowest value is not looked for: an untrained agent breaks all ties at
+random and falls into pits, which the paper's first-index ties never did."""
+
+LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
+SETTINGS = {
+    "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}, Q0 = 0",
+    "maze": "10x10, discount 0.99, episodes cut at 200 steps",
+    "budget": "250 source and 800 target episodes",
+    "evaluation": "greedy return (sum of rewards), exact, every 100 steps, mean of 10 checkpoints",
+    "threshold": "midway between the direct learner's lowest (after 2,000 steps) and highest value",
+    "entering": "Q of the target starts as the source's (Wiewiora 2003)",
+}
+
+
+@dataclass(frozen=True)
+class Direct:
+    """The target learnt directly.
+
+    Parameters
+    ----------
+    maze : GridWorld
+    result : LearningResult
+    curve : Curve
+    threshold : float
+        Summed reward midway between the curve's lowest and highest.
+    times : Times
+        Steps to it.
+    """
+
+    maze: GridWorld
+    result: LearningResult
+    curve: Curve
+    threshold: float
+    times: Times
+
+
+def direct(maze: GridWorld, seeds: int, workers: int | None) -> Direct:
+    """Return the maze learnt without transfer, and the threshold this sets."""
+    result = learn(
+        maze, LEARNER, TARGET_BUDGET, seeds=seeds, every=EVERY, evaluation=SUMMED,
+        stream="target", workers=workers,
+    )  # fmt: skip
+    curve = Curve.of(result)
+    threshold = midpoint(curve, window=WINDOW, after=SETTLED)
+    times = time_to_threshold(curve, threshold, window=WINDOW)
+    return Direct(maze, result, curve, threshold, times)
+
+
+def corner(maze: GridWorld, size: int, start: str = "uniform") -> GridWorld:
+    """Return the top-right `size` x `size` block of the 10x10 maze."""
+    return maze.crop(rows=(0, size), columns=(10 - size, 10), start=start)
+
+
+def transferred(
+    maze: GridWorld,
+    source: GridWorld,
+    seeds: int,
+    workers: int | None,
+    *,
+    budget: int | Episodes = TARGET_BUDGET,
+) -> tuple[Curve, CurriculumResult]:
+    """Return the target's curve when its Q starts as the source's, and the whole training."""
+    curriculum = Curriculum(
+        tasks={"source": source, "target": maze},
+        transfers=[Transfer("source", "target", same_position(maze, source))],
+        learner=LEARNER,
+        budget={"source": SOURCE_BUDGET, "target": budget},
+        every=EVERY,
+        evaluation=SUMMED,
+    )
+    result = curriculum.train(seeds, workers=workers)
+    return Curve.of(result["target"], result.source_steps("target")), result
+
+
+def curve_table(arms: dict[str, Curve]) -> dict[str, np.ndarray]:
+    """Return learning curves as a tidy table: arm, seed, steps, source_steps, greedy_return."""
+    parts: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("arm", "seed", "steps", "source_steps", "greedy_return")
+    }
+    for arm, curve in arms.items():
+        n_seeds, n_checkpoints = curve.values.shape
+        parts["arm"].append(np.full(n_seeds * n_checkpoints, arm))
+        parts["seed"].append(np.repeat(np.arange(n_seeds), n_checkpoints))
+        parts["steps"].append(np.tile(curve.steps, n_seeds))
+        source = np.broadcast_to(curve.source_steps, n_seeds)
+        parts["source_steps"].append(np.repeat(source, n_checkpoints))
+        parts["greedy_return"].append(curve.values.ravel())
+    return {name: np.concatenate(columns) for name, columns in parts.items()}

@@ -1,0 +1,255 @@
+"""Slow and obvious references: random MDPs, and a tabular learner in plain Python.
+
+The learner draws from the same random stream in the same order as the compiled loops and does
+its sums in the same order, so that results can be compared to the last bit.
+"""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from curricle import FiniteMDP, StateActionPotential, StatePotential
+from curricle.learning.learn import stream_start
+
+NOTHING = SimpleNamespace(values=None, weight=lambda step: 1.0)
+
+
+def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
+    """Return an MDP with real-valued rewards, about a quarter of it terminal."""
+    rng = np.random.default_rng(seed)
+    shape = (n_states, n_actions, width)
+    probability = rng.dirichlet(np.ones(width), size=shape[:2])
+    if width > 1:  # some outcomes are impossible, now and then the last one
+        probability[rng.random(shape) < 0.2] = 0.0
+        probability[..., 0] += 1 - probability.sum(axis=-1)
+    successor, reward = rng.integers(n_states, size=shape), rng.normal(size=shape).round(2)
+    terminal = np.arange(n_states) >= n_states - max(1, n_states // 4)
+    start = np.where(terminal, 0.0, rng.integers(0, 3, size=n_states) + 1e-3)
+    outcomes = [
+        [list(zip(*(x[s, a].tolist() for x in (probability, successor, reward)), strict=True))
+         for a in range(n_actions)]
+        for s in range(n_states)
+    ]  # fmt: skip
+    return FiniteMDP.from_outcomes(
+        outcomes,
+        terminal=terminal,
+        start=start / start.sum(),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+def splitmix64(start):
+    """Yield uniform numbers from [0, 1) (Vigna 2015)."""
+    mask, counter = 2**64 - 1, start
+    while True:
+        counter = (counter + 0x9E3779B97F4A7C15) & mask
+        z = counter
+        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+        yield ((z ^ (z >> 31)) >> 11) / 2**53
+
+
+def value_of(schedule, n):
+    """Return a schedule's value after n steps, from its four numbers."""
+    shape, first, last, span = schedule
+    part = [0.0, min(1.0, n / span), None, None][shape]
+    if shape == 2:
+        return last + (first - last) * 0.5 ** (n / span)
+    if shape == 3:
+        return last + (first - last) / (1.0 + n / span)
+    return first + (last - first) * part if shape == 1 else first
+
+
+def pick(probabilities, u):
+    """Return the first index whose cumulative probability exceeds u; the last possible has 1."""
+    last = max(i for i, p in enumerate(probabilities) if p > 0)
+    total = 0.0
+    for i, p in enumerate(probabilities):
+        total += p
+        if i == last or u < total:
+            return i
+    raise AssertionError
+
+
+def pick_greedy(values, draw):
+    best = [a for a, v in enumerate(values) if v == max(values)]
+    return best[0] if len(best) == 1 else best[int(next(draw) * len(best))]
+
+
+def pick_action(values, learner, step, draw):
+    n = len(values)
+    if learner.inverse_temperature is None:
+        if next(draw) < value_of(learner.rule().exploring, step):
+            return int(next(draw) * n)
+        return pick_greedy(values, draw)
+    beta = value_of(learner.rule().exploring, step)
+    weights = [math.exp(beta * (v - max(values))) for v in values]
+    for _ in range(n):  # rejection first, the full row after n failures
+        action = int(next(draw) * n)
+        if next(draw) < weights[action]:
+            return action
+    left, chosen = next(draw) * sum(weights), None
+    for action, weight in enumerate(weights):
+        if weight > 0 and (chosen is None or left >= 0):
+            chosen, left = action, left - weight
+    return chosen
+
+
+def policy_mean(row, acting, learner, step):
+    """Return sum_a pi(a) row[a] for the policy followed on the acting values."""
+    parameter, best = value_of(learner.rule().exploring, step), max(acting)
+    if learner.inverse_temperature is None:
+        weights = [1.0 if v == best else 0.0 for v in acting]
+    else:
+        weights = [math.exp(parameter * (v - best)) for v in acting]
+    total = sum(w * q for w, q in zip(weights, row, strict=True))
+    if learner.inverse_temperature is not None:
+        return total / sum(weights)
+    return (1.0 - parameter) * total / sum(weights) + parameter * sum(q / len(row) for q in row)
+
+
+def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every=None, seed=0,
+                  stream="", episodes=math.inf):  # fmt: skip
+    """Return what `learn` does for one seed, without the greedy evaluation.
+
+    ``how="literal_look_ahead"`` keeps Q apart from phi and adds F = gamma phi(s', a*) - phi(s, a)
+    to the reward, a* = argmax Q + phi (for SARSA the action taken, for Expected SARSA the mean).
+    """
+    mdp = task.mdp
+    gamma, terminal, limit = mdp.discount, mdp.terminal.tolist(), mdp.time_limit or math.inf
+    starts, row_of = mdp.start.tolist(), mdp.outcome_row.tolist()
+    chance, successor = mdp.probability.tolist(), mdp.next_state.tolist()
+    pay = mdp.reward.tolist()
+    n_states, n_actions = mdp.outcome_row.shape
+    kind, rule = type(learner).__name__, learner.rule()
+    phi = None if potential.values is None else potential.values.tolist()
+    literal = how == "literal_look_ahead"
+    draw = splitmix64(stream_start(seed, stream))
+    tables = [
+        [[0.0 if terminal[s] else learner.initial_value for _ in range(n_actions)]
+         for s in range(n_states)]
+        for _ in range(2 if kind == "DoubleQLearning" else 1)
+    ]  # fmt: skip
+    if how in ("initialise", "look_ahead"):
+        for q in tables:
+            for s in range(n_states):
+                q[s] = [x + y for x, y in zip(q[s], phi[s], strict=True)]
+    visits = [[0] * n_actions for _ in range(n_states)]
+
+    def frame_at(state, step):
+        held = [i for i, first in enumerate(potential.frame_steps) if first <= step]
+        return value_of(potential.weight, step) * phi[held[-1]][state]
+
+    def acting(state, step):
+        row = list(tables[0][state])
+        if len(tables) == 2:
+            row = [0.5 * (x + y) for x, y in zip(row, tables[1][state], strict=True)]
+        if how == "advice" or literal:
+            weight = value_of(potential.weight, step)
+            row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
+        return row
+
+    every = every or max(1, steps // 100)
+    training_return, episode_counts = [math.nan], [0]
+    step = episode = 0
+    returns, fresh, next_action = [], True, None
+    while step < steps and episode < episodes:
+        if fresh:
+            state, length, total, before = pick(starts, next(draw)), 0, 0.0, None
+        if fresh or kind != "SARSA":
+            action = pick_action(acting(state, step), learner, step, draw)
+        else:
+            action = next_action
+        row = row_of[state][action]
+        outcome = pick(chance[row], next(draw)) if len(chance[row]) > 1 else 0
+        after, reward = successor[row][outcome], pay[row][outcome]
+        total += reward
+        length += 1
+        ended = terminal[after]
+
+        if how == "state":
+            there = 0.0 if ended else frame_at(after, step + 1)
+            reward += gamma * there - frame_at(state, step)
+        elif how == "look_back":
+            reward += phi[state][action] - (0.0 if before is None else before) / gamma
+            before = phi[state][action]
+            if ended:
+                reward -= before
+        elif how == "bonus":
+            reward += phi[state][action]
+
+        which = int(next(draw) * 2) if len(tables) == 2 else 0
+        q, target = tables[which], reward
+        if literal:
+            target -= phi[state][action]
+        if not ended:
+            shown = acting(after, step + 1)
+            if kind == "QLearning":
+                best = shown.index(max(shown)) if literal else q[after].index(max(q[after]))
+                worth = q[after][best] + (phi[after][best] if literal else 0.0)
+            elif kind == "SARSA":
+                next_action = pick_action(shown, learner, step + 1, draw)
+                worth = q[after][next_action] + (phi[after][next_action] if literal else 0.0)
+            elif kind == "ExpectedSARSA":
+                worth = policy_mean(q[after], shown, learner, step + 1)
+                if literal:
+                    worth += policy_mean(phi[after], shown, learner, step + 1)
+            else:
+                worth = tables[1 - which][after][pick_greedy(q[after], draw)]
+            target += gamma * worth
+        counts = rule.learning_rate.shape == 3
+        rate = value_of(rule.learning_rate, visits[state][action] if counts else step)
+        visits[state][action] += 1
+        q[state][action] += rate * (target - q[state][action])
+
+        step += 1
+        state = after
+        fresh = ended or length >= limit
+        if fresh:
+            episode += 1
+            returns.append(total)
+        if step % every == 0:
+            training_return.append(sum(returns) / len(returns) if returns else math.nan)
+            episode_counts.append(episode)
+            returns = []
+
+    values = np.mean(tables, axis=0)
+    if how == "state":
+        values += np.array([frame_at(s, step) for s in range(n_states)])[:, None]
+    elif how == "advice" or literal:
+        values += value_of(potential.weight, step) * potential.values
+    return SimpleNamespace(
+        values=values,
+        training_return=np.array(training_return),
+        episodes=np.array(episode_counts),
+        steps_used=step,
+        episodes_used=episode,
+    )
+
+
+@pytest.fixture(scope="session")
+def random_mdp():
+    return make_random_mdp
+
+
+@pytest.fixture(scope="session")
+def naive_learn():
+    return learn_naively
+
+
+@pytest.fixture(scope="session")
+def random_potential():
+    """Return a potential of the kind a way of entering takes, with real values."""
+
+    def make(task, how, seed=0, **extra):
+        rng = np.random.default_rng([seed, 1])
+        n_states, n_actions = task.mdp.outcome_row.shape
+        if how == "state":
+            frames = len(extra.get("frame_steps", (0,)))
+            return StatePotential(task, rng.normal(size=(frames, n_states)), **extra)
+        return StateActionPotential(task, rng.normal(size=(n_states, n_actions)), **extra)
+
+    return make
