@@ -1,70 +1,86 @@
-from .curriculum import Curriculum as Curriculum
-from .curriculum import CurriculumResult as CurriculumResult
-from .errors import CurricleError as CurricleError
-from .errors import CurriculumError as CurriculumError
-from .errors import MappingError as MappingError
-from .errors import PotentialError as PotentialError
-from .errors import SettingError as SettingError
-from .errors import StoreError as StoreError
-from .errors import TaskError as TaskError
-from .learning.learn import Episodes as Episodes
-from .learning.learn import GreedyEvaluation as GreedyEvaluation
-from .learning.learn import LearningResult as LearningResult
-from .learning.learn import learn as learn
-from .learning.learners import DoubleQLearning as DoubleQLearning
-from .learning.learners import ExpectedSARSA as ExpectedSARSA
-from .learning.learners import Learner as Learner
-from .learning.learners import QLearning as QLearning
-from .learning.learners import SARSA as SARSA
-from .learning.planning import PolicyValues as PolicyValues
-from .learning.planning import Solution as Solution
-from .learning.planning import evaluate as evaluate
-from .learning.planning import greedy_policy as greedy_policy
-from .learning.planning import solve as solve
-from .learning.potential import StateActionPotential as StateActionPotential
-from .learning.potential import StatePotential as StatePotential
-from .learning.rollout import Trajectory as Trajectory
-from .learning.rollout import rollout as rollout
-from .learning.schedules import Schedule as Schedule
-from .learning.schedules import constant as constant
-from .learning.schedules import exponential as exponential
-from .learning.schedules import harmonic as harmonic
-from .learning.schedules import linear as linear
-from .study.metrics import Curve as Curve
-from .study.metrics import Times as Times
-from .study.metrics import asymptotic_performance as asymptotic_performance
-from .study.metrics import charge_source as charge_source
-from .study.metrics import fraction_of_optimum as fraction_of_optimum
-from .study.metrics import jumpstart as jumpstart
-from .study.metrics import midpoint as midpoint
-from .study.metrics import smooth as smooth
-from .study.metrics import steps_saved as steps_saved
-from .study.metrics import time_to_threshold as time_to_threshold
-from .study.metrics import total_reward as total_reward
-from .study.metrics import transfer_ratio as transfer_ratio
-from .study.statistics import Interval as Interval
-from .study.statistics import bootstrap as bootstrap
-from .study.statistics import interquartile_mean as interquartile_mean
-from .study.statistics import paired_difference as paired_difference
-from .tasks.gridworld import GridWorld as GridWorld
-from .tasks.gridworld import Rewards as Rewards
-from .tasks.mdp import FiniteMDP as FiniteMDP
-from .tasks.mdp import Task as Task
+from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
+from .errors import (
+    CurricleError as CurricleError,
+    CurriculumError as CurriculumError,
+    MappingError as MappingError,
+    PotentialError as PotentialError,
+    SettingError as SettingError,
+    StoreError as StoreError,
+    TaskError as TaskError,
+)
+from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
+from .learning.learn import (
+    Episodes as Episodes,
+    How as How,
+    LearningResult as LearningResult,
+    learn as learn,
+)
+from .learning.learners import (
+    SARSA as SARSA,
+    DoubleQLearning as DoubleQLearning,
+    ExpectedSARSA as ExpectedSARSA,
+    Learner as Learner,
+    QLearning as QLearning,
+)
+from .learning.planning import (
+    PolicyValues as PolicyValues,
+    Solution as Solution,
+    evaluate as evaluate,
+    greedy_policy as greedy_policy,
+    solve as solve,
+)
+from .learning.potential import (
+    StateActionPotential as StateActionPotential,
+    StatePotential as StatePotential,
+)
+from .learning.rollout import Trajectory as Trajectory, rollout as rollout
+from .learning.schedules import (
+    Schedule as Schedule,
+    constant as constant,
+    exponential as exponential,
+    harmonic as harmonic,
+    linear as linear,
+)
+from .study.metrics import (
+    Curve as Curve,
+    Times as Times,
+    asymptotic_performance as asymptotic_performance,
+    charge_source as charge_source,
+    fraction_of_optimum as fraction_of_optimum,
+    jumpstart as jumpstart,
+    midpoint as midpoint,
+    smooth as smooth,
+    steps_saved as steps_saved,
+    time_to_threshold as time_to_threshold,
+    total_reward as total_reward,
+    transfer_ratio as transfer_ratio,
+)
+from .study.statistics import (
+    Interval as Interval,
+    bootstrap as bootstrap,
+    interquartile_mean as interquartile_mean,
+    paired_difference as paired_difference,
+)
+from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
+from .tasks.mdp import FiniteMDP as FiniteMDP, Task as Task
 from .tasks.pursuit import Pursuit as Pursuit
-from .tasks.spaces import Component as Component
-from .tasks.spaces import Space as Space
-from .transfer.aggregation import maximum as maximum
-from .transfer.aggregation import mean as mean
-from .transfer.aggregation import minimum as minimum
-from .transfer.aggregation import total as total
+from .tasks.spaces import Component as Component, Space as Space
+from .transfer.aggregation import (
+    maximum as maximum,
+    mean as mean,
+    minimum as minimum,
+    total as total,
+)
 from .transfer.edge import Transfer as Transfer
-from .transfer.mapping import ENDED as ENDED
-from .transfer.mapping import UNMAPPED as UNMAPPED
-from .transfer.mapping import Coverage as Coverage
-from .transfer.mapping import StateActionMapping as StateActionMapping
-from .transfer.mapping import compose as compose
-from .transfer.mapping import from_function as from_function
-from .transfer.mapping import identity as identity
-from .transfer.mapping import project as project
-from .transfer.mapping import relative_objects as relative_objects
-from .transfer.mapping import same_position as same_position
+from .transfer.mapping import (
+    ENDED as ENDED,
+    UNMAPPED as UNMAPPED,
+    Coverage as Coverage,
+    StateActionMapping as StateActionMapping,
+    compose as compose,
+    from_function as from_function,
+    identity as identity,
+    project as project,
+    relative_objects as relative_objects,
+    same_position as same_position,
+)

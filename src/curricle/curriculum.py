@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import CurriculumError
+from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learn import (
     Episodes,
-    GreedyEvaluation,
     How,
     LearningResult,
     learn,
@@ -80,7 +80,7 @@ class Curriculum:
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
     budget: int | Episodes | Mapping[str, int | Episodes] = 100_000
     how: How | Mapping[str, How] = "initialise"
-    every: int | None | Mapping[str, int | None] = None
+    every: int | Mapping[str, int | None] | None = None
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
         default_factory=GreedyEvaluation
     )
@@ -107,9 +107,7 @@ class Curriculum:
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
                 if name not in self.tasks:
-                    raise CurriculumError(
-                        f"{setting} must name tasks out of {names}: got {name!r}"
-                    )
+                    raise CurriculumError(f"{setting} must name tasks out of {names}: got {name!r}")
         _ = self.order
 
     @cached_property
@@ -171,7 +169,7 @@ class Curriculum:
             if name in results:
                 continue
             potentials[name] = self._potentials(name, results, len(numbers))
-            how = _pick(self.how, name, "initialise")
+            how: How = _pick(self.how, name, "initialise")
             phi = [p.to_state() for p in potentials[name]] if how == "state" else potentials[name]
             results[name] = learn(
                 self.tasks[name],

@@ -13,8 +13,6 @@ import pytest
 from curricle import FiniteMDP, StateActionPotential, StatePotential
 from curricle.learning.learn import stream_start
 
-NOTHING = SimpleNamespace(values=None, weight=lambda step: 1.0)
-
 
 def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
     """Return an MDP with real-valued rewards, about a quarter of it terminal."""
@@ -23,10 +21,11 @@ def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, tim
     probability = rng.dirichlet(np.ones(width), size=shape[:2])
     if width > 1:  # some outcomes are impossible, now and then the last one
         probability[rng.random(shape) < 0.2] = 0.0
-        probability[..., 0] += 1 - probability.sum(axis=-1)
+        probability[..., 0] = 1 - probability[..., 1:].sum(axis=-1)
     successor, reward = rng.integers(n_states, size=shape), rng.normal(size=shape).round(2)
     terminal = np.arange(n_states) >= n_states - max(1, n_states // 4)
-    start = np.where(terminal, 0.0, rng.integers(0, 3, size=n_states) + 1e-3)
+    start = np.where(terminal, 0, rng.integers(0, 3, size=n_states))
+    start[0] = 1
     outcomes = [
         [list(zip(*(x[s, a].tolist() for x in (probability, successor, reward)), strict=True))
          for a in range(n_actions)]
@@ -55,12 +54,21 @@ def splitmix64(start):
 def value_of(schedule, n):
     """Return a schedule's value after n steps, from its four numbers."""
     shape, first, last, span = schedule
-    part = [0.0, min(1.0, n / span), None, None][shape]
+    if shape == 0:
+        return first
+    if shape == 1:
+        return first + (last - first) * min(1.0, n / span)
     if shape == 2:
         return last + (first - last) * 0.5 ** (n / span)
-    if shape == 3:
-        return last + (first - last) / (1.0 + n / span)
-    return first + (last - first) * part if shape == 1 else first
+    return last + (first - last) / (1.0 + n / span)
+
+
+def plain_sum(numbers):
+    """Add from left to right; the built-in compensates for rounding since Python 3.12."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
 
 
 def pick(probabilities, u):
@@ -91,7 +99,7 @@ def pick_action(values, learner, step, draw):
         action = int(next(draw) * n)
         if next(draw) < weights[action]:
             return action
-    left, chosen = next(draw) * sum(weights), None
+    left, chosen = next(draw) * plain_sum(weights), None
     for action, weight in enumerate(weights):
         if weight > 0 and (chosen is None or left >= 0):
             chosen, left = action, left - weight
@@ -105,13 +113,14 @@ def policy_mean(row, acting, learner, step):
         weights = [1.0 if v == best else 0.0 for v in acting]
     else:
         weights = [math.exp(parameter * (v - best)) for v in acting]
-    total = sum(w * q for w, q in zip(weights, row, strict=True))
+    total = plain_sum(w * q for w, q in zip(weights, row, strict=True))
     if learner.inverse_temperature is not None:
-        return total / sum(weights)
-    return (1.0 - parameter) * total / sum(weights) + parameter * sum(q / len(row) for q in row)
+        return total / plain_sum(weights)
+    mean = plain_sum(q / len(row) for q in row)
+    return (1.0 - parameter) * total / plain_sum(weights) + parameter * mean
 
 
-def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every=None, seed=0,
+def learn_naively(task, learner, steps, *, how="plain", potential=None, every=None, seed=0,
                   stream="", episodes=math.inf):  # fmt: skip
     """Return what `learn` does for one seed, without the greedy evaluation.
 
@@ -125,7 +134,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every
     pay = mdp.reward.tolist()
     n_states, n_actions = mdp.outcome_row.shape
     kind, rule = type(learner).__name__, learner.rule()
-    phi = None if potential.values is None else potential.values.tolist()
+    phi = None if potential is None else potential.values.tolist()
     literal = how == "literal_look_ahead"
     draw = splitmix64(stream_start(seed, stream))
     tables = [
@@ -158,7 +167,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every
     returns, fresh, next_action = [], True, None
     while step < steps and episode < episodes:
         if fresh:
-            state, length, total, before = pick(starts, next(draw)), 0, 0.0, None
+            state, length, total, before = pick(starts, next(draw)), 0, 0.0, 0.0
         if fresh or kind != "SARSA":
             action = pick_action(acting(state, step), learner, step, draw)
         else:
@@ -174,10 +183,10 @@ def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every
             there = 0.0 if ended else frame_at(after, step + 1)
             reward += gamma * there - frame_at(state, step)
         elif how == "look_back":
-            reward += phi[state][action] - (0.0 if before is None else before) / gamma
-            before = phi[state][action]
-            if ended:
-                reward -= before
+            # The end's own term, gamma (0 - phi(s, a) / gamma), takes this step's phi(s, a) off.
+            here = phi[state][action]
+            reward += (0.0 if ended else here) - before / gamma
+            before = here
         elif how == "bonus":
             reward += phi[state][action]
 
@@ -212,7 +221,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=NOTHING, every
             episode += 1
             returns.append(total)
         if step % every == 0:
-            training_return.append(sum(returns) / len(returns) if returns else math.nan)
+            training_return.append(plain_sum(returns) / len(returns) if returns else math.nan)
             episode_counts.append(episode)
             returns = []
 

@@ -29,7 +29,7 @@ FLOORS = {
 FACADE_FLOOR = FLOORS["report"]
 ROOF = {"", "__main__"}  # curricle/__init__ and __main__: may import anything
 MAX_FILE_LINES = 400
-MAX_FUNCTION_LINES = 60  # from `def` to the last line, docstring included; aim for 40
+MAX_FUNCTION_LINES = 60  # from `def` to the last line without the docstring; aim for 40
 
 
 class Import(NamedTuple):
@@ -127,6 +127,12 @@ def import_cycle(package: Path) -> list[str]:
     return []
 
 
+def docstring_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    first = node.body[0]
+    is_docstring = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+    return (first.end_lineno or first.lineno) - first.lineno + 1 if is_docstring else 0
+
+
 def too_long(package: Path) -> list[str]:
     """Files and functions over the limits."""
     found = []
@@ -136,7 +142,7 @@ def too_long(package: Path) -> list[str]:
             found.append(f"{name} has {lines} lines")
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1 - docstring_lines(node)
                 if lines > MAX_FUNCTION_LINES:
                     found.append(f"{name}:{node.lineno} {node.name} has {lines} lines")
     return found

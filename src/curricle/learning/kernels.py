@@ -6,14 +6,13 @@ Reading order: what the loops are given, the general loop :func:`train`, its fas
 :func:`train_q_learning`, greedy evaluation.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from curricle.learning.sampling import (
-    Rule,
     SOFTMAX,
     acting_values,
     choose,
@@ -42,16 +41,16 @@ JUDGE = np.uint64(0x5851F42D4C957F2D)
 class Model(NamedTuple):
     """The tables of a :class:`FiniteMDP`, as the loops read them."""
 
-    outcome_row: npt.NDArray[np.int32]  # (S, A)
+    outcome_row: npt.NDArray[np.integer[Any]]  # (S, A) int32
     probability: FloatArray  # (Y, O)
     cumulative: FloatArray  # (Y, O)
-    next_state: npt.NDArray[np.int32]  # (Y, O)
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O) int32
     reward: FloatArray  # (Y, O)
     terminal: npt.NDArray[np.bool_]  # (S,)
     start_states: npt.NDArray[np.int64]  # (n,)
     start_cumulative: FloatArray  # (n,)
     discount: float
-    time_limit: int  # steps; NO_LIMIT for none
+    time_limit: np.int64  # steps; NO_LIMIT for none
 
 
 class Shaping(NamedTuple):
@@ -161,7 +160,7 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
     stream, `budget` are the steps and episodes at which to stop, `every` the steps between
     checkpoints (checkpoint 0 is before the first step).
     """
-    # Arrays are taken out of their tuples here: inside the loop each access would count a reference.
+    # Arrays leave their tuples here: inside the loop each access would count a reference.
     outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
     pay, terminal, discount = model.reward, model.terminal, model.discount
     weight, phi = shaping.weight, shaping.pair_values

@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from curricle.errors import SettingError
 from curricle.learning import kernels
+from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import StateActionPotential, StatePotential
-from curricle.learning.schedules import constant
+from curricle.learning.schedules import HARMONIC, constant
 from curricle.tasks.mdp import FiniteMDP, Task
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,9 +24,6 @@ Potential = StatePotential | StateActionPotential
 
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
-
-LARGEST_EXACT = 20_000
-"""Outcomes (S x A x O) up to which ``method="auto"`` follows the greedy policy exactly."""
 
 
 @dataclass(frozen=True)
@@ -39,55 +37,6 @@ class Episodes:
     """
 
     number: int
-
-
-@dataclass(frozen=True)
-class GreedyEvaluation:
-    """How the greedy policy is judged at each checkpoint.
-
-    It is the expected return of one episode from the start distribution, cut at the time limit,
-    ties broken uniformly, in the task's own (unshaped) rewards.
-
-    Parameters
-    ----------
-    method : {"auto", "exact", "rollouts"}
-        Exactly, by following the distribution over states; or as the mean of some episodes. "auto"
-        is exact up to 20,000 outcomes (states x actions x outcomes of a pair).
-    episodes : int
-        Rollouts a checkpoint.
-    discounted : bool
-        Whether rewards are discounted, as :func:`solve` does, or summed as the paper does.
-    """
-
-    method: Literal["auto", "exact", "rollouts"] = "auto"
-    episodes: int = 100
-    discounted: bool = True
-
-    def __post_init__(self) -> None:
-        if self.method not in ("auto", "exact", "rollouts"):
-            raise SettingError(
-                f"method must be 'auto', 'exact' or 'rollouts': got {self.method!r}"
-            )
-        if self.episodes < 1:
-            raise SettingError(f"episodes of an evaluation must be at least 1: got {self.episodes}")
-
-    def settings(self, mdp: FiniteMDP) -> kernels.Evaluation:
-        """Return the evaluation of this task as the compiled loops read it."""
-        if mdp.time_limit is not None:
-            horizon = mdp.time_limit
-        elif not self.discounted:
-            raise SettingError("an undiscounted evaluation needs a task with a time limit: none set")
-        elif 0 < mdp.discount < 1:
-            horizon = int(np.ceil(np.log(NEGLIGIBLE) / np.log(mdp.discount)))
-        else:
-            horizon = 1 if mdp.discount == 0 else int(kernels.NO_LIMIT)
-        outcomes = mdp.outcome_row.size * mdp.probability.shape[1]
-        exact = self.method == "exact" or (self.method == "auto" and outcomes <= LARGEST_EXACT)
-        return kernels.Evaluation(exact, self.episodes, self.discounted, horizon, NEGLIGIBLE)
-
-
-NEGLIGIBLE = 1e-9
-"""Probability (or discounted weight) of still being under way at which an evaluation stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +164,7 @@ def learn(
         raise SettingError(f"workers must be at least 1: got {workers}")
 
     model, rule = _model(mdp), learner.rule()
+    counted = rule.learning_rate.shape == HARMONIC
     shape = (mdp.states.size, mdp.actions.size)
     tables = np.empty((len(seeds), learner.tables, *shape))
     initial = np.where(mdp.terminal[:, None], 0.0, float(learner.initial_value))
@@ -225,7 +175,7 @@ def learn(
         if mine is not None and how in ("initialise", "look_ahead"):
             q += mine.values
         record = _empty_record(longest // every + 1)
-        visits = np.zeros(shape if rule.learning_rate.shape == kernels.HARMONIC else (1, 1), int)
+        visits = np.zeros(shape if counted else (1, 1), dtype=np.int64)
         random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
         limits = (np.int64(steps), np.int64(episodes))
         if learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN:
@@ -252,7 +202,9 @@ def seed_tuple(seeds: int | Sequence[int]) -> tuple[int, ...]:
         return tuple(range(int(seeds)))
     numbers = tuple(int(s) for s in seeds)
     if not numbers or len(set(numbers)) != len(numbers) or min(numbers) < 0:
-        raise SettingError(f"seeds must be different whole numbers from 0, at least one: got {seeds}")
+        raise SettingError(
+            f"seeds must be different whole numbers from 0, at least one: got {seeds}"
+        )
     return numbers
 
 
@@ -297,15 +249,13 @@ def _potentials(
         )
     if potential is None:
         return [None] * n_seeds
-    each = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
+    each: list[Any] = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
     if len(each) != n_seeds:
         raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
     wanted = StatePotential if how == "state" else StateActionPotential
     for one in each:
         if not isinstance(one, wanted):
-            raise SettingError(
-                f"how={how!r} takes a {wanted.__name__}: got a {type(one).__name__}"
-            )
+            raise SettingError(f"how={how!r} takes a {wanted.__name__}: got a {type(one).__name__}")
         if one.task.mdp is not mdp:
             raise SettingError(
                 f"a potential must be made for the task it shapes: it belongs to {one.task}"
@@ -331,9 +281,7 @@ def _shaping(potential: Potential | None, how: How) -> kernels.Shaping:
         )
     if potential is None or how not in _WAYS:
         return nothing
-    return nothing._replace(
-        way=_WAYS[how], weight=potential.weight, pair_values=potential.values
-    )
+    return nothing._replace(way=_WAYS[how], weight=potential.weight, pair_values=potential.values)
 
 
 _WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
@@ -351,11 +299,19 @@ def _taken_off(shaping: kernels.Shaping, step: int) -> Any:
 
 
 def _model(mdp: FiniteMDP) -> kernels.Model:
-    limit = kernels.NO_LIMIT if mdp.time_limit is None else np.int64(mdp.time_limit)
+    limit = np.int64(kernels.NO_LIMIT if mdp.time_limit is None else mdp.time_limit)
     return kernels.Model(
-        mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward,
-        mdp.terminal, mdp.start_states, mdp.start_cumulative, float(mdp.discount), limit,
-    )  # fmt: skip
+        mdp.outcome_row,
+        mdp.probability,
+        mdp.cumulative,
+        mdp.next_state,
+        mdp.reward,
+        mdp.terminal,
+        mdp.start_states,
+        mdp.start_cumulative,
+        float(mdp.discount),
+        limit,
+    )
 
 
 def _empty_record(n: int) -> kernels.Record:

@@ -1,10 +1,11 @@
-"""The learners: which update, how fast, and how they explore. Frozen values; :func:`learn` runs them."""
+"""The learners: which update, how fast, how they explore. Values that :func:`learn` runs."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from curricle.errors import SettingError
-from curricle.learning import kernels, sampling
+from curricle.learning import kernels
+from curricle.learning.sampling import EPSILON_GREEDY, SOFTMAX, Rule
 from curricle.learning.schedules import Schedule, within
 
 
@@ -47,14 +48,14 @@ class Learner:
         within("initial_value", self.initial_value, -1e300, 1e300)
         self.rule()
 
-    def rule(self) -> Any:
+    def rule(self) -> Rule:
         """Return the learner as the compiled loops read it."""
         rate = within("learning_rate", self.learning_rate, 0.0, 1.0)
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e300)
-            return kernels.Rule(self.update, rate, sampling.SOFTMAX, beta)
+            return Rule(self.update, rate, SOFTMAX, beta)
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
-        return kernels.Rule(self.update, rate, sampling.EPSILON_GREEDY, epsilon)
+        return Rule(self.update, rate, EPSILON_GREEDY, epsilon)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy.typing as npt
 from numba import njit
 
 from curricle.errors import SettingError
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, endless_states
+from curricle.tasks.endless import endless_states
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task
 
 FloatArray = npt.NDArray[np.float64]
 Array = TypeVar("Array", bound=npt.NDArray[np.generic])
@@ -164,7 +165,9 @@ def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
     n_states, n_actions = mdp.states.size, mdp.actions.size
     if given.shape == (n_states,):
         if not np.issubdtype(given.dtype, np.integer):
-            raise SettingError(f"a policy of one action a state must be integers: got {given.dtype}")
+            raise SettingError(
+                f"a policy of one action a state must be integers: got {given.dtype}"
+            )
         bad = np.flatnonzero((given < 0) | (given >= n_actions))
         if bad.size:
             raise SettingError(
@@ -198,9 +201,18 @@ def _iterate(
     unit = terms * EPSILON  # relative rounding error of one backup
     values = np.zeros(mdp.states.size)
     change = sweeps(
-        mdp.outcome_row, mdp.probability, mdp.next_state, mdp.reward, mdp.terminal,
-        mdp.discount, policy, greedy, values, tolerance / (2 * horizon), unit,
-    )  # fmt: skip
+        mdp.outcome_row,
+        mdp.probability,
+        mdp.next_state,
+        mdp.reward,
+        mdp.terminal,
+        mdp.discount,
+        policy,
+        greedy,
+        values,
+        tolerance / (2 * horizon),
+        unit,
+    )
     rounding = unit * (float(abs(mdp.reward).max()) + float(abs(values).max()))
     error = (change + rounding) * horizon
     if error > tolerance:
@@ -219,7 +231,9 @@ def _horizon(mdp: FiniteMDP, policy: FloatArray, greedy: bool) -> float:
     """
     if mdp.discount < 1:
         return 1 / (1 - mdp.discount)
-    endless = endless_states(mdp, policy > 0)
+    endless = endless_states(
+        mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state, policy > 0
+    )
     if endless.size:
         raise SettingError(
             "discount 1 needs every policy considered to end: from state "
@@ -227,17 +241,35 @@ def _horizon(mdp: FiniteMDP, policy: FloatArray, greedy: bool) -> float:
         )
     length = np.zeros(mdp.states.size)
     growth = sweeps(
-        mdp.outcome_row, mdp.probability, mdp.next_state, np.ones_like(mdp.reward), mdp.terminal,
-        1.0, policy, greedy, length, 0.5, EPSILON,
-    )  # fmt: skip
-    return float(length.max()) / (1 - growth) + 1
+        mdp.outcome_row,
+        mdp.probability,
+        mdp.next_state,
+        np.ones_like(mdp.reward),
+        mdp.terminal,
+        1.0,
+        policy,
+        greedy,
+        length,
+        0.5,
+        EPSILON,
+    )
+    return float(length.max() / (1 - growth)) + 1
 
 
 @njit(cache=True, nogil=True)
 def sweeps(
-    outcome_row, probability, next_state, reward, terminal, discount, policy, greedy, values,
-    enough, unit,
-):  # fmt: skip
+    outcome_row,
+    probability,
+    next_state,
+    reward,
+    terminal,
+    discount,
+    policy,
+    greedy,
+    values,
+    enough,
+    unit,
+):
     """Back up `values` in place, whole sweeps, until no value changes by more than `enough`.
 
     Or until the changes are mere rounding, `unit` times the size of the numbers. Returns the

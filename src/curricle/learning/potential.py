@@ -83,7 +83,8 @@ class StatePotential:
     ) -> FloatArray:
         """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, of the shape of the states."""
         discount = self.task.mdp.discount
-        return np.asarray(discount * self.at(step + 1)[next_state] - self.at(step)[state])
+        here, there = np.asarray(state), np.asarray(next_state)
+        return np.asarray(discount * self.at(step + 1)[there] - self.at(step)[here])
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +144,9 @@ class StateActionPotential:
     ) -> FloatArray:
         """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
         phi, discount = self.values, self.task.mdp.discount
-        return np.asarray(discount * phi[next_state, next_action] - phi[state, action])
+        here = phi[np.asarray(state), np.asarray(action)]
+        there = phi[np.asarray(next_state), np.asarray(next_action)]
+        return np.asarray(discount * there - here)
 
 
 def _finite(given: npt.ArrayLike, name: str) -> FloatArray:

@@ -84,7 +84,7 @@ def rollout(
     state = int(rng.choice(mdp.states.size, p=mdp.start)) if start is None else start
     if not 0 <= state < mdp.states.size or mdp.terminal[state]:
         raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
-    states, actions, rewards = [state], [], []
+    states, actions, rewards = [state], list[int](), list[float]()
     while len(actions) < limit and not mdp.terminal[states[-1]]:
         action = int(rng.choice(mdp.actions.size, p=table[states[-1]]))
         row = mdp.outcome_row[states[-1], action]

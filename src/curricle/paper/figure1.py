@@ -1,4 +1,4 @@
-"""F1: what Svetlik's mapping covers (paper E4): where the source's objects recur, and only there."""
+"""F1: what Svetlik's mapping (paper E4) covers: where the source's objects recur."""
 
 import numpy as np
 
@@ -17,9 +17,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     """Return figure 1; nothing is learnt, so `seeds` and `workers` do not matter."""
     del seeds, workers
     source = GridWorld(SOURCE, start="uniform", representation="relative")
-    targets = {
-        name: GridWorld(text, representation="relative") for name, text in TARGETS.items()
-    }
+    targets = {name: GridWorld(text, representation="relative") for name, text in TARGETS.items()}
     mappings = {name: relative_objects(target, source) for name, target in targets.items()}
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)
@@ -29,27 +27,34 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         matched = mappings[name].mapped_states()
         draw_maze(panel, target, marked=matched)
         free = ~target.mdp.terminal
-        panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states get a value")
-        rows += [(name, int(r), int(c), bool(m)) for (r, c), m in zip(target.cells, matched, strict=True)]
+        panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
+        rows += [
+            (name, int(r), int(c), bool(m)) for (r, c), m in zip(target.cells, matched, strict=True)
+        ]
     tick("coverage of Svetlik's mapping")
     coverage = {name: mapping.coverage() for name, mapping in mappings.items()}
     shares = {name: cover.mapped for name, cover in coverage.items()}
     return FigureResult(
         name="figure1",
         title="Figure 1: what Svetlik's mapping covers",
-        caption="States of two targets that match a state of the source under the relative-position "
-        "representation (framed). T treasure, P pit, F fire. Target B differs in one pit, so the "
-        "source's drawing fits nowhere and no state gets a value. Exact; nothing is sampled.",
+        caption="Framed: states of two targets that match a state of the source under the "
+        "relative-position representation. T treasure, P pit, F fire. Target B differs in one "
+        "pit, so the source's drawing fits nowhere and no state gets a value. Exact; nothing "
+        "is sampled.",
         figure=figure,
         tables={
-            "figure1": dict(zip(
-                ("target", "row", "column", "matched"),
-                (np.array(column) for column in zip(*rows, strict=True)), strict=True,
-            ))
+            "figure1": dict(
+                zip(
+                    ("target", "row", "column", "matched"),
+                    (np.array(column) for column in zip(*rows, strict=True)),
+                    strict=True,
+                )
+            )
         },
         claims=(
             Claim(
-                "f1.coverage", "1",
+                "f1.coverage",
+                "1",
                 "Svetlik's mapping carries knowledge only to target states where all of the "
                 "source's objects lie alike around the agent; a target can get nothing",
                 "a 3x3 source with one pit, two 6x6 targets",
@@ -58,4 +63,4 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
             ),
         ),
         settings={"state": "positions of all objects relative to the agent (Svetlik et al. 2017)"},
-    )  # fmt: skip
+    )

@@ -1,6 +1,6 @@
 """F2: the maze with its optimal path, and learning it with and without transfer."""
 
-from curricle import Solution, Trajectory, rollout, solve, steps_saved
+from curricle import Curve, Solution, Trajectory, rollout, solve, time_to_threshold
 from curricle.paper import transferred_maze as runs
 from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
 from curricle.report.plotting import COLOURS, draw_curve, draw_maze, new_figure
@@ -24,42 +24,64 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
     panel = axes[0, 1]
     draw_curve(panel, direct.curve, label="without transfer", colour="black", window=runs.WINDOW)
-    draw_curve(panel, curve, label=f"from the top-right {SIZE}x{SIZE}, source steps free",
-               colour="blue", window=runs.WINDOW)  # fmt: skip
-    draw_curve(panel, curve, label="the same, source steps charged", colour="sky",
-               window=runs.WINDOW, strong=True, dashes="--")  # fmt: skip
+    draw_curve(
+        panel,
+        curve,
+        label=f"from the top-right {SIZE}x{SIZE}, source steps free",
+        colour="blue",
+        window=runs.WINDOW,
+    )
+    draw_curve(
+        panel,
+        curve,
+        label="the same, source steps charged",
+        colour="sky",
+        window=runs.WINDOW,
+        strong=True,
+        dashes="--",
+    )
     panel.axhline(direct.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
-    panel.annotate("threshold", (0, direct.threshold), fontsize=8, color=COLOURS["grey"], va="bottom")
-    panel.set(xlabel="steps", ylabel="greedy return (sum of rewards)", title="learning curves",
-              ylim=(-1700, 150), xlim=(0, None))  # fmt: skip
+    panel.annotate(
+        "threshold", (0, direct.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
+    )
+    panel.set(
+        xlabel="steps",
+        ylabel="greedy return (sum of rewards)",
+        title="learning curves",
+        ylim=(-1700, 150),
+        xlim=(0, None),
+    )
     panel.legend(loc="lower right")
     return FigureResult(
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
-        caption=f"Left: the maze (S lower left), step reward -5. Right: mean over {seeds} seeds with "
-        "95 % bootstrap bands, moving mean of 10 checkpoints.",
+        caption="Left: the maze (start lower left), step reward -5. Right: mean over "
+        f"{seeds} seeds with 95 % bootstrap bands, moving mean of 10 checkpoints.",
         figure=figure,
         tables={"figure2": runs.curve_table({"direct": direct.curve, "transfer": curve})},
         claims=_claims(optimal, path, direct, curve),
-        settings={**runs.SETTINGS, "step reward": "-5 (as run)", "source": f"top-right {SIZE}x{SIZE}"},
+        settings={
+            **runs.SETTINGS,
+            "step reward": "-5 (as run)",
+            "source": f"top-right {SIZE}x{SIZE}",
+        },
     )
 
 
 def _claims(
-    optimal: dict[float, Solution], path: Trajectory, direct: runs.Direct, curve: runs.Curve
+    optimal: dict[float, Solution], path: Trajectory, direct: runs.Direct, curve: Curve
 ) -> tuple[Claim, ...]:
-    n = min(curve.steps.size, direct.curve.steps.size)
-    arms = [runs.Curve(c.steps[:n], c.values[:, :n], c.source_steps) for c in (direct.curve, curve)]
-    saved = {
-        strong: over_seeds(
-            steps_saved(*arms, direct.threshold, window=runs.WINDOW, strong=strong)
-        )
+    times = {
+        strong: time_to_threshold(curve, direct.threshold, window=runs.WINDOW, strong=strong)
         for strong in (False, True)
     }
+    saved = {strong: over_seeds(direct.times.steps - times[strong].steps) for strong in times}
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
     return (
         Claim(
-            "f2.optimum", "2", "The optimal path leads through the maze in 34 moves",
+            "f2.optimum",
+            "2",
+            "The optimal path leads through the maze in 34 moves",
             "exact value iteration; discount 0.99",
             verdict(len(path) == 34 and right),
             {
@@ -69,7 +91,9 @@ def _claims(
             },
         ),
         Claim(
-            "f2.faster", "2", "Transfer from a sub-maze reaches the threshold earlier",
+            "f2.faster",
+            "2",
+            "Transfer from a sub-maze reaches the threshold earlier",
             f"source of size {SIZE}, step reward -5; paired over seeds",
             verdict(saved[False]["low"] > 0),
             {
@@ -78,4 +102,4 @@ def _claims(
                 "steps saved, source steps charged": saved[True],
             },
         ),
-    )  # fmt: skip
+    )

@@ -66,8 +66,9 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         title="Figure 3: how large a source?",
         caption="Top: steps saved to the threshold by sources of size 1 to 10 (top-right corner, "
         f"uniform start), mean over {seeds} seeds and 95 % bootstrap intervals; hollow: no more "
-        "than this was saved, since some seeds never reached the threshold in 800 episodes. Size 1 "
-        "holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 source with "
+        "than this was saved, since some seeds never reached the threshold in 800 episodes. "
+        "Size 1 holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 "
+        "source, with "
         "the target's optimal path, which leaves the corner and comes back. Bottom right: a "
         "full-size source with a uniform and with the target's fixed start.",
         figure=figure,
@@ -94,21 +95,32 @@ def _arm(
 
 
 def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> None:
-    for label, colour, shift in (("source steps free", "blue", -0.1),
-                                 ("source steps charged", "orange", 0.1)):  # fmt: skip
+    for label, colour, shift in (
+        ("source steps free", "blue", -0.1),
+        ("source steps charged", "orange", 0.1),
+    ):
         panel.plot(1 + shift, 0, "o", color=COLOURS[colour], label=label, ms=5)
         for size in SIZES:
             arm = arms[size]
             saved = arm.saved - (arm.cost if colour == "orange" else 0)
             mean = over_seeds(saved / 1000)
             panel.errorbar(
-                size + shift, mean["estimate"], capsize=2, color=COLOURS[colour], fmt="o", ms=5,
+                size + shift,
+                mean["estimate"],
+                capsize=2,
+                color=COLOURS[colour],
+                fmt="o",
+                ms=5,
                 yerr=np.abs([[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]),
                 mfc=COLOURS[colour] if arm.reached == seeds else "white",
-            )  # fmt: skip
+            )
     panel.axhline(0, color=COLOURS["grey"], lw=0.8)
-    panel.set(xlabel="size of the source (cells a side)", ylabel="steps saved (thousands)",
-              title=title, xticks=range(1, 11))  # fmt: skip
+    panel.set(
+        xlabel="size of the source (cells a side)",
+        ylabel="steps saved (thousands)",
+        title=title,
+        xticks=range(1, 11),
+    )
     panel.legend(loc="lower right")
 
 
@@ -116,8 +128,12 @@ def _draw_corner(panel: Any, arm: Arm) -> None:
     arena = maze(-5)
     block = runs.corner(arena, 3)
     path = rollout(arena, solve(arena).policy).states
-    draw_maze(panel, block, values=arm.source_values.max(axis=2).mean(axis=0),
-              value_label="max Q of the source (return)")  # fmt: skip
+    draw_maze(
+        panel,
+        block,
+        values=arm.source_values.max(axis=2).mean(axis=0),
+        value_label="max Q of the source (return)",
+    )
     cells = arena.cells[path]
     panel.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
     panel.set_title("the 3x3 source, and the target's optimal path")
@@ -127,15 +143,27 @@ def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> Non
     labels = []
     for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
         arm = results[step][start]
-        for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.saved - arm.cost, "orange")):
+        for shift, values, colour in (
+            (-0.2, arm.saved, "blue"),
+            (0.2, arm.saved - arm.cost, "orange"),
+        ):
             mean = over_seeds(values / 1000)
-            panel.bar(x + shift, mean["estimate"], 0.38, color=COLOURS[colour],
-                      yerr=np.abs([[mean["estimate"] - mean["low"]],
-                                   [mean["high"] - mean["estimate"]]]), capsize=2)  # fmt: skip
+            panel.bar(
+                x + shift,
+                mean["estimate"],
+                0.38,
+                color=COLOURS[colour],
+                yerr=np.abs([[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]),
+                capsize=2,
+            )
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
     panel.axhline(0, color=COLOURS["grey"], lw=0.8)
-    panel.set(xticks=range(4), xticklabels=labels, ylabel="steps saved (thousands)",
-              title="full-size source: blue free, orange charged")  # fmt: skip
+    panel.set(
+        xticks=range(4),
+        xticklabels=labels,
+        ylabel="steps saved (thousands)",
+        title="full-size source: blue free, orange charged",
+    )
 
 
 # -- data and claims -----------------------------------------------------------------------------
@@ -143,11 +171,18 @@ def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> Non
 
 def _table(results: Mapping[float, Mapping[Any, Arm]]) -> dict[str, npt.NDArray[Any]]:
     rows = [
-        (step, 10 if key == "fixed" else key, "map" if key == "fixed" else "uniform", k,
-         arm.saved[k], arm.cost[k])
-        for step, arms in results.items() for key, arm in arms.items()
+        (
+            step,
+            10 if key == "fixed" else key,
+            "map" if key == "fixed" else "uniform",
+            k,
+            arm.saved[k],
+            arm.cost[k],
+        )
+        for step, arms in results.items()
+        for key, arm in arms.items()
         for k in range(len(arm.saved))
-    ]  # fmt: skip
+    ]
     names = ("step_reward", "size", "start", "seed", "steps_saved", "source_steps")
     return {n: np.array(column) for n, column in zip(names, zip(*rows, strict=True), strict=True)}
 
@@ -173,46 +208,51 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
         large = [saved[size] for size in range(4, 11)]
         mean = np.mean([s["estimate"] for s in large])
         alike = all(s["low"] > 0 and abs(s["estimate"] - mean) < mean / 3 for s in large)
+        n_seeds = len(arms[3].saved)
         claims += [
             Claim(
-                f"f3.size-3-hurts.{tag}", "3", "A source of size 3 makes learning slower", setting,
+                f"f3.size-3-hurts.{tag}",
+                "3",
+                "A source of size 3 makes learning slower",
+                setting,
                 verdict(saved[3]["high"] < 0),
                 {
                     "steps saved within 800 episodes (at most)": saved[3],
-                    "seeds that reached the threshold": f"{arms[3].reached} of {len(arms[3].saved)}",
+                    "seeds that reached the threshold": f"{arms[3].reached} of {n_seeds}",
                     f"steps saved when run on for {LONG:,} steps": over_seeds(longer[step].saved),
-                    "seeds that reached it then": f"{longer[step].reached} of {len(arms[3].saved)}",
+                    "seeds that reached it then": f"{longer[step].reached} of {n_seeds}",
                 },
             ),
             Claim(
-                f"f3.large-alike.{tag}", "3", "Sources of size 4 to 10 save about as much", setting,
+                f"f3.large-alike.{tag}",
+                "3",
+                "Sources of size 4 to 10 save about as much",
+                setting,
                 verdict(alike),
                 {f"steps saved, size {size}": saved[size] for size in range(4, 11)},
             ),
             Claim(
-                f"f3.strong-smaller.{tag}", "3",
+                f"f3.strong-smaller.{tag}",
+                "3",
                 "(Not charged in the paper.) With source steps charged the gains are smaller",
                 setting,
                 verdict(all(net[s]["estimate"] < saved[s]["estimate"] for s in SIZES)),
                 {f"net steps saved, size {size}": net[size] for size in SIZES},
             ),
             _control(arms, setting, tag),
-        ]  # fmt: skip
+        ]
     return [*claims, _leaves_the_corner()]
 
 
 def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
-    """Does a random start explain why a full-size source beats direct learning?"""
+    """Answer whether a random start explains why a full-size source beats direct learning."""
     fixed, uniform = arms["fixed"], arms[10]
     net_fixed, net_uniform = (over_seeds(arm.saved - arm.cost) for arm in (fixed, uniform))
     explained = net_fixed["low"] < 500 and net_uniform["low"] > max(0, net_fixed["high"])
     return Claim(
-        f"f3.random-start.{tag}", "3",
-        "Open question: does random initialisation explain why a full-size source beats direct "
-        "learning? Yes: with the target's own fixed start it gains nothing net, with a "
-        "uniform start it does" if explained else
-        "Open question: does random initialisation explain why a full-size source beats direct "
-        "learning? Not by these runs",
+        f"f3.random-start.{tag}",
+        "3",
+        f"{_QUESTION} {_YES if explained else _NO}",
         f"{setting}; full-size source, fixed against uniform start",
         "explained" if explained else "not reproduced",
         {
@@ -223,7 +263,15 @@ def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
             "uniform start, source steps": over_seeds(uniform.cost),
             "uniform start, net": net_uniform,
         },
-    )  # fmt: skip
+    )
+
+
+_QUESTION = (
+    "Open question: does random initialisation explain why a full-size source beats "
+    "direct learning?"
+)
+_YES = "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
+_NO = "Not by these runs."
 
 
 def _leaves_the_corner() -> Claim:
@@ -233,9 +281,10 @@ def _leaves_the_corner() -> Claim:
     inside = (rows < 3) & (columns > 6)
     visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
     return Claim(
-        "f3.leaves-corner", "3",
+        "f3.leaves-corner",
+        "3",
         "The optimal path leaves the 3x3 corner and comes back, so the source cannot know it",
         "exact; step reward -5",
         verdict(visits >= 2),
         {"times the path enters the corner": visits},
-    )  # fmt: skip
+    )

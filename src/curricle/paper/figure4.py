@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle import (
     UNMAPPED,
@@ -43,9 +44,16 @@ CHECKPOINTS = 35
 PAPER_SEEDS = 5
 AGGREGATES = {"max": maximum, "mean": mean, "min": minimum, "total": total}
 COLOURS = {
-    "baseline": "black", "source": "grey", "max": "vermillion", "mean": "blue", "min": "green",
-    "total": "purple", "scale 0.5": "orange", "scale 1": "blue", "scale 2": "green",
-}  # fmt: skip
+    "baseline": "black",
+    "source": "grey",
+    "max": "vermillion",
+    "mean": "blue",
+    "min": "green",
+    "total": "purple",
+    "scale 0.5": "orange",
+    "scale 1": "blue",
+    "scale 2": "green",
+}
 SOFTMAX = QLearning(learning_rate=LEARNING_RATE, inverse_temperature=INVERSE_TEMPERATURE)
 GREEDY = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
@@ -85,25 +93,36 @@ class Setting:
 
 
 def _hunt(size: int = 4, capture: Any = "all", **rules: Any) -> Pursuit:
-    return Pursuit(size, 2, capture=capture, **{"discount": DISCOUNT, "time_limit": EPISODE_CAP, **rules})
+    return Pursuit(
+        size, 2, capture=capture, **{"discount": DISCOUNT, "time_limit": EPISODE_CAP, **rules}
+    )
 
 
 SETTINGS = {
     "as published": Setting(
-        "as published: first touch ends, shared cells unmapped", _hunt(capture="as_published"),
-        SOFTMAX, colocated=False,
+        "as published: first touch ends, shared cells unmapped",
+        _hunt(capture="as_published"),
+        SOFTMAX,
+        colocated=False,
     ),
     "as published, all mapped": Setting(
-        "control: as published, but every state mapped", _hunt(capture="as_published"),
-        SOFTMAX, baseline=False,
+        "control: as published, but every state mapped",
+        _hunt(capture="as_published"),
+        SOFTMAX,
+        baseline=False,
     ),
     "as stated": Setting("as stated: both must catch, every state mapped", _hunt(), SOFTMAX),
     "epsilon-greedy": Setting(
         "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled",
-        _hunt(5, discount=0.95, time_limit=100), GREEDY, aggregates=(), baseline=False,
-        scales=(0.5, 1.0, 2.0), source_budget=400_000, target_steps=400_000,
+        _hunt(5, discount=0.95, time_limit=100),
+        GREEDY,
+        aggregates=(),
+        baseline=False,
+        scales=(0.5, 1.0, 2.0),
+        source_budget=400_000,
+        target_steps=400_000,
     ),
-}  # fmt: skip
+}
 
 
 def mappings(setting: Setting) -> list[StateActionMapping]:
@@ -127,9 +146,15 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
     arms = {}
     if setting.baseline:
         arms["baseline"] = learn(
-            setting.hunt, setting.learner, setting.target_steps, seeds=seeds, every=every,
-            evaluation=ROLLOUTS, stream="hunt", workers=workers,
-        )  # fmt: skip
+            setting.hunt,
+            setting.learner,
+            setting.target_steps,
+            seeds=seeds,
+            every=every,
+            evaluation=ROLLOUTS,
+            stream="hunt",
+            workers=workers,
+        )
         tick(f"{setting.title}: baseline")
     f = mappings(setting)
     plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
@@ -153,34 +178,33 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
 
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     """Return figure 4."""
-    results = {
-        name: run(setting, seeds, workers, tick) for name, setting in SETTINGS.items()
-    }
+    results = {name: run(setting, seeds, workers, tick) for name, setting in SETTINGS.items()}
     few = min(seeds, PAPER_SEEDS)
     figure, axes = new_figure(len(SETTINGS), 2, width=11, height=3.4 * len(SETTINGS))
     for row, (name, arms) in zip(axes, results.items(), strict=True):
         for panel, count in zip(row, (few, seeds), strict=True):
             _draw(panel, arms, count, name)
-            panel.set_title(f"{SETTINGS[name].title} ({count} seeds)", fontsize=9)
+            panel.set_title(f"{SETTINGS[name].title} ({count} seeds)")
+        row[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return FigureResult(
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
-        caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with 95 % "
-        "bootstrap bands. Rows 1 to 3: return of the greedy policy (100 rollouts a checkpoint), "
-        "4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
+        caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with "
+        "95 % bootstrap bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
+        "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
         "return of the training episodes on 5x5. Source steps are not charged here; they are in "
         "the data and the evidence. Returns below -10 are drawn on a logarithmic scale.",
         figure=figure,
         tables={"figure4": _table(results)},
         claims=tuple(claims(results, SETTINGS, mappings)),
         settings={
-            "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse temperature "
-            f"{INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
+            "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse "
+            f"temperature {INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
             "tasks": "4x4 walls, five moves, discount 0.99, cut at 200 (row 4: 5x5, 0.95, 100)",
             "budget": "2,000 source episodes, 350,000 target steps (row 4: 400,000 steps each)",
             "entering": "Q of the target starts as phi (Wiewiora 2003)",
         },
-    )  # fmt: skip
+    )
 
 
 def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: str) -> None:
@@ -196,21 +220,33 @@ def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: s
     panel.set_yticks([], minor=True)
     low, high = panel.dataLim.intervaly
     panel.set_ylim(1.15 * low, min(-0.5, high + 1))
-    panel.set(xlabel="steps", ylabel="training return" if training else "greedy return")
-    panel.legend(loc="lower right", ncols=3, fontsize=7)
+    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+    panel.set(xlabel="steps (thousands)", ylabel="training return" if training else "greedy return")
 
 
-def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, np.ndarray]:
+def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt.NDArray[Any]]:
     names = ("setting", "arm", "seed", "steps", "source_steps", "training_return", "greedy_return")
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
     for setting, arms in results.items():
         for arm, result in arms.items():
             n_seeds, n = result.greedy_return.shape
-            spent = 0 * result.steps_used if arm in ("baseline", "source") else arms["source"].steps_used
-            for name, column in zip(names, (
-                np.full(n_seeds * n, setting), np.full(n_seeds * n, arm),
-                np.repeat(result.seeds, n), np.tile(result.steps, n_seeds), np.repeat(spent, n),
-                result.training_return.ravel(), result.greedy_return.ravel(),
-            ), strict=True):  # fmt: skip
+            spent = (
+                0 * result.steps_used
+                if arm in ("baseline", "source")
+                else arms["source"].steps_used
+            )
+            for name, column in zip(
+                names,
+                (
+                    np.full(n_seeds * n, setting),
+                    np.full(n_seeds * n, arm),
+                    np.repeat(result.seeds, n),
+                    np.tile(result.steps, n_seeds),
+                    np.repeat(spent, n),
+                    result.training_return.ravel(),
+                    result.greedy_return.ravel(),
+                ),
+                strict=True,
+            ):
                 parts[name].append(column)
     return {name: np.concatenate(columns) for name, columns in parts.items()}

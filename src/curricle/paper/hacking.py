@@ -1,10 +1,13 @@
 """Reward hacking, which the paper tells in words: a bonus that makes the agent loop for ever."""
 
+from typing import Any
+
 import numpy as np
 
 from curricle import (
     Curve,
     GridWorld,
+    How,
     QLearning,
     Rewards,
     StateActionPotential,
@@ -25,10 +28,13 @@ from curricle.paper.settings import (
 from curricle.paper.transferred_maze import curve_table
 from curricle.report.plotting import draw_curve, draw_maze, new_figure
 
+CAP = 100
 MAZE = GridWorld(
     ["S....", "..#..", "..#.T", ".....", "....."],
-    rewards=Rewards(step=-1, treasure=20), discount=0.95, time_limit=100,
-)  # fmt: skip
+    rewards=Rewards(step=-1, treasure=20),
+    discount=0.95,
+    time_limit=CAP,
+)
 STEPS = 30_000
 LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 COLOURS = {"no shaping": "black", "as a bonus": "vermillion", "as a potential": "green"}
@@ -44,12 +50,23 @@ def nearness() -> StateActionPotential:
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     """Return the picture of reward hacking."""
     hint = nearness()
-    arms = {"no shaping": {}, "as a bonus": {"potential": hint, "how": "bonus"},
-            "as a potential": {"potential": hint.to_state(), "how": "state"}}  # fmt: skip
+    arms: dict[str, tuple[Any, How]] = {
+        "no shaping": (None, "initialise"),
+        "as a bonus": (hint, "bonus"),
+        "as a potential": (hint.to_state(), "state"),
+    }
     results = {}
-    for name, shaping in arms.items():
-        results[name] = learn(MAZE, LEARNER, STEPS, seeds=seeds, evaluation=SUMMED,
-                              workers=workers, **shaping)  # fmt: skip
+    for name, (potential, how) in arms.items():
+        results[name] = learn(
+            MAZE,
+            LEARNER,
+            STEPS,
+            seeds=seeds,
+            potential=potential,
+            how=how,
+            evaluation=SUMMED,
+            workers=workers,
+        )
         tick(f"reward hacking: {name}")
     figure, axes = new_figure(1, 3, width=11, height=3.6)
     for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
@@ -66,19 +83,20 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     return FigureResult(
         name="hacking",
         title="Reward hacking: a bonus is not a potential",
-        caption="The same hint, 'being near the treasure is good', added to the reward outright and "
-        "as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
+        caption="The same hint, 'being near the treasure is good', added to the reward outright "
+        "and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
         f"{seeds} seeds with 95 % bootstrap bands.",
         figure=figure,
         tables={"hacking": curve_table({n: Curve.of(r) for n, r in results.items()})},
         claims=(
             Claim(
-                "hacking.bonus-loops", "hacking",
+                "hacking.bonus-loops",
+                "hacking",
                 "A reward that is not a potential difference can make the agent loop instead of "
                 "finishing (E3); as a potential the same hint leaves the optimum alone",
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(
-                    bool((final["as a bonus"] <= -MAZE.time_limit).mean() > 0.9)
+                    bool((final["as a bonus"] <= -CAP).mean() > 0.9)
                     and bool((final["as a potential"] > 0).all())
                 ),
                 {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
@@ -88,4 +106,4 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
             "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}",
             "budget": f"{STEPS:,} steps",
         },
-    )  # fmt: skip
+    )

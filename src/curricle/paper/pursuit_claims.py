@@ -1,9 +1,10 @@
-"""What figure 4 shows: the claims of the pursuit experiment, each decided on intervals over seeds."""
+"""What figure 4 shows: the claims of the pursuit experiment, decided on intervals over seeds."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle import (
     LearningResult,
@@ -20,12 +21,17 @@ from curricle import (
 )
 from curricle.paper.settings import Claim, evidence, over_seeds, verdict
 
+FloatArray = npt.NDArray[np.float64]
 Arms = Mapping[str, LearningResult]
 
-VALUES = {
-    (4, "all"): -3.482, (4, "as_published"): -2.1949, (4, "any"): -1.350,
-    (5, "all"): -4.5541, (5, "as_published"): -2.8786, (5, "any"): -1.9853,
-}  # fmt: skip
+VALUES: dict[tuple[int, Any], float] = {
+    (4, "all"): -3.482,
+    (4, "as_published"): -2.1949,
+    (4, "any"): -1.350,
+    (5, "all"): -4.5541,
+    (5, "as_published"): -2.8786,
+    (5, "any"): -1.9853,
+}
 """Mean of V* over all states (caught ones counted as 0), discount 0.99, computed independently."""
 
 TRANSFERS = ("max", "mean", "min", "total")
@@ -46,16 +52,16 @@ def claims(
     yield _why_max(settings, mappings)
 
 
-def _start(result: LearningResult) -> np.ndarray:
+def _start(result: LearningResult) -> FloatArray:
     """The greedy return over the first checkpoints, (K,)."""
     return np.asarray(result.greedy_return[:, :TAIL].mean(axis=1))
 
 
-def _end(result: LearningResult) -> np.ndarray:
+def _end(result: LearningResult) -> FloatArray:
     return np.asarray(result.greedy_return[:, -TAIL:].mean(axis=1))
 
 
-def _better(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
+def _better(a: FloatArray, b: FloatArray) -> dict[str, Any]:
     return evidence(paired_difference(a, b))
 
 
@@ -65,54 +71,69 @@ def _exact_values() -> Claim:
         for size, rule in VALUES
     }
     return Claim(
-        "f4.exact-values", "4",
+        "f4.exact-values",
+        "4",
         "The three readings of the task have different optima: both catch, as published, "
         "first touch",
         "exact value iteration; mean of V* over all states, discount 0.99",
         verdict(all(abs(found[key] - value) < 6e-4 for key, value in VALUES.items())),
         {f"{size}x{size}, {rule}": value for (size, rule), value in found.items()},
-    )  # fmt: skip
+    )
 
 
 def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, episodes end at the first touch, shared cells unmapped (Q = 0)"
     ahead = {n: _better(_start(arms[n]), _start(arms["baseline"])) for n in TRANSFERS}
     yield Claim(
-        "f4.published.good-start", "4", "Transfer gives a far better start than no transfer",
-        setting, verdict(all(gap["low"] > 0 for gap in ahead.values())),
+        "f4.published.good-start",
+        "4",
+        "Transfer gives a far better start than no transfer",
+        setting,
+        verdict(all(gap["low"] > 0 for gap in ahead.values())),
         {f"{n} minus baseline, first checkpoints": gap for n, gap in ahead.items()},
-    )  # fmt: skip
+    )
     fall = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
     yield Claim(
-        "f4.published.collapse", "4", "After the good start performance collapses",
-        setting, verdict(all(gap["high"] < 0 for gap in fall.values())),
+        "f4.published.collapse",
+        "4",
+        "After the good start performance collapses",
+        setting,
+        verdict(all(gap["high"] < 0 for gap in fall.values())),
         {f"{n}, end minus start": gap for n, gap in fall.items()},
-    )  # fmt: skip
+    )
     gaps = {
         "max minus mean, at the end": _better(_end(arms["max"]), _end(arms["mean"])),
         "mean minus min, at the end": _better(_end(arms["mean"]), _end(arms["min"])),
     }
     yield Claim(
-        "f4.published.order", "4", "At the end max is better than mean, mean better than min",
-        setting, verdict(all(gap["low"] > 0 for gap in gaps.values())), gaps,
-    )  # fmt: skip
+        "f4.published.order",
+        "4",
+        "At the end max is better than mean, mean better than min",
+        setting,
+        verdict(all(gap["low"] > 0 for gap in gaps.values())),
+        gaps,
+    )
     drift = _better(_end(arms["baseline"]), _start(arms["baseline"]))
     gain = _better(_start(arms["mean"]), _start(arms["baseline"]))
     yield Claim(
-        "f4.published.flat-baseline", "4", "The baseline hardly improves", setting,
+        "f4.published.flat-baseline",
+        "4",
+        "The baseline hardly improves",
+        setting,
         verdict(abs(drift["estimate"]) < 0.2 * gain["estimate"]),
         {"baseline, end minus start": drift, "for comparison, the jumpstart of mean": gain},
     )
     cured = {n: _better(_end(control[n]), _start(control[n])) for n in TRANSFERS}
     yield Claim(
-        "f4.published.why-collapse", "4",
-        "Open question: why does performance collapse? As published it is the unmapped states: left "
-        "at Q = 0 among negative values they are the most attractive. Mapping them "
+        "f4.published.why-collapse",
+        "4",
+        "Open question: why does performance collapse? As published it is the unmapped states: "
+        "left at Q = 0 among negative values they are the most attractive. Mapping them "
         "removes the collapse, everything else as published",
         "control: the same run with the states of shared cells mapped",
         "explained" if all(gap["low"] > -0.25 for gap in cured.values()) else "not reproduced",
         {f"{n}, every state mapped, end minus start": gap for n, gap in cured.items()},
-    )  # fmt: skip
+    )
 
 
 def _as_stated(arms: Arms) -> Iterator[Claim]:
@@ -123,7 +144,8 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
         for n in ("mean", "total", "max")
     }
     yield Claim(
-        "f4.stated.min-best", "4",
+        "f4.stated.min-best",
+        "4",
         "(Against the paper.) With one predicate for reward and end, min is best and max far the "
         "worst of the aggregates",
         setting,
@@ -135,17 +157,19 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     )
     change = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
     yield Claim(
-        "f4.stated.no-collapse", "4",
+        "f4.stated.no-collapse",
+        "4",
         "(Against the paper.) With softmax 0.2 nothing collapses when the task is as stated",
-        setting, verdict(all(gap["low"] > -0.25 for gap in change.values())),
+        setting,
+        verdict(all(gap["low"] > -0.25 for gap in change.values())),
         {f"{n}, end minus start": gap for n, gap in change.items()},
-    )  # fmt: skip
+    )
 
 
 def _collapse(
     arms: Arms, setting: Any, mappings: Callable[[Any], list[StateActionMapping]]
 ) -> Iterator[Claim]:
-    """Is the collapse optimism, and does scaling cure it?"""
+    """Answer whether the collapse is optimism, and whether scaling cures it."""
     change = {
         name: _better(
             np.nanmean(result.training_return[:, -TAIL:], axis=1),
@@ -163,23 +187,26 @@ def _collapse(
     cured = change["scale 1"]["high"] < 0 < change["scale 2"]["low"]
     worse = change["scale 0.5"]["high"] < change["scale 1"]["low"]
     yield Claim(
-        "f4.scaling-cures", "4",
+        "f4.scaling-cures",
+        "4",
         "Open question: would scaling the source's Q values cure the collapse? Yes, but "
         "upwards: rewards are negative, so phi has to become more negative; shrinking it makes the "
         "collapse worse",
         f"{where}; mean aggregate, training return, last minus first tenth",
         "explained" if cured and worse else "not reproduced",
         change,
-    )  # fmt: skip
+    )
     yield Claim(
-        "f4.optimism", "4",
+        "f4.optimism",
+        "4",
         "Open question: why the collapse under epsilon-greedy? Optimism: phi exceeds Q* on most "
         "pairs, so each action that is tried falls below its untried neighbours",
         f"{where}; share of pairs with c phi > Q*, phi averaged over the seeds' sources",
-        "explained" if optimistic[1.0] > 0.5 and optimistic[2.0] < optimistic[1.0] else
-        "not reproduced",
+        "explained"
+        if optimistic[1.0] > 0.5 and optimistic[2.0] < optimistic[1.0]
+        else "not reproduced",
         {f"optimistic pairs at scale {c:g}": share for c, share in optimistic.items()},
-    )  # fmt: skip
+    )
 
 
 def _why_max(
@@ -201,7 +228,8 @@ def _why_max(
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
     holds &= mapped["mean"] > mapped["maximum"]
     return Claim(
-        "f4.why-max", "4",
+        "f4.why-max",
+        "4",
         "Open question: why does max win? It does not: it wins only where the unmapped states "
         "spoil every aggregate and max, whose values lie nearest to their zero, least. With every "
         "state mapped mean beats max even under the published end rule, and where both must "
@@ -209,4 +237,4 @@ def _why_max(
         "exact: greedy on the aggregate of the source's exact Q, mean over all states",
         "explained" if holds else "not reproduced",
         {f"{name}, {g}": value for name, row in found.items() for g, value in row.items()},
-    )  # fmt: skip
+    )

@@ -72,7 +72,8 @@ def reproduce(
     for name in wanted:
         if not store.has(_summary(name)):
             room = import_module(FIGURES[name])
-            _save(store, name, room.build(seeds, workers, tick))
+            with matplotlib.rc_context(STYLE):
+                _save(store, name, room.build(seeds, workers, tick))
     return _assemble(store)
 
 
@@ -82,12 +83,12 @@ def _summary(name: str) -> str:
 
 
 def _save(store: ResultsFolder, name: str, result: FigureResult) -> None:
-    with matplotlib.rc_context(STYLE):
-        for kind in ("png", "svg"):
-            buffer = io.BytesIO()
-            metadata = {"Date": None} if kind == "svg" else None
-            result.figure.savefig(buffer, format=kind, metadata=metadata)
-            store.write(f"{result.name}.{kind}", buffer.getvalue())
+    for kind in ("png", "svg"):
+        buffer = io.BytesIO()
+        # Without a date the same results give the same file.
+        undated = {"Date": None} if kind == "svg" else None
+        result.figure.savefig(buffer, format=kind, metadata=undated)
+        store.write(f"{result.name}.{kind}", buffer.getvalue())
     for table, columns in result.tables.items():
         store.write_table(f"data/{table}.parquet", columns)
     store.write_json(

@@ -1,8 +1,10 @@
 """The maze experiments that figures 2 and 3 share: a corner as source, the whole maze as target."""
 
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle import (
     Curriculum,
@@ -65,16 +67,22 @@ class Direct:
 def direct(maze: GridWorld, seeds: int, workers: int | None) -> Direct:
     """Return the maze learnt without transfer, and the threshold this sets."""
     result = learn(
-        maze, LEARNER, TARGET_BUDGET, seeds=seeds, every=EVERY, evaluation=SUMMED,
-        stream="target", workers=workers,
-    )  # fmt: skip
+        maze,
+        LEARNER,
+        TARGET_BUDGET,
+        seeds=seeds,
+        every=EVERY,
+        evaluation=SUMMED,
+        stream="target",
+        workers=workers,
+    )
     curve = Curve.of(result)
     threshold = midpoint(curve, window=WINDOW, after=SETTLED)
     times = time_to_threshold(curve, threshold, window=WINDOW)
     return Direct(maze, result, curve, threshold, times)
 
 
-def corner(maze: GridWorld, size: int, start: str = "uniform") -> GridWorld:
+def corner(maze: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
     """Return the top-right `size` x `size` block of the 10x10 maze."""
     return maze.crop(rows=(0, size), columns=(10 - size, 10), start=start)
 
@@ -100,9 +108,9 @@ def transferred(
     return Curve.of(result["target"], result.source_steps("target")), result
 
 
-def curve_table(arms: dict[str, Curve]) -> dict[str, np.ndarray]:
+def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
     """Return learning curves as a tidy table: arm, seed, steps, source_steps, greedy_return."""
-    parts: dict[str, list[np.ndarray]] = {
+    parts: dict[str, list[npt.NDArray[Any]]] = {
         name: [] for name in ("arm", "seed", "steps", "source_steps", "greedy_return")
     }
     for arm, curve in arms.items():

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -25,9 +24,10 @@ COLOURS = {
     "purple": "#CC79A7",
     "grey": "#777777",
 }
-STYLE = {
+# Matplotlib's settings for these pictures; hand them to matplotlib.rc_context.
+STYLE: Any = {
     "font.size": 9,
-    "axes.titlesize": 10,
+    "axes.titlesize": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
@@ -41,10 +41,8 @@ TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b"}
 
 def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, Any]:
     """Return a figure of `width` x `height` inches and its (rows, columns) array of axes."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False)
-    return figure, axes
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def draw_curve(
@@ -82,7 +80,7 @@ def draw_maze(
     axes: Axes,
     maze: GridWorld,
     *,
-    path: Sequence[int] = (),
+    path: Sequence[int] | npt.NDArray[np.int64] = (),
     marked: npt.NDArray[np.bool_] | None = None,
     values: npt.NDArray[np.float64] | None = None,
     value_label: str = "",
@@ -111,15 +109,26 @@ def draw_maze(
             axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color=TINTS[name], alpha=0.8))
         at = (column, row) if values is None else (column - 0.32, row - 0.32)
         light = name == "pit" and values is None
-        axes.text(*at, LETTERS[name], ha="center", va="center", color="w" if light else "k",
-                  fontsize=8, fontweight="bold")  # fmt: skip
+        axes.text(
+            at[0],
+            at[1],
+            LETTERS[name],
+            ha="center",
+            va="center",
+            color="w" if light else "k",
+            fontsize=8,
+            fontweight="bold",
+        )
     walls = {(top + r, left + c) for r in range(height) for c in range(width)}
     for row, column in walls - {(int(r), int(c)) for r, c in maze.cells}:
         axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color="#222222"))
     for state in np.flatnonzero(marked) if marked is not None else ():
         row, column = maze.cells[state]
-        axes.add_patch(Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, fill=False,
-                                 edgecolor=COLOURS["blue"], lw=2))  # fmt: skip
+        axes.add_patch(
+            Rectangle(
+                (column - 0.46, row - 0.46), 0.92, 0.92, fill=False, edgecolor=COLOURS["blue"], lw=2
+            )
+        )
     if len(path):
         cells = maze.cells[np.asarray(path)]
         axes.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2)
@@ -140,9 +149,7 @@ def _grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
 
 
-def _values(
-    axes: Axes, maze: GridWorld, values: npt.NDArray[np.float64], label: str
-) -> None:
+def _values(axes: Axes, maze: GridWorld, values: npt.NDArray[np.float64], label: str) -> None:
     top, left = maze.origin
     grid = np.full((len(maze.map), len(maze.map[0])), np.nan)
     grid[maze.cells[:, 0] - top, maze.cells[:, 1] - left] = values
@@ -151,4 +158,5 @@ def _values(
     image = axes.imshow(grid, extent=extent, cmap="PuOr", vmin=-limit, vmax=limit)
     axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8)
     for (row, column), value in zip(maze.cells, values, strict=True):
-        axes.text(column, row, f"{value:.0f}", ha="center", va="center", fontsize=8)
+        colour = "w" if abs(value) > 0.6 * limit else "k"
+        axes.text(column, row + 0.25, f"{value:.0f}", ha="center", va="center", color=colour)

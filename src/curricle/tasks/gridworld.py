@@ -187,7 +187,11 @@ class GridWorld:
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
         return tuple(
-            (OBJECTS[self._grid[row, column]], int(row) + self.origin[0], int(column) + self.origin[1])
+            (
+                OBJECTS[self._grid[row, column]],
+                int(row) + self.origin[0],
+                int(column) + self.origin[1],
+            )
             for row, column in np.argwhere(np.isin(self._grid, list(OBJECTS)))
         )
 
@@ -296,7 +300,8 @@ class GridWorld:
             (everywhere & bumped & (self.rewards.bump != 0), self.rewards.bump),
         ]
         if self.combine == "sum":
-            return self.rewards.step + sum(np.where(on, value, 0.0) for on, value in terms)
+            added = np.sum([np.where(on, value, 0.0) for on, value in terms], axis=0)
+            return np.asarray(self.rewards.step + added)
         worst = np.min([np.where(on, value, np.inf) for on, value in terms], axis=0)
         return np.where(np.isinf(worst), self.rewards.step, worst)
 

@@ -6,7 +6,6 @@ moves are deterministic but for one random part (a maze: Y = cells; pursuit: Y =
 moves) so stays small, and an arbitrary MDP simply has Y = S * A.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, Self
@@ -15,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import TaskError
+from curricle.tasks.endless import endless_states
+from curricle.tasks.outcomes import outcome_tables
 from curricle.tasks.spaces import Component, Space
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,9 +82,9 @@ class FiniteMDP:
 
     states: Space
     actions: Space
-    outcome_row: npt.NDArray[np.int32]
+    outcome_row: npt.NDArray[np.integer[Any]]
     probability: FloatArray
-    next_state: npt.NDArray[np.int32]
+    next_state: npt.NDArray[np.integer[Any]]
     reward: FloatArray
     terminal: npt.NDArray[np.bool_]
     start: FloatArray
@@ -92,7 +93,7 @@ class FiniteMDP:
 
     def __post_init__(self) -> None:
         for name, dtype in _ARRAYS.items():
-            array = np.array(getattr(self, name), dtype=dtype, order="C")
+            array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype, order="C")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         self._check_shapes()
@@ -193,27 +194,13 @@ class FiniteMDP:
         >>> mdp.terminal
         array([False,  True])
         """
-        n_states, n_actions = len(outcomes), len(outcomes[0])
-        for s in range(n_states):
-            if len(outcomes[s]) != n_actions:
-                raise TaskError(
-                    f"every state must list the same number of actions: state {s} lists "
-                    f"{len(outcomes[s])}, state 0 lists {n_actions}"
-                )
-        lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
-        ended = _terminal_states(lists) if terminal is None else np.asarray(terminal)
-        shape = (n_states, n_actions, max(1, max(len(pair) for row in lists for pair in row)))
-        p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
-        for s, row in enumerate(lists):
-            for a, pair in enumerate(row):
-                for o, outcome in enumerate(pair):
-                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
+        p, successor, r, ended = outcome_tables(outcomes, terminal)
         return cls._one_row_a_pair(
             p,
             successor,
             r,
             terminal=ended,
-            start=start_distribution(start, n_states),
+            start=start_distribution(start, len(p)),
             discount=discount,
             time_limit=time_limit,
             states=states,
@@ -308,7 +295,9 @@ class FiniteMDP:
         if self.time_limit is not None and self.time_limit < 1:
             raise TaskError(f"time_limit must be at least 1 step: got {self.time_limit}")
         if self.discount == 1 and self.time_limit is None:
-            endless = endless_states(self)
+            endless = endless_states(
+                self.terminal, self.outcome_row, self.probability, self.next_state
+            )
             if endless.size:
                 raise TaskError(
                     "discount 1 needs a time limit or a task where every policy ends: from state "
@@ -374,61 +363,6 @@ def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     return given.astype(np.float64)
 
 
-def endless_states(
-    mdp: FiniteMDP, allowed: npt.NDArray[np.bool_] | None = None
-) -> npt.NDArray[np.int64]:
-    """Return the states from which the `allowed` actions can avoid every terminal for ever.
-
-    The largest set of states each of which has an allowed action whose every outcome stays in
-    the set; it is empty just when every allowed policy ends with probability 1.
-
-    Parameters
-    ----------
-    mdp : FiniteMDP
-    allowed : (S, A) bool array, optional
-        All actions by default.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> endless_states(GridWorld("S.T").mdp)
-    array([0, 1])
-    """
-    staying = ~mdp.terminal
-    impossible = mdp.probability == 0
-    while True:
-        row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
-        pair_stays = row_stays[mdp.outcome_row]
-        if allowed is not None:
-            pair_stays &= allowed
-        remains = staying & pair_stays.any(axis=1)
-        if (remains == staying).all():
-            return np.flatnonzero(staying)
-        staying = remains
-
-
 def _frozen(array: FloatArray) -> FloatArray:
     array.flags.writeable = False
     return array
-
-
-def _terminal_states(lists: Sequence[Any]) -> npt.NDArray[np.bool_]:
-    """Collect the ``terminated`` flags of outcome lists into one flag a state."""
-    flags: dict[int, bool] = {}
-    for s, row in enumerate(lists):
-        for a, pair in enumerate(row):
-            for outcome in pair:
-                if len(outcome) < 4:
-                    raise TaskError(
-                        "outcomes need a terminated flag where no terminal array is given: state "
-                        f"{s}, action {a} has {outcome}"
-                    )
-                if flags.setdefault(outcome[1], outcome[3]) != outcome[3]:
-                    # Gymnasium's tables let absorbing states loop on themselves either way.
-                    if outcome[1] == s:
-                        continue
-                    raise TaskError(
-                        "entering a state must end the episode always or never: state "
-                        f"{outcome[1]} does both, the second time from state {s}, action {a}"
-                    )
-    return np.array([flags.get(s, False) for s in range(len(lists))])

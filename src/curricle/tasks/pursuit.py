@@ -124,7 +124,7 @@ class Pursuit:
         steps = np.array(list(MOVES.values()))[-self.moves :]
         rows, columns = row[:, None] + steps[:, 0], column[:, None] + steps[:, 1]
         if self.torus:
-            return (rows % self.size) * self.size + columns % self.size
+            return np.asarray((rows % self.size) * self.size + columns % self.size)
         inside = (rows >= 0) & (rows < self.size) & (columns >= 0) & (columns < self.size)
         return np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None])
 
@@ -177,7 +177,9 @@ class Pursuit:
     def _touching(self) -> npt.NDArray[np.int64]:
         """The number of predators on the prey's cell in each state, (S,)."""
         where = self.states.decode()
-        return np.sum([where[name] == where["prey"] for name in self.predator_names], axis=0)
+        return np.asarray(
+            np.sum([where[name] == where["prey"] for name in self.predator_names], axis=0)
+        )
 
     @property
     def _enough_to_end(self) -> int:
@@ -193,7 +195,9 @@ class Pursuit:
         """The prey's move probabilities, (cells, moves) or (S, moves)."""
         if isinstance(self.prey, str):
             if self.prey != "uniform":
-                raise TaskError(f"prey must be 'uniform', an array or a function: got {self.prey!r}")
+                raise TaskError(
+                    f"prey must be 'uniform', an array or a function: got {self.prey!r}"
+                )
             return np.full((self.cells, self.moves), 1 / self.moves)
         decide: Callable[[Decoded], Any] | None = self.prey if callable(self.prey) else None
         policy = np.asarray(decide(self.states.decode()) if decide else self.prey, dtype=np.float64)
@@ -202,7 +206,9 @@ class Pursuit:
                 f"the prey's policy must have shape ({self.cells}, {self.moves}) or "
                 f"({self.states.size}, {self.moves}): got {policy.shape}"
             )
-        bad = np.flatnonzero((policy < 0).any(1) | ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE))
+        bad = np.flatnonzero(
+            (policy < 0).any(1) | ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE)
+        )
         if bad.size:
             raise TaskError(
                 f"the prey's probabilities must sum to 1: row {bad[0]} is {policy[bad[0]].tolist()}"

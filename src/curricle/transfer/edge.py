@@ -47,4 +47,4 @@ class Transfer:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""
         q = np.asarray(source_values, dtype=np.float64)
         read = self.mapping.read(self.scale * q)
-        return read + self.shift * (self.mapping.index != UNMAPPED)
+        return np.asarray(read + self.shift * (self.mapping.index != UNMAPPED))

@@ -1,4 +1,4 @@
-"""Inter-task mappings f(s, a): which source pair each target pair reads its value from (paper E5)."""
+"""Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -181,9 +181,7 @@ def identity(task: Task) -> StateActionMapping:
     array([0, 1, 2, 3])
     """
     n_states, n_actions = task.states.size, task.actions.size
-    return _from_parts(
-        task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0
-    )
+    return _from_parts(task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0)
 
 
 def same_position(
@@ -201,7 +199,9 @@ def same_position(
     """
     for role, task in (("target", target), ("source", source)):
         if not isinstance(task, GridWorld):
-            raise MappingError(f"same_position maps a GridWorld to a GridWorld: the {role} is {task}")
+            raise MappingError(
+                f"same_position maps a GridWorld to a GridWorld: the {role} is {task}"
+            )
     state = source.states_at(target.cells[:, 0], target.cells[:, 1])
     moves = np.arange(target.actions.size)[None, :]
     return _from_parts(target, source, state[:, None], moves, unmapped_value)
@@ -328,7 +328,7 @@ def from_function(
 
 
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
-    """Return the mapping `second` after `first`: from the target of `first` to the source of `second`.
+    """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     Pairs that either leaves unmapped are unmapped, with the value of `first`.
 

@@ -1,0 +1,283 @@
+"""The compiled learning loops against a learner in plain Python, draw for draw."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.learning import kernels
+from curricle.learning.schedules import constant
+
+LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
+EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
+SCHEDULES = {
+    "constant": cr.constant(0.3),
+    "linear": cr.linear(0.9, 0.1, steps=700),
+    "exponential": cr.exponential(0.9, 0.1, half_life=300),
+    "harmonic": cr.harmonic(0.9, 0.05, half=20),
+}
+STEPS, EVERY = 1500, 100
+
+
+def assert_same(result, naive, *, exact=True):
+    """Equal to the last bit, or to 1e-12 where an exponential may round differently."""
+    if exact:
+        np.testing.assert_array_equal(result.values[0], naive.values)
+    np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(result.training_return[0], naive.training_return)
+    np.testing.assert_array_equal(result.episodes[0], naive.episodes)
+    assert result.steps_used[0] == naive.steps_used
+    assert result.episodes_used[0] == naive.episodes_used
+
+
+@pytest.mark.parametrize("time_limit", [None, 4])
+@pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_learner_equals_the_naive_one(kind, exploration, time_limit, random_mdp, naive_learn):
+    task = random_mdp(1, time_limit=time_limit)
+    learner = kind(learning_rate=0.3, **exploration)
+    result = cr.learn(task, learner, STEPS, every=EVERY, stream="x")
+    naive = naive_learn(task, learner, STEPS, every=EVERY, stream="x")
+    assert_same(result, naive, exact=kind is not cr.ExpectedSARSA or "epsilon" in exploration)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_learner_equals_the_naive_one_on_other_shapes(kind, seed, random_mdp, naive_learn):
+    shape = {"n_states": 3 + 3 * seed, "n_actions": 1 + seed, "width": 1 + seed % 3}
+    task = random_mdp(seed, time_limit=20, discount=[0.0, 0.5, 1.0][seed % 3], **shape)
+    learner = kind(learning_rate=0.5, epsilon=0.5, initial_value=seed - 2.0)
+    result = cr.learn(task, learner, 400, every=7, seeds=[seed])
+    assert_same(result, naive_learn(task, learner, 400, every=7, seed=seed))
+
+
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
+@pytest.mark.parametrize("name", SCHEDULES)
+def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
+    task, learner = random_mdp(2, time_limit=9), kind(learning_rate=SCHEDULES[name])
+    assert_same(
+        cr.learn(task, learner, STEPS, every=EVERY),
+        naive_learn(task, learner, STEPS, every=EVERY),
+        exact=name != "exponential",
+    )
+
+
+@pytest.mark.parametrize("what", ["epsilon", "inverse_temperature"])
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.ExpectedSARSA])
+@pytest.mark.parametrize("name", SCHEDULES)
+def test_schedules_of_exploration(name, kind, what, random_mdp, naive_learn):
+    task, learner = random_mdp(3, time_limit=9), kind(**{what: SCHEDULES[name]})
+    assert_same(
+        cr.learn(task, learner, STEPS, every=EVERY),
+        naive_learn(task, learner, STEPS, every=EVERY),
+        exact=kind is cr.QLearning or (what == "epsilon" and name != "exponential"),
+    )
+
+
+WAYS = {
+    "initialise": {},
+    "look_ahead": {},
+    "look_back": {},
+    "bonus": {},
+    "advice": {"weight": cr.linear(1.0, 0.0, steps=1000)},
+    "state": {"frame_steps": (0, 13, 700), "weight": cr.linear(0.5, 2.0, steps=900)},
+}
+
+
+@pytest.mark.parametrize("time_limit", [None, 5])
+@pytest.mark.parametrize(
+    ("how", "kind"),
+    [(how, kind) for how in WAYS for kind in (LEARNERS if how != "look_back" else [cr.SARSA])],
+)
+def test_ways_of_entering(how, kind, time_limit, random_mdp, random_potential, naive_learn):
+    task = random_mdp(4, time_limit=time_limit)
+    phi = random_potential(task, how, **WAYS[how])
+    learner = kind(learning_rate=0.2, epsilon=0.3)
+    options = {"how": how, "potential": phi, "every": EVERY}
+    result = cr.learn(task, learner, STEPS, **options)
+    assert_same(result, naive_learn(task, learner, STEPS, **options))
+
+
+@pytest.mark.parametrize("how", WAYS)
+def test_ways_of_entering_under_softmax(how, random_mdp, random_potential, naive_learn):
+    task, learner = random_mdp(5, time_limit=6), cr.SARSA(inverse_temperature=3.0)
+    options = {"how": how, "potential": random_potential(task, how, **WAYS[how]), "every": EVERY}
+    result = cr.learn(task, learner, STEPS, **options)
+    assert_same(result, naive_learn(task, learner, STEPS, **options))
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_budget_in_episodes(kind, random_mdp, naive_learn):
+    task, learner = random_mdp(6, time_limit=11), kind()
+    result = cr.learn(task, learner, cr.Episodes(90), every=10)
+    naive = naive_learn(task, learner, 10**9, episodes=90, every=10)
+    assert result.episodes_used[0] == 90
+    assert_same(result, naive)
+
+
+def test_each_seed_equals_the_naive_learner(random_mdp, naive_learn):
+    task, seeds = random_mdp(7, time_limit=11), [5, 0, 123456789012]
+    result = cr.learn(task, cr.QLearning(), 500, seeds=seeds)
+    for k, seed in enumerate(seeds):
+        naive = naive_learn(task, cr.QLearning(), 500, seed=seed)
+        np.testing.assert_array_equal(result.values[k], naive.values)
+
+
+# -- the fast loop against the general one -------------------------------------------------------
+
+
+@pytest.fixture
+def general_loop(monkeypatch):
+    """Make `learn` use the general loop for plain Q-learning too; returns the calls it took."""
+    calls = []
+
+    def general(model, rule, judge, q, visits, random, limits, every, record):
+        zeros = np.zeros((1, 1))
+        nothing = kernels.Shaping(kernels.PLAIN, constant(1.0), np.zeros(1, np.int64), zeros, zeros)
+        calls.append(rule)
+        return kernels.train(model, rule, nothing, judge, q, visits, random, limits, every, record)
+
+    def switch():
+        monkeypatch.setattr(kernels, "train_q_learning", general)
+        return calls
+
+    return switch
+
+
+@pytest.mark.parametrize("method", ["exact", "rollouts"])
+@pytest.mark.parametrize("rate", ["constant", "harmonic"])
+@pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
+def test_fast_loop_equals_the_general_one(
+    exploration, rate, method, random_mdp, random_potential, general_loop
+):
+    tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
+    learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)
+    settings = {"every": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
+
+    def train():
+        plain = [cr.learn(t, learner, 3000, **settings) for t in tasks]
+        warm = [
+            cr.learn(t, learner, 3000, potential=random_potential(t, "initialise"), **settings)
+            for t in tasks
+        ]
+        return plain + warm
+
+    fast = train()
+    calls = general_loop()
+    slow = train()
+    assert len(calls) == len(slow)
+    for a, b in zip(fast, slow, strict=True):
+        for name in ("values", "training_return", "greedy_return", "episodes", "steps_used"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_fast_loop_breaks_ties_like_the_general_one(general_loop):
+    # Whole-number rewards and learning rate 1 keep rows full of ties all along.
+    maze = cr.GridWorld(["S....", ".P.P.", "....T"])
+    learner = cr.QLearning(learning_rate=1.0, epsilon=0.3)
+    fast = cr.learn(maze, learner, 5000, seeds=3)
+    assert general_loop() == []
+    slow = cr.learn(maze, learner, 5000, seeds=3)
+    np.testing.assert_array_equal(fast.values, slow.values)
+    np.testing.assert_array_equal(fast.greedy_return, slow.greedy_return)
+
+
+# -- literal look-ahead advice -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA, cr.ExpectedSARSA])
+@pytest.mark.parametrize("seed", range(4))
+def test_literal_look_ahead_advice_equals_how_look_ahead(
+    seed, kind, exploration, random_mdp, random_potential, naive_learn
+):
+    # phi is continuous, so no two acting values tie and rounding alone never changes an action.
+    task = random_mdp(10 + seed, n_states=5, time_limit=[None, 8][seed % 2])
+    phi = random_potential(task, "look_ahead", seed)
+    learner = kind(learning_rate=0.1, **exploration)
+    result = cr.learn(task, learner, 3000, potential=phi, how="look_ahead")
+    naive = naive_learn(task, learner, 3000, potential=phi, how="literal_look_ahead")
+    np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(result.training_return[0], naive.training_return)
+
+
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
+@pytest.mark.parametrize("seed", range(40))
+def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, naive_learn):
+    # Halves throughout: 20 steps add at most 2 bits each to small whole numbers, so that nothing
+    # is rounded, ties are ties in both forms, and the tables must agree to the last bit.
+    rng = np.random.default_rng(seed)
+    transition = np.zeros((4, 2, 4))
+    transition[np.arange(4)[:, None], np.arange(2), rng.integers(4, size=(4, 2))] = 1.0
+    task = cr.FiniteMDP.from_dense(
+        transition, rng.integers(-4, 5, size=(4, 2)), terminal=[0, 0, 0, 1], start=0, discount=0.5
+    )
+    phi = cr.StateActionPotential(task, rng.integers(-1, 2, size=(4, 2)))
+    learner = kind(learning_rate=0.5, epsilon=0.25)
+    result = cr.learn(task, learner, 20, potential=phi, how="look_ahead", seeds=[seed])
+    naive = naive_learn(task, learner, 20, potential=phi, how="literal_look_ahead", seed=seed)
+    np.testing.assert_array_equal(result.values[0], naive.values)
+
+
+# -- greedy evaluation ---------------------------------------------------------------------------
+
+
+def propagate(task, values, horizon, *, discounted):
+    """Return the greedy policy's return by matrix products over the states."""
+    mdp, policy = task.mdp, cr.greedy_policy(values)
+    n_states, n_actions = policy.shape
+    step, pay = np.zeros((n_states, n_states)), np.zeros(n_states)
+    for s in range(n_states):
+        for a in range(n_actions):
+            row = mdp.outcome_row[s, a]
+            np.add.at(step[s], mdp.next_state[row], policy[s, a] * mdp.probability[row])
+            pay[s] += policy[s, a] * (mdp.probability[row] @ mdp.reward[row])
+    step[mdp.terminal], pay[mdp.terminal] = 0.0, 0.0
+    mass, total = mdp.start, 0.0
+    for t in range(horizon):
+        total += (mdp.discount**t if discounted else 1.0) * (mass @ pay)
+        mass = mass @ step
+    return total
+
+
+@pytest.mark.parametrize("discounted", [True, False])
+@pytest.mark.parametrize("seed", range(10))
+def test_exact_greedy_return_equals_propagation(seed, discounted, random_mdp):
+    task = random_mdp(seed, time_limit=3 + 5 * seed, n_states=8)
+    evaluation = cr.GreedyEvaluation(method="exact", discounted=discounted)
+    # A whole-number table has ties; a rate of 0 keeps it.
+    table = np.random.default_rng(seed).integers(0, 2, size=(8, 3))
+    result = cr.learn(
+        task, cr.QLearning(learning_rate=0.0), 10, evaluation=evaluation,
+        potential=cr.StateActionPotential(task, table),
+    )  # fmt: skip
+    expected = propagate(task, table, task.time_limit, discounted=discounted)
+    np.testing.assert_allclose(result.greedy_return[0], expected, rtol=1e-9, atol=1e-8)
+
+
+def test_exact_greedy_return_without_a_limit_is_the_value_of_the_greedy_policy(random_mdp):
+    task = random_mdp(3)
+    result = cr.learn(task, cr.SARSA(), 500, evaluation=cr.GreedyEvaluation(method="exact"))
+    value = cr.evaluate(task, cr.greedy_policy(result.values[0])).start_value
+    assert result.greedy_return[0, -1] == pytest.approx(value, abs=1e-7)
+
+
+@pytest.mark.parametrize("how", ["advice", "initialise", "state"])
+def test_greedy_return_judges_the_values_acted_on(how, random_mdp, random_potential):
+    task = random_mdp(8, time_limit=15)
+    phi = random_potential(task, how)
+    result = cr.learn(task, cr.SARSA(), 500, potential=phi, how=how)
+    expected = propagate(task, result.values[0], 15, discounted=True)
+    assert result.greedy_return[0, -1] == pytest.approx(expected, abs=1e-8)
+
+
+def test_rollouts_agree_with_exact_evaluation(random_mdp):
+    # One test of 40 means of 2,000 episodes each, 5 standard errors: a false alarm in 4e4 seeds.
+    task = random_mdp(9, time_limit=12, n_states=8)
+    settings = {"seeds": 40, "every": 1}
+    learner = cr.QLearning(learning_rate=0.0)
+    rollouts = cr.GreedyEvaluation(method="rollouts", episodes=2000)
+    exact = cr.learn(task, learner, 1, evaluation=cr.GreedyEvaluation(method="exact"), **settings)
+    rough = cr.learn(task, learner, 1, evaluation=rollouts, **settings).greedy_return[:, 0]
+    error = rough.std(ddof=1) / np.sqrt(len(rough))
+    assert 0 < error < 0.02
+    assert abs(rough.mean() - exact.greedy_return[0, 0]) < 5 * error
