@@ -40,7 +40,7 @@ types: .venv/dev.stamp ## mypy, strict
 doctest: .venv/test.stamp ## every example in src/, docs/ and README.md
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
 
-bench: .venv/core.stamp ## time every benchmarks/bench_*.py
+bench: .venv/test.stamp ## time every benchmarks/bench_*.py
 	@set -e; for script in $(sort $(wildcard benchmarks/bench_*.py)); do \
 	  echo "$$script"; $(BIN)/python $$script $(ARGS); done
 

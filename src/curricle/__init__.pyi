@@ -84,3 +84,4 @@ from .transfer.mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
+from .transfer.search import Projection as Projection, find_projections as find_projections

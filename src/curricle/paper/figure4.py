@@ -212,8 +212,10 @@ def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: s
     for name, result in arms.items():
         if training and name == "source":
             continue
-        values = result.training_return if training else result.greedy_return
-        draw_curve(panel, Curve(result.steps, values[:count]), label=name, colour=COLOURS[name])
+        curve = Curve(result.steps, result.greedy_return[:count])
+        if training:  # no episode has ended at checkpoint 0
+            curve = Curve(result.steps[1:], result.training_return[:count, 1:])
+        draw_curve(panel, curve, label=name, colour=COLOURS[name])
     panel.set_yscale("symlog", linthresh=10, linscale=2)
     ticks = [-t for t in (1, 2, 3, 5, 7, 10, 20, 50, 100, 200)]
     panel.set_yticks(ticks, [str(t) for t in ticks])

@@ -11,6 +11,7 @@ from curricle import (
     Pursuit,
     StateActionMapping,
     evaluate,
+    find_projections,
     greedy_policy,
     maximum,
     mean,
@@ -50,6 +51,7 @@ def claims(
     yield from _as_stated(results["as stated"])
     yield from _collapse(results["epsilon-greedy"], settings["epsilon-greedy"], mappings)
     yield _why_max(settings, mappings)
+    yield _without_a_hand(mappings(settings["as stated"]))
 
 
 def _start(result: LearningResult) -> FloatArray:
@@ -237,4 +239,29 @@ def _why_max(
         "exact: greedy on the aggregate of the source's exact Q, mean over all states",
         "explained" if holds else "not reproduced",
         {f"{name}, {g}": value for name, row in found.items() for g, value in row.items()},
+    )
+
+
+def _without_a_hand(hand_made: list[StateActionMapping]) -> Claim:
+    """Search for the mappings instead of writing them."""
+    found = find_projections(hand_made[0].target, hand_made[0].source)
+    exact = [one for one in found if one.error < 1e-9]
+    recovered = len(exact) == len(hand_made) and all(
+        any(np.array_equal(one.mapping.index, f.index) for one in exact) for f in hand_made
+    )
+    return Claim(
+        "f4.mapping-found",
+        "4",
+        "Open question: can transfer work without a hand-made mapping? Here it can: of all "
+        "assignments of components, the two that let the source's model predict the target "
+        "are f_1 and f_2",
+        "4x4; one-step disagreement on 5,000 pairs (after Taylor, Kuhlmann, Stone 2008)",
+        "explained" if recovered else "not reproduced",
+        {
+            "assignments tried": len(found),
+            "with no disagreement": ", ".join(str(one.states) for one in exact),
+            "disagreement of the next best": next(
+                (one.error for one in found if one.error >= 1e-9), float("nan")
+            ),
+        },
     )

@@ -159,4 +159,4 @@ def _values(axes: Axes, maze: GridWorld, values: npt.NDArray[np.float64], label:
     axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8)
     for (row, column), value in zip(maze.cells, values, strict=True):
         colour = "w" if abs(value) > 0.6 * limit else "k"
-        axes.text(column, row + 0.25, f"{value:.0f}", ha="center", va="center", color=colour)
+        axes.text(column - 0.2, row + 0.25, f"{value:.0f}", ha="center", va="center", color=colour)

@@ -181,7 +181,7 @@ def identity(task: Task) -> StateActionMapping:
     array([0, 1, 2, 3])
     """
     n_states, n_actions = task.states.size, task.actions.size
-    return _from_parts(task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0)
+    return from_parts(task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0)
 
 
 def same_position(
@@ -204,7 +204,7 @@ def same_position(
             )
     state = source.states_at(target.cells[:, 0], target.cells[:, 1])
     moves = np.arange(target.actions.size)[None, :]
-    return _from_parts(target, source, state[:, None], moves, unmapped_value)
+    return from_parts(target, source, state[:, None], moves, unmapped_value)
 
 
 def project(
@@ -246,9 +246,9 @@ def project(
                 f"renaming must start from a source component ({', '.join(sorted(known))}): got "
                 f"{name!r}"
             )
-    state = source.states.encode(**_read_components(target.states, source.states, renaming))
-    action = source.actions.encode(**_read_components(target.actions, source.actions, renaming))
-    return _from_parts(target, source, state[:, None], action[None, :], unmapped_value)
+    state = source.states.encode(**read_components(target.states, source.states, renaming))
+    action = source.actions.encode(**read_components(target.actions, source.actions, renaming))
+    return from_parts(target, source, state[:, None], action[None, :], unmapped_value)
 
 
 def relative_objects(
@@ -282,7 +282,7 @@ def relative_objects(
             found = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
             state = np.where(state == MISSING, found, state)
     moves = np.arange(target.actions.size)[None, :]
-    return _from_parts(target, source, state[:, None], moves, unmapped_value)
+    return from_parts(target, source, state[:, None], moves, unmapped_value)
 
 
 def from_function(
@@ -324,7 +324,7 @@ def from_function(
                 f"{', '.join(space.names)}: got {', '.join(given) or 'none'}"
             )
         parts.append(space.encode(**given))
-    return _from_parts(target, source, parts[0], parts[1], unmapped_value)
+    return from_parts(target, source, parts[0], parts[1], unmapped_value)
 
 
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
@@ -355,7 +355,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)
 
 
-def _read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
+def read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
     """Return the source's components as values of the target's points."""
     values = target.decode()
     read = {}
@@ -377,7 +377,7 @@ def _read_components(target: Space, source: Space, renaming: dict[str, str]) -> 
     return read
 
 
-def _from_parts(
+def from_parts(
     target: Task, source: Task, state: IntArray, action: IntArray, unmapped_value: float
 ) -> StateActionMapping:
     """Put source states and actions (broadcast to (S, A), MISSING where none) together."""

@@ -1,0 +1,72 @@
+"""Two predators learn from one: the README's curriculum, drawn against learning directly.
+
+python examples/first_curriculum.py docs/first_curriculum.png
+"""
+
+import sys
+
+import matplotlib
+
+import curricle as cr
+from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
+
+SEEDS = 30
+
+
+def main(path, seeds=SEEDS):
+    hunt = cr.Pursuit(size=4, predators=2)
+    chase = cr.Pursuit(size=4, predators=1)
+    learner = cr.QLearning(learning_rate=0.1, epsilon=0.1)
+    direct = cr.learn(hunt, learner, 150_000, seeds=seeds, stream="hunt")
+    curves = {}
+    for scale in (1.0, 2.0):
+        curriculum = cr.Curriculum(
+            tasks={"chase": chase, "hunt": hunt},
+            transfers=[
+                cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), scale=scale)
+                for name in ("predator_1", "predator_2")
+            ],
+            aggregate=cr.minimum,
+            learner=learner,
+            budget={"chase": 50_000, "hunt": 100_000},
+        )
+        result = curriculum.train(seeds=seeds)
+        curves[scale] = cr.Curve.of(result["hunt"], result.source_steps("hunt"))
+
+    with matplotlib.rc_context(STYLE):
+        figure, axes = new_figure(1, 1, width=7, height=3.6)
+        panel = axes[0, 0]
+        draw_curve(
+            panel, curves[2.0], label="curriculum, source values x 2", colour="green", strong=True
+        )
+        draw_curve(
+            panel,
+            curves[1.0],
+            label="curriculum, source values as they are",
+            colour="blue",
+            strong=True,
+        )
+        draw_curve(panel, cr.Curve.of(direct), label="learning directly", colour="black")
+        panel.axhline(cr.solve(hunt).start_value, color=COLOURS["grey"], ls=":", lw=1)
+        panel.annotate("optimum", (0, -3.2), color=COLOURS["grey"], va="bottom")
+        panel.set_yscale("symlog", linthresh=10, linscale=1)
+        panel.set_yticks(
+            [-3.5, -5, -10, -20, -50, -100], ["-3.5", "-5", "-10", "-20", "-50", "-100"]
+        )
+        panel.set_yticks([], minor=True)
+        panel.set_ylim(-100, -2)
+        panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+        panel.set(
+            xlabel="steps in all, the source's included (thousands)",
+            ylabel="greedy value (discounted return)",
+            title=f"two predators who must both catch, 4x4: mean over {seeds} seeds, 95 % bands",
+        )
+        panel.legend(loc="center left", bbox_to_anchor=(0.0, 0.35))
+        figure.savefig(path)
+    print(f"direct     {cr.bootstrap(direct.greedy_return[:, -1])}")
+    for scale, curve in curves.items():
+        print(f"scale {scale:g}    {cr.bootstrap(curve.values[:, -1])}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "first_curriculum.png")

@@ -1,0 +1,135 @@
+"""Finding a mapping instead of writing it: which target components play the source's (MASTER).
+
+Taylor, Kuhlmann, Stone 2008 enumerate assignments of target components to source components and
+score each by how badly the source's model then predicts the target. Several assignments may be
+right: each predator of a pursuit can play the only one of the source.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from math import prod
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import MappingError, SettingError
+from curricle.tasks.mdp import FiniteMDP, Task
+from curricle.tasks.spaces import MISSING
+from curricle.transfer.mapping import StateActionMapping, from_parts, read_components
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+MOST_ASSIGNMENTS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """One way of reading the source's components off the target's.
+
+    Attributes
+    ----------
+    states, actions : dict of str to str
+        Source component -> target component.
+    error : float
+        Mean total variation distance, in [0, 1], between where the source says a step leads and
+        where the target's step leads, read through the assignment; NaN if nothing maps.
+    mapping : StateActionMapping
+    """
+
+    states: dict[str, str]
+    actions: dict[str, str]
+    error: float
+    mapping: StateActionMapping
+
+
+def find_projections(
+    target: Task, source: Task, *, pairs: int = 5_000, seed: int = 0, unmapped_value: float = 0.0
+) -> tuple[Projection, ...]:
+    """Return every assignment of target components to the source's, best prediction first.
+
+    Rewards play no part: where source and target pay for different things, their dynamics still
+    tell which component is which.
+
+    Parameters
+    ----------
+    target, source : Task
+    pairs : int
+        State-action pairs of the target to score on, drawn without repetition.
+    seed : int
+        Of that draw.
+    unmapped_value : float
+        Of the mappings.
+
+    Returns
+    -------
+    tuple of Projection
+        All of them, by error.
+
+    Raises
+    ------
+    SettingError
+        When `pairs` is less than 1.
+    MappingError
+        When there are more than 10,000 assignments.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> for found in find_projections(hunt, chase, pairs=500)[:2]:
+    ...     print(found.states, found.actions, round(found.error, 2))
+    {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
+    {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
+    """
+    if pairs < 1:
+        raise SettingError(f"pairs must be at least 1: got {pairs}")
+    wanted = [("states", name) for name in source.states.names]
+    wanted += [("actions", name) for name in source.actions.names]
+    offered = [getattr(target, kind).names for kind, _ in wanted]
+    number = prod(len(names) for names in offered)
+    if number > MOST_ASSIGNMENTS:
+        raise MappingError(
+            f"a search may try at most {MOST_ASSIGNMENTS:,} assignments of components: these "
+            f"tasks have {number:,}"
+        )
+    mdp = target.mdp
+    alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
+    rng = np.random.default_rng(seed)
+    drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
+    found = []
+    for names in product(*offered):
+        chosen: dict[str, dict[str, str]] = {"states": {}, "actions": {}}
+        for (kind, component), name in zip(wanted, names, strict=True):
+            chosen[kind][component] = name
+        state = source.states.encode(
+            **read_components(target.states, source.states, chosen["states"])
+        )
+        action = source.actions.encode(
+            **read_components(target.actions, source.actions, chosen["actions"])
+        )
+        error = _disagreement(mdp, source.mdp, state, action, drawn)
+        mapping = from_parts(target, source, state[:, None], action[None, :], unmapped_value)
+        found.append(Projection(**chosen, error=error, mapping=mapping))
+    return tuple(sorted(found, key=lambda one: (np.isnan(one.error), one.error)))
+
+
+def _disagreement(
+    target: FiniteMDP, source: FiniteMDP, state: IntArray, action: IntArray, drawn: IntArray
+) -> float:
+    """Return the mean total variation between both tasks' next source states over the pairs."""
+    s, a = np.divmod(drawn, target.actions.size)
+    usable = (state[s] != MISSING) & (action[a] != MISSING)
+    usable &= ~source.terminal[np.maximum(state[s], 0)]
+    s, a = s[usable], a[usable]
+    if not len(s):
+        return float("nan")
+    row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
+    places: npt.NDArray[Any] = np.concatenate(
+        [state[target.next_state[row]], source.next_state[source_row]], axis=1
+    )
+    masses = np.concatenate([target.probability[row], -source.probability[source_row]], axis=1)
+    # Outcomes that lead to the same place add up before their difference counts, once.
+    same = places[:, :, None] == places[:, None, :]
+    totals = (same * masses[:, None, :]).sum(axis=2)
+    return float((abs(totals) / same.sum(axis=2)).sum(axis=1).mean() / 2)

@@ -1,0 +1,220 @@
+"""What is random, at the right frequencies; what converges, to the right values.
+
+Seeds are fixed, so that a test either always passes or always fails: the false-alarm rates below
+are for the day the random stream changes. Frequencies: chi-square at 1e-6 a test, 30 tests.
+"""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import curricle as cr
+from curricle.learning import sampling
+
+FALSE_ALARM = 1e-6
+DRAWS = 20_000
+
+
+def assert_frequencies(actions, probabilities):
+    """Chi-square against the probabilities; impossible actions must not occur at all."""
+    probabilities = np.asarray(probabilities)
+    counts = np.bincount(actions, minlength=len(probabilities))
+    possible = probabilities > 0
+    assert counts[~possible].sum() == 0
+    if possible.sum() > 1:
+        expected = probabilities[possible] * len(actions)
+        assert expected.min() > 5  # chi-square's own condition
+        assert scipy.stats.chisquare(counts[possible], expected).pvalue > FALSE_ALARM
+
+
+def chosen(values, learner, *, seed=0, step=0):
+    """Return the actions the compiled `choose` takes on these values."""
+    stream, rule = np.array([seed], dtype=np.uint64), learner.rule()
+    row = np.array([values], dtype=np.float64)
+    return np.array([sampling.choose(row, rule, step, stream) for _ in range(DRAWS)])
+
+
+@pytest.mark.parametrize("values", [[0, 0, 0, 0], [1, 3, 3], [3, 1, 3, 2, 3], [-1, -1], [0, -0.0]])
+def test_ties_are_broken_uniformly(values):
+    expected = cr.greedy_policy([values])[0]
+    assert_frequencies(chosen(values, cr.QLearning(epsilon=0.0)), expected)
+
+
+@pytest.mark.parametrize("epsilon", [0.05, 0.5, 1.0])
+@pytest.mark.parametrize("values", [[0.0, 1.0, 0.5], [2.0, 2.0, 0.0, 1.0], [7.0]])
+def test_epsilon_greedy_frequencies(values, epsilon):
+    greedy = cr.greedy_policy([values])[0]
+    expected = (1 - epsilon) * greedy + epsilon / len(values)
+    assert_frequencies(chosen(values, cr.QLearning(epsilon=epsilon)), expected)
+
+
+def test_epsilon_follows_its_schedule():
+    learner = cr.QLearning(epsilon=cr.linear(1.0, 0.0, steps=100))
+    for step, epsilon in ((0, 1.0), (50, 0.5), (100, 0.0)):
+        expected = [1 - epsilon / 2, epsilon / 2]
+        assert_frequencies(chosen([1.0, 0.0], learner, step=step), expected)
+
+
+# The last two reject so often that the full row must be drawn.
+@pytest.mark.parametrize(
+    ("values", "beta"),
+    [
+        ([0.0, 1.0, 2.0], 0.0),
+        ([0.0, 1.0, 2.0], 1.0),
+        ([-5.0, -8.0, -6.0, -5.5], 0.2),
+        ([700.0, 701.0, 702.0], 1.0),
+        ([0.0] + [-4.0] * 9, 1.0),
+        ([3.0, 2.0] + [-100.0] * 14, 1.0),
+    ],
+)
+def test_softmax_frequencies(values, beta):
+    weight = np.exp(beta * (np.array(values) - max(values)))
+    expected = weight / weight.sum()
+    expected[expected < 1e-12] = 0.0  # never seen in 20,000 draws
+    actions = chosen(values, cr.QLearning(inverse_temperature=beta))
+    assert_frequencies(actions, expected / expected.sum())
+
+
+def test_uniform_numbers_are_uniform():
+    # `draw_start` on 64 equally likely starts shows the leading bits of the draws.
+    stream, starts = np.array([1], dtype=np.uint64), np.arange(64)
+    cumulative = np.arange(1, 65) / 64
+    drawn = [sampling.draw_start(starts, cumulative, stream) for _ in range(DRAWS)]
+    assert_frequencies(np.array(drawn), np.full(64, 1 / 64))
+
+
+def test_starts_and_outcomes_follow_their_probabilities():
+    # One-step episodes, each paying a power of 1,000 that tells start and outcome apart; 20,000
+    # seeds-worth of them in one run, whose mean return holds all counts as digits.
+    n = 100_000
+    start, outcome = np.array([0.2, 0.3, 0.5]), np.array([0.1, 0.9])
+    for s in range(3):
+        for o in range(2):
+            outcomes = [
+                [[(outcome[k], 3, float(i == s and k == o)) for k in range(2)]] for i in range(3)
+            ]
+            task = cr.FiniteMDP.from_outcomes(
+                [*outcomes, [[]]], terminal=[False] * 3 + [True], start=[*start, 0.0], discount=0.9
+            )
+            seen = cr.learn(task, budget=n, every=n).training_return[0, -1]
+            p = start[s] * outcome[o]
+            # 5 standard errors: false alarm 6e-7 each.
+            assert abs(seen - p) < 5 * np.sqrt(p * (1 - p) / n)
+
+
+def test_streams_of_different_seeds_are_unrelated():
+    # 2,000 seeds' first outcome of a fair coin, and neighbours' agreement.
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(0.5, 1, 0.0), (0.5, 1, 1.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
+    )
+    first = cr.learn(task, budget=1, every=1, seeds=2000).training_return[:, 1]
+    assert_frequencies(first.astype(int), [0.5, 0.5])
+    assert_frequencies((first[1:] == first[:-1]).astype(int), [0.5, 0.5])
+
+
+# -- convergence ---------------------------------------------------------------------------------
+
+
+def noisy_task(time_limit=None):
+    """Return 5 states, one of them terminal, 2 actions, 2 outcomes, rewards in [-1, 1]."""
+    rng = np.random.default_rng(5)
+    outcomes = [
+        [
+            [(p, int(rng.integers(5)), float(rng.uniform(-1, 1))) for p in (0.3, 0.7)]
+            for _ in range(2)
+        ]
+        for _ in range(5)
+    ]
+    return cr.FiniteMDP.from_outcomes(
+        outcomes, terminal=np.arange(5) == 4, start=[0.25] * 4 + [0], discount=0.6,
+        time_limit=time_limit,
+    )  # fmt: skip
+
+
+# Rate 20 / (20 + n) with n of about 1e5 visits of a pair (1e6 steps): the noise left has a
+# standard deviation near sqrt(20 / 1e5 / (2 (1 - gamma) 20 - 1)^0) < 0.014 x that of one target
+# (below 1.5), hence below 0.02; means over 8 seeds below 0.008. Allowed: 0.04, five of those.
+RATE = cr.harmonic(half=20)
+ALLOWED = 0.04
+
+
+def learnt(kind, time_limit=None, **exploration):
+    learner = kind(learning_rate=RATE, **exploration)
+    result = cr.learn(noisy_task(time_limit), learner, 1_000_000, seeds=8, every=1_000_000)
+    return result.values.mean(axis=0)
+
+
+@pytest.mark.parametrize("time_limit", [None, 3])
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.DoubleQLearning])
+def test_off_policy_learners_find_the_optimal_values(kind, time_limit):
+    optimum = cr.solve(noisy_task()).action_values
+    for exploration in ({"epsilon": 0.5}, {"inverse_temperature": 1.0}):
+        assert abs(learnt(kind, time_limit, **exploration) - optimum).max() < ALLOWED
+
+
+@pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
+def test_on_policy_learners_find_the_values_of_the_uniform_policy(kind):
+    uniform = cr.evaluate(noisy_task(), np.full((5, 2), 0.5)).action_values
+    assert abs(learnt(kind, epsilon=1.0) - uniform).max() < ALLOWED
+    assert abs(learnt(kind, inverse_temperature=0.0) - uniform).max() < ALLOWED
+
+
+def fixed_point(task, policy_of):
+    """Return the Q that is the value of the policy it gives rise to."""
+    q = np.zeros((task.states.size, task.actions.size))
+    for _ in range(200):
+        q = cr.evaluate(task, policy_of(q)).action_values
+    return q
+
+
+@pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
+def test_on_policy_learners_find_the_values_of_their_own_policy(kind):
+    task = noisy_task()
+    own = fixed_point(task, lambda q: 0.6 * cr.greedy_policy(q) + 0.4 / 2)
+    assert abs(own - cr.solve(task).action_values).max() > 3 * ALLOWED  # it is another one
+    assert abs(learnt(kind, epsilon=0.4) - own).max() < ALLOWED
+
+
+@pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
+def test_on_policy_learners_find_the_values_of_their_softmax_policy(kind):
+    def softmax(q):
+        weight = np.exp(2.0 * q)
+        return weight / weight.sum(axis=1, keepdims=True)
+
+    own = fixed_point(noisy_task(), softmax)
+    assert abs(learnt(kind, inverse_temperature=2.0) - own).max() < ALLOWED
+
+
+@pytest.mark.slow
+def test_harmonic_rate_is_the_sample_mean():
+    # One step, reward +-1: harmonic() makes Q the mean of n rewards, sd 1 / sqrt(n). 400 seeds'
+    # z-scores: Kolmogorov-Smirnov against the normal at 1e-6.
+    n = 10_000
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(0.5, 1, -1.0), (0.5, 1, 1.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
+    )
+    result = cr.learn(task, cr.QLearning(learning_rate=cr.harmonic()), n, every=n, seeds=400)
+    mean = result.values[:, 0, 0]
+    assert mean == pytest.approx(result.training_return[:, 1], abs=1e-12)
+    assert scipy.stats.kstest(mean * np.sqrt(n), "norm").pvalue > FALSE_ALARM
+
+
+@pytest.mark.slow
+def test_double_q_learning_overestimates_less_than_q_learning():
+    # Ten actions of mean 0 and sd 1: the largest of ten noisy estimates is well above 0, the other
+    # table's view of it is not (van Hasselt 2010). Difference of means of 200 seeds, 6 errors.
+    outcomes = [[[(0.5, 1, -1.0), (0.5, 1, 1.0)]] * 10, [[]] * 10]
+    entry = [[(1.0, 0, 0.0)]] * 10
+    task = cr.FiniteMDP.from_outcomes(
+        [*outcomes, entry], terminal=[False, True, False], start=2, discount=1.0
+    )
+
+    def entry_values(kind):
+        learner = kind(learning_rate=0.1, epsilon=1.0)
+        return cr.learn(task, learner, 20_000, seeds=200, every=20_000).values[:, 2].mean(axis=1)
+
+    single, double = entry_values(cr.QLearning), entry_values(cr.DoubleQLearning)
+    error = np.hypot(single.std(), double.std()) / np.sqrt(200)
+    assert single.mean() > 0.2
+    assert single.mean() - double.mean() > 6 * error
+    assert abs(double.mean()) < 0.1
