@@ -456,3 +456,23 @@ def test_every_way_of_entering_finds_the_optimal_policy(how, kind):
     assert result.greedy_return[:, -1] == pytest.approx(solution.start_value, abs=1e-6)
     if kind is cr.QLearning:  # off-policy, deterministic: the values themselves
         assert abs(result.values - solution.action_values).max() < 1e-3
+
+
+def test_look_back_advice_can_mislead_where_several_ways_meet():
+    # Why the tree above: SARSA's target carries the *average* of what came before s' / gamma, not
+    # this step's own. Here most ways into states 1 and 2 come from 4, without advice, so that
+    # advice on the worse action of state 0 is never taken back. A known limit, no invariance.
+    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
+    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
+    task = cr.FiniteMDP.from_outcomes(
+        [choice, after, after, [[], []], elsewhere],
+        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
+    )  # fmt: skip
+    phi = np.zeros((5, 2))
+    phi[0, 1] = 5.0
+    sarsa = cr.SARSA(learning_rate=cr.harmonic(half=20), epsilon=0.1)
+    settings = {"seeds": 3, "potential": cr.StateActionPotential(task, phi)}
+    misled = cr.learn(task, sarsa, 50_000, how="look_back", **settings)
+    safe = cr.learn(task, sarsa, 50_000, how="look_ahead", **settings)
+    assert (misled.values[:, 0].argmax(axis=1) == 1).all()
+    assert (safe.values[:, 0].argmax(axis=1) == 0).all()

@@ -1,6 +1,7 @@
 """Running the paper: every figure into a folder, with its data, its claims and one page."""
 
 import io
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict
 from importlib import import_module, metadata
@@ -117,5 +118,7 @@ def _assemble(store: ResultsFolder) -> list[dict[str, Any]]:
     claims = [claim for section in sections for claim in section.claims]
     store.write_json("claims.json", claims)
     title = "Curriculum Learning via Reward Shaping, reproduced"
-    store.write("index.html", page(title, INTRODUCTION, sections).encode())
+    counts = Counter(claim["verdict"] for claim in claims)
+    tally = ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
+    store.write("index.html", page(title, f"{INTRODUCTION}<p>{tally}.</p>", sections).encode())
     return claims

@@ -76,13 +76,18 @@ def _evidence(evidence: dict[str, Any]) -> str:
     lines = []
     for name, value in evidence.items():
         if isinstance(value, dict) and "estimate" in value:
-            text = f"{value['estimate']:,.4g} [{value['low']:,.4g}, {value['high']:,.4g}]"
+            low, high = _number(value["low"]), _number(value["high"])
+            text = f"{_number(value['estimate'])} [{low}, {high}]"
         elif isinstance(value, float):
-            text = f"{value:,.6g}"
+            text = f"{value:.6g}"
         else:
             text = str(value)
         lines.append(f"{escape(name)}: {escape(text)}")
     return "<br>".join(lines)
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 _PAGE = Template("""<!doctype html>
@@ -103,6 +108,8 @@ table { border-collapse: collapse; font-size: 0.85rem; }
 th, td { text-align: left; vertical-align: top; padding: 0.3rem 0.6rem;
          border-bottom: 1px solid #ddd; }
 .wide { overflow-x: auto; }
+.claims { width: 100%; table-layout: fixed; min-width: 44rem; }
+.claims th:first-child { width: 8.5rem; }
 .claims td:first-child { white-space: nowrap; font-weight: 600; }
 .reproduced td:first-child { color: #00664b; }
 .explained td:first-child { color: #005a91; }

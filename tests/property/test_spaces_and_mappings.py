@@ -1,0 +1,134 @@
+"""Round trips of spaces and the algebra of mappings, on random examples."""
+
+import itertools
+
+import numpy as np
+from hypothesis import given, strategies as st
+
+from curricle import (
+    ENDED,
+    UNMAPPED,
+    Component,
+    FiniteMDP,
+    Space,
+    StateActionMapping,
+    compose,
+    identity,
+)
+from curricle.transfer.aggregation import maximum, mean, minimum, total
+
+VALUES = st.floats(-100, 100)
+
+
+@st.composite
+def components(draw):
+    sizes = draw(st.lists(st.integers(1, 4), min_size=1, max_size=4))
+    return [Component(f"c{i}", n, low=draw(st.integers(-3, 3))) for i, n in enumerate(sizes)]
+
+
+def every_point(parts):
+    return list(itertools.product(*(range(c.low, c.low + c.size) for c in parts)))
+
+
+@given(components())
+def test_a_box_decodes_to_all_combinations_and_encodes_back(parts):
+    space = Space(parts)
+    decoded = space.decode()
+    assert list(zip(*(decoded[n].tolist() for n in space.names), strict=True)) == every_point(parts)
+    assert space.encode(**decoded).tolist() == list(range(space.size))
+
+
+@given(components(), st.data())
+def test_a_listed_space_finds_its_points_and_no_others(parts, data):
+    everything = every_point(parts)
+    points = data.draw(st.lists(st.sampled_from(everything), min_size=1, unique=True))
+    space = Space(parts, points)
+    asked = np.array(everything)
+    numbers = space.encode(**{n: asked[:, i] for i, n in enumerate(space.names)})
+    expected = [points.index(p) if p in points else -1 for p in everything]
+    assert numbers.tolist() == expected
+    assert space.encode(**space.decode()).tolist() == list(range(len(points)))
+
+
+@given(components(), st.data())
+def test_values_just_outside_the_box_are_missing(parts, data):
+    space = Space(parts)
+    point = list(data.draw(st.sampled_from(every_point(parts))))
+    axis = data.draw(st.integers(0, len(parts) - 1))
+    part = parts[axis]
+    point[axis] = data.draw(st.sampled_from([part.low - 1, part.low + part.size]))
+    assert space.encode(**dict(zip(space.names, point, strict=True))) == -1
+
+
+def ring(n_states, n_actions):
+    """A small task: every action moves on by one; the last state ends."""
+    step = [[[(1.0, s + 1, 0.0)]] * n_actions for s in range(n_states - 1)]
+    end = [False] * (n_states - 1) + [True]
+    return FiniteMDP.from_outcomes([*step, [[]] * n_actions], terminal=end, start=0, discount=0.9)
+
+
+@st.composite
+def chains_of_mappings(draw, length):
+    """Tasks t_0 .. t_n and random mappings t_i -> t_(i+1)."""
+    tasks = [ring(draw(st.integers(2, 4)), draw(st.integers(1, 3))) for _ in range(length + 1)]
+    found = []
+    for target, source in itertools.pairwise(tasks):
+        alive = (source.states.size - 1) * source.actions.size
+        shape = (target.states.size, target.actions.size)
+        entries = st.integers(ENDED, alive - 1)
+        flat = draw(st.lists(entries, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
+        value = draw(VALUES)
+        found.append(StateActionMapping(target, source, np.array(flat).reshape(shape), value))
+    return found
+
+
+@given(chains_of_mappings(3))
+def test_composition_is_associative(chain):
+    f, g, h = chain
+    left, right = compose(compose(f, g), h), compose(f, compose(g, h))
+    assert (left.index == right.index).all()
+    assert left.unmapped_value == right.unmapped_value
+
+
+@given(chains_of_mappings(1))
+def test_identity_is_neutral(chain):
+    (f,) = chain
+    assert (compose(identity(f.target), f).index == f.index).all()
+    assert (compose(f, identity(f.source)).index == f.index).all()
+
+
+@given(chains_of_mappings(2), st.integers(0, 1000))
+def test_reading_through_a_composition_is_reading_twice_where_mapped(chain, seed):
+    f, g = chain
+    q = np.random.default_rng(seed).normal(size=(g.source.states.size, g.source.actions.size))
+    once, twice = compose(f, g), f.read(g.read(q))
+    mapped = once.index >= 0
+    assert (once.read(q)[mapped] == twice[mapped]).all()
+    assert (once.read(q)[once.index == ENDED] == 0).all()
+
+
+@given(chains_of_mappings(1))
+def test_coverage_agrees_with_counting_pair_by_pair(chain):
+    (f,) = chain
+    pairs = f.index[:-1].ravel().tolist()
+    read = [p for p in pairs if p >= 0]
+    available = (f.source.states.size - 1) * f.source.actions.size
+    c = f.coverage()
+    assert c.target_pairs == len(pairs)
+    assert c.mapped == len(read) / len(pairs)
+    assert c.ended == pairs.count(ENDED) / len(pairs)
+    assert c.unmapped == pairs.count(UNMAPPED) / len(pairs)
+    assert (c.source_pairs, c.never_used) == (available, available - len(set(read)))
+    assert c.most_readers == max((read.count(p) for p in read), default=0)
+    assert np.isclose(c.mean_readers, len(read) / len(set(read)) if read else 0)
+
+
+@given(st.integers(1, 4), st.integers(0, 1000))
+def test_aggregates_are_ordered_and_do_not_depend_on_the_order_of_sources(n, seed):
+    rng = np.random.default_rng(seed)
+    phi = rng.normal(size=(n, 3, 2))
+    shuffled = phi[rng.permutation(n)]
+    assert (minimum(phi) <= mean(phi) + 1e-12).all()
+    assert (mean(phi) <= maximum(phi) + 1e-12).all()
+    for g in (maximum, mean, minimum, total):
+        np.testing.assert_allclose(g(phi), g(shuffled), atol=1e-12)

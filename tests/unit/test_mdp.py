@@ -1,0 +1,175 @@
+"""FiniteMDP: its constructors, its tables, Gymnasium's toy-text tasks."""
+
+import numpy as np
+import pytest
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+from gymnasium.envs.toy_text.taxi import TaxiEnv
+
+from curricle import FiniteMDP, GridWorld, Pursuit, TaskError, evaluate, solve
+
+P = np.array(
+    [[[0.5, 0.5, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 0.25, 0.75]], np.eye(3)[[2, 2]]]
+)
+END = [False, False, True]
+
+
+def dense(reward, **changes):
+    settings = {"terminal": END, "start": 0, "discount": 0.9}
+    return FiniteMDP.from_dense(P, reward, **(settings | changes))
+
+
+def expand(mdp):
+    """Return dense P (S, A, S) and expected R (S, A), zero for terminal states."""
+    n = mdp.states.size
+    p, r = np.zeros((n, mdp.actions.size, n)), np.zeros((n, mdp.actions.size))
+    for s in np.flatnonzero(~mdp.terminal):
+        for a in range(mdp.actions.size):
+            row = mdp.outcome_row[s, a]
+            for o in range(mdp.probability.shape[1]):
+                p[s, a, mdp.next_state[row, o]] += mdp.probability[row, o]
+                r[s, a] += mdp.probability[row, o] * mdp.reward[row, o]
+    return p, r
+
+
+def test_from_dense_keeps_the_transitions():
+    p, _ = expand(dense(np.zeros(3)))
+    assert (p[:2] == P[:2]).all()
+
+
+def test_from_dense_takes_a_reward_for_the_state_that_is_left():
+    _, r = expand(dense([1.0, 2.0, 9.0]))
+    assert r.tolist() == [[1, 1], [2, 2], [0, 0]]
+
+
+def test_from_dense_takes_a_reward_for_each_pair():
+    _, r = expand(dense([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]))
+    assert r.tolist() == [[1, 2], [3, 4], [0, 0]]
+
+
+def test_from_dense_takes_a_reward_for_each_transition():
+    reward = np.zeros((3, 2, 3))
+    reward[0, 0, 1], reward[1, 1, 2], reward[0, 0, 2] = 4.0, 8.0, 99.0  # the last is impossible
+    _, r = expand(dense(reward))
+    assert r.tolist() == [[2, 0], [0, 6], [0, 0]]
+
+
+def test_from_dense_stores_only_the_possible_outcomes():
+    assert dense(np.zeros(3)).probability.shape == (6, 2)
+
+
+def test_from_outcomes_pads_short_lists_with_probability_0():
+    lists = [[[(0.5, 0, -1.0), (0.5, 1, 3.0)], [(1.0, 1, 7.0)]], [[], []]]
+    mdp = FiniteMDP.from_outcomes(lists, terminal=[False, True], start=0, discount=0.5)
+    p, r = expand(mdp)
+    assert p[0].tolist() == [[0.5, 0.5], [0, 1]]
+    assert r[0].tolist() == [1, 7]
+
+
+def test_from_outcomes_reads_the_end_off_the_terminated_flags():
+    lists = {0: {0: [(1.0, 1, 0.0, False)]}, 1: {0: [(1.0, 2, 1.0, True)]}, 2: {0: []}}
+    mdp = FiniteMDP.from_outcomes(lists, start=0, discount=1.0)
+    assert mdp.terminal.tolist() == [False, False, True]
+
+
+def test_a_start_may_be_a_state_or_a_distribution():
+    assert dense(np.zeros(3), start=1).start.tolist() == [0, 1, 0]
+    assert dense(np.zeros(3), start=np.int64(1)).start.tolist() == [0, 1, 0]
+    mdp = dense(np.zeros(3), start=[0.25, 0.75, 0])
+    assert mdp.start_states.tolist() == [0, 1]
+    assert mdp.start_cumulative.tolist() == [0.25, 1]
+
+
+def test_the_last_possible_outcome_has_cumulative_probability_1():
+    third = 1 / 3
+    p = [[[third, third, third], [1.0, 0.0, 0.0]]] * 3
+    mdp = FiniteMDP.from_dense(p, np.zeros(3), terminal=END, start=0, discount=0.9)
+    assert mdp.cumulative[0, 2] == 1.0
+    assert mdp.cumulative[1].tolist() == [1, 1, 1]
+
+
+def test_discount_1_is_allowed_where_every_policy_ends():
+    one_way = [[[0.0, 1.0]], [[0.0, 1.0]]]
+    mdp = FiniteMDP.from_dense(one_way, [-1, 0], terminal=[False, True], start=0, discount=1)
+    assert solve(mdp).values.tolist() == [-1, 0]
+
+
+def test_an_mdp_does_not_change_with_the_callers_arrays():
+    start, reward = np.array([1.0, 0, 0]), np.array([1.0, 2.0, 3.0])
+    mdp = dense(reward, start=start)
+    start[:], reward[:] = 7, 7
+    assert mdp.start.tolist() == [1, 0, 0]
+    assert expand(mdp)[1][0, 0] == 1
+
+
+def test_an_mdp_is_a_task():
+    mdp = dense(np.zeros(3))
+    assert mdp.mdp is mdp
+    assert repr(mdp) == "FiniteMDP(3 states, 2 actions, 1 terminal, discount 0.9, no time limit)"
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        GridWorld(["S.#", ".FT", "..P"], ends=("treasure",)),
+        Pursuit(size=2, predators=2),
+        Pursuit(size=3, predators=1, torus=True, moves=4),
+    ],
+    ids=["maze", "two predators", "torus"],
+)
+def test_sharing_outcome_rows_changes_nothing(task):
+    shared = task.mdp
+    assert len(shared.probability) < shared.states.size * shared.actions.size
+    p, _ = expand(shared)
+    r = np.zeros_like(p)
+    for s in np.flatnonzero(~shared.terminal):
+        for a in range(shared.actions.size):
+            row = shared.outcome_row[s, a]
+            r[s, a, shared.next_state[row]] = shared.reward[row]
+    p[shared.terminal, :, 0] = 1
+    full = FiniteMDP.from_dense(
+        p, r, terminal=shared.terminal, start=shared.start, discount=shared.discount
+    )
+    assert len(full.probability) == shared.states.size * shared.actions.size
+    np.testing.assert_allclose(solve(full).values, solve(shared).values, atol=1e-7)
+
+
+def test_frozen_lake_ends_in_its_holes_and_at_the_goal():
+    lake = FiniteMDP.from_outcomes(FrozenLakeEnv().P, start=0, discount=0.99)
+    assert np.flatnonzero(lake.terminal).tolist() == [5, 7, 11, 12, 15]
+    assert solve(lake).start_value == pytest.approx(0.5420, abs=5e-5)  # the textbook value
+
+
+def test_frozen_lake_without_slipping_is_six_steps_long():
+    lake = FiniteMDP.from_outcomes(FrozenLakeEnv(is_slippery=False).P, start=0, discount=0.9)
+    assert solve(lake).start_value == pytest.approx(0.9**5)
+
+
+def test_cliff_walking_takes_thirteen_steps():
+    cliff = FiniteMDP.from_outcomes(CliffWalkingEnv().P, start=36, discount=0.9)
+    assert np.flatnonzero(cliff.terminal).tolist() == [47]
+    assert solve(cliff).start_value == pytest.approx(-(1 - 0.9**13) / (1 - 0.9))
+
+
+def test_taxi_has_four_ends_and_pays_20_for_the_drop_off():
+    environment = TaxiEnv()
+    start = environment.initial_state_distrib
+    taxi = FiniteMDP.from_outcomes(environment.P, start=start, discount=0.99)
+    assert np.flatnonzero(taxi.terminal).tolist() == [0, 85, 410, 475]
+    beside = environment.encode(0, 0, 4, 0)  # passenger in the taxi, at the destination
+    assert solve(taxi).values[beside] == pytest.approx(20)
+
+
+def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
+    m = GridWorld("S.T").mdp
+    beyond = m.next_state.astype(np.int64) + 2**32
+    with pytest.raises(TaskError, match="next states"):
+        FiniteMDP(
+            m.states, m.actions, m.outcome_row, m.probability, beyond, m.reward, m.terminal,
+            m.start, 0.9,
+        )  # fmt: skip
+
+
+def test_evaluation_of_a_policy_uses_the_rewards_given():
+    mdp = dense([1.0, 2.0, 9.0], discount=0.5)
+    assert evaluate(mdp, [1, 0, 0]).values.tolist() == pytest.approx([1, 2.5, 0])

@@ -1,0 +1,290 @@
+"""One test for each mistake found in published reinforcement-learning code."""
+
+import inspect
+
+import gymnasium
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import SettingError
+
+LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
+PAIR_WAYS = ["initialise", "look_ahead", "look_back", "bonus", "advice"]
+
+
+def small_maze(**rules):
+    return cr.GridWorld(["S..", ".P.", "..T"], **rules)
+
+
+def one_step_task(reward=8.0):
+    return cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, reward)]], [[]]], terminal=[False, True], start=0, discount=0.9
+    )
+
+
+def arrays_of(owner):
+    return {name: x for name, x in vars(owner).items() if isinstance(x, np.ndarray)}
+
+
+# -- ends of episodes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_nothing_is_bootstrapped_through_a_terminal_state(kind):
+    learner = kind(learning_rate=1.0, initial_value=1000.0)
+    result = cr.learn(one_step_task(), learner, 100)
+    assert result.values[0].tolist() == [[8.0], [0.0]]
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_a_time_limit_is_not_a_termination(kind):
+    # 1 a step for ever is worth 1 / (1 - 0.99) = 100, however short the episodes.
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 0, 1.0)]]], terminal=[False], start=0, discount=0.99, time_limit=10
+    )
+    result = cr.learn(task, kind(learning_rate=0.5), 20_000)
+    assert result.values[0, 0, 0] == pytest.approx(100.0)
+    assert result.training_return[0, -1] == 10.0
+    assert cr.solve(task).values[0] == pytest.approx(100.0)
+
+
+def test_a_cut_episode_keeps_the_potential_of_its_last_state():
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 0, 1.0)]]], terminal=[False], start=0, discount=0.99, time_limit=10
+    )
+    phi = cr.StatePotential(task, [40.0])
+    result = cr.learn(task, cr.QLearning(learning_rate=0.5), 20_000, potential=phi, how="state")
+    assert result.values[0, 0, 0] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_the_last_step_of_an_episode_obeys_the_learning_rate(kind):
+    for alpha in (0.0, 0.25):
+        result = cr.learn(one_step_task(), kind(learning_rate=alpha), 1)
+        # Double Q-learning updates one of two tables and reports their mean.
+        assert result.values[0, 0, 0] == alpha * 8.0 / kind.tables
+
+
+@pytest.mark.parametrize("predators", [1, 2, 3])
+def test_one_predicate_decides_the_end_and_the_reward(predators):
+    for capture in ("all", "any", *range(1, predators + 1)):
+        mdp = cr.Pursuit(size=2, predators=predators, capture=capture, capture_reward=7.0).mdp
+        assert ((mdp.reward == 7.0) == mdp.terminal[mdp.next_state]).all(), capture
+
+
+def test_only_as_published_ends_without_paying():
+    mdp = cr.Pursuit(size=3, predators=2, capture="as_published", capture_reward=7.0).mdp
+    ended, paid = mdp.terminal[mdp.next_state], mdp.reward == 7.0
+    assert (ended & ~paid).any()
+    assert not (paid & ~ended).any()
+
+
+# -- terminal rows and unmapped pairs ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", [*PAIR_WAYS, "state"])
+def test_a_potential_never_reaches_terminal_rows(how):
+    maze = small_maze()
+    potential = cr.StateActionPotential(maze, np.full((9, 4), 50.0))
+    assert not potential.values[maze.mdp.terminal].any()
+    if how == "state":
+        potential = potential.to_state()
+    result = cr.learn(maze, cr.SARSA(), 2000, potential=potential, how=how)
+    assert not result.values[0, maze.mdp.terminal].any()
+
+
+def test_a_state_potential_is_zero_in_terminal_states_in_every_frame():
+    maze = small_maze()
+    phi = cr.StatePotential(maze, np.full((2, 9), 50.0), frame_steps=(0, 5))
+    assert not phi.values[:, maze.mdp.terminal].any()
+    assert (phi.values[:, ~maze.mdp.terminal] == 50.0).all()
+
+
+def test_no_pair_of_pursuit_is_left_unmapped_when_predators_meet():
+    hunt, chase = cr.Pursuit(size=3, predators=2), cr.Pursuit(size=3, predators=1)
+    where = hunt.states.decode()
+    together = (where["predator_1"] == where["predator_2"]) & ~hunt.mdp.terminal
+    assert together.any()
+    for name in hunt.predator_names:
+        mapping = cr.project(hunt, chase, predator=name)
+        assert mapping.coverage().unmapped == 0
+        assert (mapping.index[together] >= 0).all()
+
+
+# -- tables that change behind one's back --------------------------------------------------------
+
+
+def test_arrays_handed_out_are_read_only():
+    maze = small_maze()
+    result = cr.learn(maze, budget=500)
+    solution = cr.solve(maze)
+    owners = [
+        maze.mdp,
+        result,
+        solution,
+        cr.evaluate(maze, solution.policy),
+        cr.StatePotential(maze, np.zeros(9)),
+        cr.StateActionPotential(maze, np.zeros((9, 4))),
+        cr.identity(maze),
+    ]
+    writable = [
+        f"{type(owner).__name__}.{name}"
+        for owner in owners
+        for name, array in arrays_of(owner).items()
+        if array.flags.writeable
+    ]
+    assert writable == []
+
+
+def test_training_leaves_the_callers_table_alone():
+    maze, table = small_maze(), np.ones((9, 4))
+    phi = cr.StateActionPotential(maze, table)
+    for how in PAIR_WAYS:
+        cr.learn(maze, cr.SARSA(), 500, potential=phi, how=how)
+    assert (table == 1.0).all()
+    assert (phi.values[~maze.mdp.terminal] == 1.0).all()
+    table[:] = 9.0
+    assert phi.values.max() == 1.0
+
+
+def test_training_the_target_leaves_the_source_as_it_was():
+    maze = small_maze()
+    curriculum = cr.Curriculum(
+        tasks={"source": maze, "target": maze},
+        transfers=[cr.Transfer("source", "target", cr.identity(maze))],
+        budget=1000,
+    )
+    result = curriculum.train(seeds=2)
+    alone = cr.learn(maze, budget=1000, seeds=2, stream="source")
+    np.testing.assert_array_equal(result["source"].values, alone.values)
+    assert not np.shares_memory(result["source"].values, result["target"].values)
+
+
+def test_a_second_run_starts_from_the_initial_table_again():
+    maze, learner = small_maze(), cr.QLearning(initial_value=3.0)
+    phi = cr.StateActionPotential(maze, np.arange(36.0).reshape(9, 4))
+    first, second = (cr.learn(maze, learner, 500, potential=phi, seeds=2) for _ in range(2))
+    np.testing.assert_array_equal(first.values, second.values)
+
+
+# -- choices -------------------------------------------------------------------------------------
+
+
+def test_frozen_lake_is_learnt_from_an_all_zero_table():
+    # With the first of several best actions taken, the agent pushes west for ever and learns
+    # nothing: success 0. The optimal policy reaches the goal in 0.863 of episodes of 200 steps.
+    outcomes = gymnasium.make("FrozenLake-v1", map_name="8x8").unwrapped.P
+    task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.99, time_limit=200)
+    success = cr.learn(
+        task,
+        cr.QLearning(learning_rate=cr.harmonic(half=100), epsilon=0.1),
+        1_000_000,
+        seeds=4,
+        every=200_000,
+        evaluation=cr.GreedyEvaluation(discounted=False),
+    ).greedy_return
+    assert (success[:, -1] > 0.8).all()
+    always_west = np.zeros(64, dtype=int)
+    assert cr.evaluate(task, always_west).start_value == 0.0
+
+
+def test_greedy_evaluation_shares_ties_out():
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, 0.0)], [(1.0, 1, 1.0)]], [[], []]],
+        terminal=[False, True], start=0, discount=0.9,
+    )  # fmt: skip
+    assert cr.learn(task, cr.QLearning(), 10).greedy_return[0, 0] == 0.5
+
+
+# -- numbers -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [1e-320, 1e-30, 0.0])
+def test_a_tolerance_is_never_rounded_to_zero(tolerance):
+    with pytest.raises(SettingError, match="tolerance must be"):
+        cr.solve(small_maze(), tolerance=tolerance)
+
+
+def test_the_discount_has_one_owner():
+    consumers = [
+        *LEARNERS, cr.learn, cr.solve, cr.evaluate, cr.StatePotential, cr.StateActionPotential,
+        cr.StatePotential.shaping_reward, cr.StateActionPotential.look_ahead, cr.Transfer,
+        cr.StateActionMapping, cr.Curriculum, cr.Curriculum.train, cr.rollout,
+    ]  # fmt: skip
+    for consumer in consumers:
+        assert not {"discount", "gamma"} & set(inspect.signature(consumer).parameters), consumer
+
+
+def test_shaping_uses_the_discount_of_the_task():
+    for discount in (0.5, 1.0):
+        maze = small_maze(discount=discount)
+        phi = cr.StatePotential(maze, np.arange(9.0))
+        assert phi.shaping_reward(1, 2) == discount * 2.0 - 1.0
+
+
+def test_a_cycle_is_paid_nothing_only_at_discount_1():
+    cycle = np.array([0, 1, 2, 1, 0])
+    for discount in (1.0, 0.9):
+        phi = cr.StatePotential(small_maze(discount=discount), [2.0, -1.0, 4.0] + [0.0] * 6)
+        paid = phi.shaping_reward(cycle[:-1], cycle[1:])
+        if discount == 1:
+            assert paid.sum() == 0.0
+        else:
+            assert paid.sum() == pytest.approx((discount - 1) * (2.0 - 1.0 + 4.0 - 1.0))
+        telescoped = (discount ** np.arange(4) * paid).sum()
+        assert telescoped == pytest.approx(discount**4 * 2.0 - 2.0)
+
+
+# -- seeds ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_equal_seeds_agree_and_different_seeds_differ(kind):
+    first, second = (cr.learn(small_maze(), kind(), 500, seeds=2) for _ in range(2))
+    np.testing.assert_array_equal(first.values, second.values)
+    np.testing.assert_array_equal(first.training_return, second.training_return)
+    assert (first.values[0] != first.values[1]).any()
+    other = cr.learn(small_maze(), kind(), 500, seeds=2, stream="other")
+    assert (first.values[0] != other.values[0]).any()
+
+
+@pytest.mark.parametrize("method", ["exact", "rollouts"])
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_a_seed_does_not_depend_on_workers_or_on_other_seeds(kind, method):
+    def run(seeds, workers):
+        evaluation = cr.GreedyEvaluation(method=method, episodes=3)
+        return cr.learn(
+            small_maze(), kind(), 500, seeds=seeds, workers=workers, evaluation=evaluation
+        )
+
+    alone, crowd = run([3], 1), run([9, 3, 0, 5, 1], 4)
+    for name in ("values", "training_return", "greedy_return", "episodes"):
+        np.testing.assert_array_equal(getattr(alone, name)[0], getattr(crowd, name)[1])
+
+
+def test_evaluation_does_not_disturb_learning():
+    def values(every, method):
+        return cr.learn(
+            small_maze(), budget=1000, every=every, evaluation=cr.GreedyEvaluation(method=method)
+        ).values
+
+    often, seldom, exactly = values(7, "rollouts"), values(1000, "rollouts"), values(7, "exact")
+    np.testing.assert_array_equal(often, seldom)
+    np.testing.assert_array_equal(often, exactly)
+
+
+def test_a_curriculums_task_does_not_depend_on_which_others_are_there():
+    maze, other = small_maze(), small_maze(time_limit=50)
+    both = cr.Curriculum(tasks={"other": other, "maze": maze}, budget=500).train(seeds=2)
+    alone = cr.Curriculum(tasks={"maze": maze}, budget=500).train(seeds=2)
+    np.testing.assert_array_equal(both["maze"].values, alone["maze"].values)
+
+
+def test_training_curves_hold_the_unshaped_return():
+    task = one_step_task(reward=-1.0)
+    for how in PAIR_WAYS:
+        phi = cr.StateActionPotential(task, [[100.0], [0.0]])
+        result = cr.learn(task, cr.SARSA(), 100, potential=phi, how=how)
+        assert (result.training_return[0, 1:] == -1.0).all()
+        assert (result.greedy_return[0] == -1.0).all()

@@ -1,0 +1,218 @@
+"""Pursuit against a plain enumeration of its joint dynamics, and its rules one by one."""
+
+import itertools
+import tracemalloc
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from curricle import Pursuit, TaskError, solve
+
+STEPS = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
+
+
+def names_of(moves):
+    return list(STEPS)[5 - moves :]
+
+
+def walk(cell, name, size, torus):
+    row, column = divmod(cell, size)
+    down, right = STEPS[name]
+    row, column = row + down, column + right
+    if torus:
+        row, column = row % size, column % size
+    elif not (0 <= row < size and 0 <= column < size):
+        return cell
+    return row * size + column
+
+
+def joint_dynamics(game, position, action, prey_policy):
+    """Return {(next position, reward): probability}, everybody moving at once."""
+    prey, *hunters = position
+    moves = names_of(game.moves)
+    after = [walk(h, moves[a], game.size, game.torus) for h, a in zip(hunters, action, strict=True)]
+    outcomes = Counter()
+    for name, chance in zip(moves, prey_policy(position), strict=True):
+        there = walk(prey, name, game.size, game.torus)
+        touching = sum(h == there for h in after)
+        need = {"all": game.predators, "any": 1, "as_published": game.predators}
+        caught = touching >= need.get(game.capture, game.capture)
+        if chance:
+            reward = game.capture_reward if caught else game.step_reward
+            outcomes[(there, *after), reward] += chance
+    return outcomes
+
+
+def table_dynamics(game, state, action):
+    mdp = game.mdp
+    row = mdp.outcome_row[state, action]
+    outcomes = Counter()
+    for p, s, r in zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True):
+        if p:
+            where = game.states.decode(s)
+            outcomes[tuple(int(where[n]) for n in game.states.names), float(r)] += p
+    return outcomes
+
+
+def agrees(game, prey_policy, pairs=None):
+    """Compare every pair (or some) of the table with the enumeration."""
+    positions = list(itertools.product(range(game.size**2), repeat=1 + game.predators))
+    actions = list(itertools.product(range(game.moves), repeat=game.predators))
+    assert (len(positions), len(actions)) == (game.states.size, game.actions.size)
+    everything = itertools.product(range(len(positions)), range(len(actions)))
+    for s, a in everything if pairs is None else pairs:
+        if game.mdp.terminal[s]:
+            continue
+        expected = joint_dynamics(game, positions[s], actions[a], prey_policy)
+        found = table_dynamics(game, s, a)
+        assert found.keys() == expected.keys()
+        assert all(abs(found[k] - expected[k]) < 1e-12 for k in expected)
+
+
+def uniform(game):
+    return lambda position: [1 / game.moves] * game.moves
+
+
+RULES = [{"moves": m, "torus": t} for m in (4, 5) for t in (False, True)]
+
+
+@pytest.mark.parametrize("rules", RULES, ids=lambda r: f"{r['moves']} moves, torus {r['torus']}")
+@pytest.mark.parametrize(("size", "predators"), [(2, 1), (3, 1), (2, 2)])
+def test_the_table_is_the_joint_dynamics(size, predators, rules):
+    game = Pursuit(size=size, predators=predators, **rules)
+    agrees(game, uniform(game))
+
+
+@pytest.mark.parametrize("capture", ["all", "any", "as_published", 1, 2])
+@pytest.mark.parametrize(("size", "predators"), [(3, 2), (2, 3)])
+def test_the_table_is_the_joint_dynamics_under_every_capture_rule(size, predators, capture):
+    game = Pursuit(size=size, predators=predators, capture=capture, step_reward=-2, capture_reward=5)
+    rng = np.random.default_rng(0)
+    pairs = zip(
+        rng.integers(game.states.size, size=400), rng.integers(game.actions.size, size=400), strict=True
+    )
+    agrees(game, uniform(game), pairs)
+
+
+@pytest.mark.parametrize(
+    ("capture", "ends_at"),
+    [("all", 3), ("any", 1), ("as_published", 1), (1, 1), (2, 2), (3, 3)],
+)
+def test_an_episode_ends_when_enough_predators_touch_the_prey(capture, ends_at):
+    game = Pursuit(size=2, predators=3, capture=capture)
+    for s, (prey, *hunters) in enumerate(itertools.product(range(4), repeat=4)):
+        assert game.mdp.terminal[s] == (hunters.count(prey) >= ends_at)
+
+
+def test_as_published_pays_a_first_touch_like_a_miss():
+    game = Pursuit(size=2, predators=2, capture="as_published", prey=np.eye(5)[[0] * 4])
+    state = game.states.encode(prey=0, predator_1=1, predator_2=1)
+    one = game.actions.encode(predator_1=4, predator_2=0)  # west, stay
+    both = game.actions.encode(predator_1=4, predator_2=4)
+    assert table_dynamics(game, state, one) == {((0, 0, 1), -1.0): 1.0}
+    assert table_dynamics(game, state, both) == {((0, 0, 0), 0.0): 1.0}
+    assert game.mdp.terminal[game.states.encode(prey=0, predator_1=0, predator_2=1)]
+
+
+def fleeing(position):
+    """A prey that looks: it goes east if the first predator shares its row, else it stays."""
+    prey, hunter, *_ = position
+    return [0, 0, 1, 0, 0] if prey // 2 == hunter // 2 else [0.5, 0.5, 0, 0, 0]
+
+
+def test_a_prey_may_have_a_policy_by_its_own_cell():
+    policy = np.random.default_rng(1).dirichlet(np.ones(5), size=4)
+    game = Pursuit(size=2, predators=2, prey=policy)
+    agrees(game, lambda position: policy[position[0]])
+
+
+def test_a_prey_may_have_a_policy_by_state():
+    by_state = [fleeing(p) for p in itertools.product(range(4), repeat=3)]
+    agrees(Pursuit(size=2, predators=2, prey=by_state), fleeing)
+
+
+def test_a_prey_may_be_a_function_of_the_decoded_states():
+    def decide(where):
+        same = where["prey"] // 2 == where["predator_1"] // 2
+        return np.where(same[:, None], [0, 0, 1, 0, 0], [0.5, 0.5, 0, 0, 0])
+
+    agrees(Pursuit(size=2, predators=2, prey=decide), fleeing)
+
+
+def test_a_policy_by_cell_equals_the_same_policy_by_state():
+    policy = np.random.default_rng(2).dirichlet(np.ones(5), size=9)
+    by_cell = Pursuit(size=3, predators=1, prey=policy)
+    by_state = Pursuit(size=3, predators=1, prey=np.repeat(policy, 9, axis=0))
+    np.testing.assert_allclose(solve(by_cell).values, solve(by_state).values, atol=1e-7)
+
+
+def test_swapping_cells_with_the_prey_is_no_capture():
+    west = np.eye(5)[[4] * 4]
+    game = Pursuit(size=2, predators=1, prey=west)
+    state = game.states.encode(prey=1, predator=0)
+    assert table_dynamics(game, state, 2) == {((0, 1), -1.0): 1.0}  # predator east, prey west
+
+
+def test_the_prey_moves_on_while_its_cell_is_entered():
+    game = Pursuit(size=3, predators=1, prey=np.eye(5)[[2] * 9])  # always east
+    state = game.states.encode(prey=1, predator=0)
+    assert table_dynamics(game, state, 2) == {((2, 1), -1.0): 1.0}
+
+
+def test_predators_may_share_a_cell():
+    game = Pursuit(size=2, predators=2, prey=np.eye(5)[[0] * 4])
+    state = game.states.encode(prey=0, predator_1=3, predator_2=3)
+    north = game.actions.encode(predator_1=1, predator_2=1)
+    assert table_dynamics(game, state, north) == {((0, 1, 1), -1.0): 1.0}
+
+
+@pytest.mark.parametrize("capture", ["all", "any"])
+def test_the_start_is_uniform_over_uncaught_states(capture):
+    mdp = Pursuit(size=2, predators=2, capture=capture).mdp
+    free = ~mdp.terminal
+    assert free.sum() == {"all": 64 - 4, "any": 4 * 9}[capture]
+    np.testing.assert_allclose(mdp.start, free / free.sum(), atol=1e-15)
+
+
+def test_a_predator_beside_a_resting_prey_catches_it_at_once():
+    resting = Pursuit(size=2, predators=1, prey=np.eye(5)[[0] * 4], discount=0.5)
+    values = solve(resting).values
+    assert values[resting.states.encode(prey=0, predator=1)] == 0
+    assert values[resting.states.encode(prey=0, predator=3)] == -1
+
+
+@pytest.mark.parametrize(
+    ("capture", "value"), [("all", -3.482), ("as_published", -2.1949), ("any", -1.350)]
+)
+def test_the_optimal_values_of_the_4x4_game_are_the_known_ones(capture, value):
+    # Mean of V* over all states, the caught ones (V = 0) counted.
+    values = solve(Pursuit(size=4, predators=2, capture=capture), tolerance=1e-5).values
+    assert values.mean() == pytest.approx(value, abs=6e-4)
+
+
+def test_predators_and_moves_have_names():
+    game = Pursuit(size=3, predators=3, moves=4)
+    assert game.actions.names == ("predator_1", "predator_2", "predator_3")
+    assert game.actions.component("predator_2").labels == ("north", "east", "south", "west")
+    assert Pursuit(size=2, predators=1).actions.label(0) == "predator=stay"
+
+
+def test_a_table_too_large_is_refused_before_anything_is_allocated():
+    game = Pursuit(size=10, predators=3)
+    assert game.states.size * game.actions.size == 10**8 * 125
+    tracemalloc.start()
+    with pytest.raises(TaskError, match="500,000,000.*100,000,000 states x 125 actions"):
+        _ = game.mdp
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1_000_000
+
+
+def test_a_game_is_a_value():
+    policy = np.full((4, 5), 0.2)
+    game = Pursuit(size=2, prey=policy)
+    assert game == Pursuit(size=2, prey=policy.tolist())
+    assert hash(game) == hash(Pursuit(size=2, prey=policy))
+    policy[:] = 0
+    assert game == Pursuit(size=2, prey=np.full((4, 5), 0.2))

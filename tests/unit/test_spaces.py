@@ -1,0 +1,81 @@
+"""Spaces of named components: numbering, look-up, printing."""
+
+import numpy as np
+import pytest
+
+from curricle import Component, Space, TaskError
+
+BOX = Space([Component("row", 2, low=5), Component("column", 3)])
+LISTED = Space(
+    [Component("x", 3, low=-1), Component("y", 2)], points=[[1, 0], [-1, 1], [0, 0], [1, 1]]
+)
+
+
+def test_a_box_is_numbered_with_the_last_component_fastest():
+    decoded = BOX.decode()
+    assert decoded["row"].tolist() == [5, 5, 5, 6, 6, 6]
+    assert decoded["column"].tolist() == [0, 1, 2, 0, 1, 2]
+    assert (BOX.size, len(BOX), BOX.shape, BOX.names) == (6, 6, (2, 3), ("row", "column"))
+
+
+def test_listed_points_keep_the_order_given():
+    assert LISTED.size == 4
+    assert LISTED.decode([0, 1])["x"].tolist() == [1, -1]
+    assert LISTED.encode(x=[1, -1, 0, 1], y=[0, 1, 0, 1]).tolist() == [0, 1, 2, 3]
+
+
+def test_values_that_are_no_point_are_missing():
+    assert BOX.encode(row=[4, 5, 7, 6], column=[0, 3, 0, -1]).tolist() == [-1] * 4
+    assert LISTED.encode(x=[0, 2, -1], y=[1, 0, 0]).tolist() == [-1] * 3
+
+
+def test_encode_broadcasts_and_decode_keeps_the_shape():
+    numbers = BOX.encode(row=np.array([[5], [6]]), column=np.arange(3)[None, :])
+    assert numbers.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert BOX.decode(numbers)["column"].shape == (2, 3)
+    assert BOX.encode(row=6, column=2).shape == ()
+    assert LISTED.encode(x=[[1], [0]], y=[[0, 1]]).tolist() == [[0, 3], [2, -1]]
+
+
+def test_points_print_by_name_and_label():
+    move = Component("move", 2, low=1, labels=("left", "right"))
+    assert Space([move, Component("n", 2)]).label(2) == "move=right n=0"
+    assert LISTED.label(1) == "x=-1 y=1"
+
+
+def test_a_long_space_prints_short():
+    assert repr(BOX) == "Space(6 points: row[2] x column[3])"
+    many = Space([Component(f"c{i}", 1) for i in range(8)])
+    assert repr(many).endswith("x ... (8 components))")
+
+
+def test_the_size_of_a_huge_space_does_not_overflow():
+    assert Space([Component("a", 10**10), Component("b", 10**10)]).size == 10**20
+
+
+def test_spaces_are_equal_when_components_and_points_are():
+    again = Space([Component("row", 2, low=5), Component("column", 3)])
+    assert again == BOX
+    assert hash(again) == hash(BOX)
+    assert Space(BOX.components, points=[[5, 0]]) != BOX
+    assert Space(LISTED.components, points=[[1, 0]]) != LISTED
+    assert Space([Component("row", 2), Component("column", 3)]) != BOX
+    assert BOX != "a space"
+
+
+def test_a_space_keeps_its_own_points():
+    points = np.array([[0], [1]])
+    space = Space([Component("a", 2)], points)
+    points[:] = 1
+    assert space.decode()["a"].tolist() == [0, 1]
+
+
+def test_component_is_found_by_name():
+    assert BOX.component("row").low == 5
+    with pytest.raises(TaskError, match=r"one of row, column: got 'z'"):
+        BOX.component("z")
+
+
+def test_points_need_one_column_for_each_component():
+    with pytest.raises(TaskError):
+        Space([Component("a", 2)], points=[[0, 1]])
