@@ -385,9 +385,7 @@ def test_swapping_two_predators_is_an_automorphism(capture, torus):
     np.testing.assert_array_equal(mdp.start[states], mdp.start)
     np.testing.assert_array_equal(mdp.probability[mirrored][live], mdp.probability[row][live])
     np.testing.assert_array_equal(mdp.reward[mirrored][live], mdp.reward[row][live])
-    np.testing.assert_array_equal(
-        mdp.next_state[mirrored][live], states[mdp.next_state[row]][live]
-    )
+    np.testing.assert_array_equal(mdp.next_state[mirrored][live], states[mdp.next_state[row]][live])
 
 
 @given(

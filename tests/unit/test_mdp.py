@@ -151,13 +151,27 @@ def test_cliff_walking_takes_thirteen_steps():
     assert solve(cliff).start_value == pytest.approx(-(1 - 0.9**13) / (1 - 0.9))
 
 
-def test_taxi_has_four_ends_and_pays_20_for_the_drop_off():
-    environment = TaxiEnv()
-    start = environment.initial_state_distrib
-    taxi = FiniteMDP.from_outcomes(environment.P, start=start, discount=0.99)
-    assert np.flatnonzero(taxi.terminal).tolist() == [0, 85, 410, 475]
+TAXI_ENDS = [0, 85, 410, 475]  # taxi and passenger at the destination
+
+
+def check_taxi(environment, taxi):
+    assert np.flatnonzero(taxi.terminal).tolist() == TAXI_ENDS
     beside = environment.encode(0, 0, 4, 0)  # passenger in the taxi, at the destination
     assert solve(taxi).values[beside] == pytest.approx(20)
+
+
+def test_taxi_pays_20_for_the_drop_off():
+    taxi, terminal = TaxiEnv(), np.zeros(500, dtype=bool)
+    terminal[TAXI_ENDS] = True
+    start = taxi.initial_state_distrib
+    check_taxi(taxi, FiniteMDP.from_outcomes(taxi.P, terminal=terminal, start=start, discount=0.99))
+
+
+def test_taxi_ends_are_read_off_its_table():
+    # Moves enter the ending states too, but only from states that no episode can be in.
+    taxi = TaxiEnv()
+    start = taxi.initial_state_distrib
+    check_taxi(taxi, FiniteMDP.from_outcomes(taxi.P, start=start, discount=0.99))
 
 
 def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():

@@ -87,10 +87,14 @@ def test_the_table_is_the_joint_dynamics(size, predators, rules):
 @pytest.mark.parametrize("capture", ["all", "any", "as_published", 1, 2])
 @pytest.mark.parametrize(("size", "predators"), [(3, 2), (2, 3)])
 def test_the_table_is_the_joint_dynamics_under_every_capture_rule(size, predators, capture):
-    game = Pursuit(size=size, predators=predators, capture=capture, step_reward=-2, capture_reward=5)
+    game = Pursuit(
+        size=size, predators=predators, capture=capture, step_reward=-2, capture_reward=5
+    )
     rng = np.random.default_rng(0)
     pairs = zip(
-        rng.integers(game.states.size, size=400), rng.integers(game.actions.size, size=400), strict=True
+        rng.integers(game.states.size, size=400),
+        rng.integers(game.actions.size, size=400),
+        strict=True,
     )
     agrees(game, uniform(game), pairs)
 

@@ -1,0 +1,262 @@
+"""Curricula: which task is trained when, how often, and on what."""
+
+import numpy as np
+import pytest
+
+from curricle import (
+    SARSA,
+    Curriculum,
+    Episodes,
+    GreedyEvaluation,
+    GridWorld,
+    Pursuit,
+    QLearning,
+    StateActionPotential,
+    Transfer,
+    learn,
+    maximum,
+    mean,
+    minimum,
+    project,
+    same_position,
+    total,
+)
+
+MAZE = GridWorld(["S...", "....", "...T"])
+TASKS = {
+    "far": MAZE,
+    "left": MAZE.crop(rows=(1, 3), columns=(0, 4)),
+    "right": MAZE.crop(rows=(0, 3), columns=(2, 4)),
+    "near": MAZE.crop(rows=(1, 3), columns=(2, 4)),
+}
+DIAMOND = [("near", "left"), ("near", "right"), ("left", "far"), ("right", "far")]
+CHAIN = [("near", "left"), ("left", "far")]
+
+
+def edges(pairs, **settings):
+    return [Transfer(s, t, same_position(TASKS[t], TASKS[s], **settings)) for s, t in pairs]
+
+
+def build(pairs, **settings):
+    names = {name for pair in pairs for name in pair}
+    tasks = {name: task for name, task in TASKS.items() if name in names}
+    return Curriculum(**{"tasks": tasks, "transfers": edges(pairs), "budget": 300, **settings})
+
+
+def same(one, other):
+    return (
+        np.array_equal(one.values, other.values)
+        and np.array_equal(one.greedy_return, other.greedy_return)
+        and np.array_equal(one.training_return, other.training_return, equal_nan=True)
+    )
+
+
+# -- order ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pairs", [CHAIN, DIAMOND], ids=["chain", "diamond"])
+def test_sources_come_before_their_targets(pairs):
+    order = build(pairs).order
+    assert all(order.index(source) < order.index(target) for source, target in pairs)
+    assert len(order) == len(set(order))
+
+
+def test_ancestors_are_the_tasks_trained_before():
+    diamond = build(DIAMOND)
+    assert set(diamond.ancestors("far")) == {"near", "left", "right"}
+    assert diamond.ancestors("left") == ("near",)
+    assert diamond.ancestors("near") == ()
+    assert diamond.ancestors("far")[0] == "near"
+
+
+def test_transfers_are_found_by_their_target():
+    diamond = build(DIAMOND)
+    assert [t.source for t in diamond.into("far")] == ["left", "right"]
+    assert diamond.into("near") == ()
+
+
+def test_each_task_is_trained_once_and_in_order():
+    seen, diamond = [], build(DIAMOND)
+    diamond.train(progress=seen.append)
+    assert tuple(seen) == diamond.order
+    assert seen.count("near") == 1
+
+
+# -- source steps --------------------------------------------------------------------------------
+
+
+def test_source_steps_count_every_ancestor_once():
+    budget = {"near": 100, "left": 200, "right": 400, "far": 800}
+    result = build(DIAMOND, budget=budget).train(seeds=2)
+    assert result.source_steps("far").tolist() == [700, 700]
+    assert result.source_steps("right").tolist() == [100, 100]
+    assert result.source_steps("near").tolist() == [0, 0]
+
+
+def test_source_steps_are_those_each_seed_took():
+    result = build(CHAIN, budget={"near": Episodes(5), "left": 10, "far": 10}).train(seeds=3)
+    assert result.source_steps("far").tolist() == (result["near"].steps_used + 10).tolist()
+    assert len(set(result.source_steps("far").tolist())) > 1
+
+
+# -- potentials ----------------------------------------------------------------------------------
+
+
+def test_a_task_without_sources_starts_from_nothing():
+    result = build(CHAIN).train()
+    assert same(result["near"], learn(TASKS["near"], budget=300, stream="near"))
+    assert result.potentials["near"] == []
+
+
+def test_a_target_starts_from_its_source_seed_by_seed():
+    result = build([("near", "far")]).train(seeds=[4, 2])
+    (edge,) = result.curriculum.into("far")
+    for k in range(2):
+        expected = edge.mapping.read(result["near"].values[k])
+        assert (result.potentials["far"][k].values == expected).all()
+    by_hand = learn(
+        TASKS["far"], budget=300, seeds=[4, 2], potential=result.potentials["far"], stream="far"
+    )
+    assert same(by_hand, result["far"])
+
+
+def test_knowledge_passes_through_an_intermediate_task():
+    # Nothing is learnt on the way: what arrives is what the first task knew.
+    result = build(CHAIN, learner={"left": QLearning(learning_rate=0)}).train()
+    near, through = result["near"].values[0], result.potentials["far"][0].values
+    assert near.any()
+    for row, column in [(1, 2), (1, 3), (2, 2)]:
+        here, there = TASKS["near"].state(row, column), MAZE.state(row, column)
+        assert (through[there] == near[here]).all()
+
+
+@pytest.mark.parametrize("function", [maximum, mean, minimum, total])
+def test_several_sources_are_aggregated(function):
+    result = build(DIAMOND, aggregate=function).train()
+    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.into("far")]
+    expected = function(np.stack(phi))
+    expected[MAZE.mdp.terminal] = 0
+    assert (result.potentials["far"][0].values == expected).all()
+
+
+def test_one_source_serves_through_two_mappings():
+    hunt, chase = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
+    both = [
+        Transfer("chase", "hunt", project(hunt, chase, predator=p), scale=scale)
+        for p, scale in (("predator_1", 1), ("predator_2", 3))
+    ]
+    seen = []
+    result = Curriculum(
+        {"hunt": hunt, "chase": chase}, both, aggregate=lambda p: seen.append(p) or p[1], budget=200
+    ).train()
+    q = result["chase"].values[0]
+    assert [p.shape for p in seen] == [(2, 64, 25)]
+    assert (seen[0][0] == both[0].mapping.read(q)).all()
+    assert (seen[0][1] == both[1].mapping.read(3 * q)).all()
+    assert result.source_steps("hunt").tolist() == [200]
+
+
+def test_the_end_is_worth_nothing_whatever_is_handed_on():
+    shifted = [
+        Transfer(t.source, t.target, t.mapping, shift=50)
+        for t in edges([("near", "far")], unmapped_value=9)
+    ]
+    tasks = {name: TASKS[name] for name in ("near", "far")}
+    result = Curriculum(tasks, shifted, budget=100, aggregate=lambda p: p[0] + 1000).train()
+    assert (result.potentials["far"][0].values[MAZE.mdp.terminal] == 0).all()
+    assert (result["far"].values[0][MAZE.mdp.terminal] == 0).all()
+    assert result.potentials["far"][0].values[0, 0] == 1009
+
+
+# -- independence --------------------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
+    one = build(DIAMOND).train(seeds=2)
+    turned = Curriculum(
+        dict(reversed(TASKS.items())), list(reversed(edges(DIAMOND))), budget=300
+    ).train(seeds=2)
+    for name in TASKS:
+        assert same(one[name], turned[name])
+
+
+def test_results_do_not_depend_on_other_tasks():
+    alone, among = build([("near", "left")]).train(), build(DIAMOND).train()
+    assert same(alone["near"], among["near"])
+    assert same(alone["left"], among["left"])
+
+
+def test_results_do_not_depend_on_the_number_of_workers():
+    many, one = build(CHAIN).train(seeds=4), build(CHAIN).train(seeds=4, workers=1)
+    assert all(same(many[name], one[name]) for name in one.nodes)
+
+
+def test_trained_results_are_reused_bit_for_bit():
+    fresh = build(DIAMOND).train(seeds=2)
+    before = {name: fresh[name].values.copy() for name in TASKS}
+    kept = {name: fresh[name] for name in ("near", "right")}
+    again = build(DIAMOND).train(seeds=2, trained=kept)
+    assert again["near"] is fresh["near"]
+    assert set(again.potentials) == {"left", "far"}
+    for name in TASKS:
+        assert same(fresh[name], again[name])
+        assert (before[name] == fresh[name].values).all()
+    assert again.source_steps("far").tolist() == fresh.source_steps("far").tolist()
+    assert set(kept) == {"near", "right"}
+
+
+# -- settings for each task ----------------------------------------------------------------------
+
+
+def test_each_task_may_have_its_own_settings():
+    result = build(
+        CHAIN,
+        learner={"left": SARSA(learning_rate=0.5)},
+        budget={"near": Episodes(3), "left": 50},
+        every={"near": 10, "left": 25, "far": 50_000},
+        evaluation={"left": GreedyEvaluation(discounted=False)},
+    ).train()
+    assert result["near"].learner == QLearning()
+    assert result["left"].learner == SARSA(learning_rate=0.5)
+    assert result["near"].episodes_used.tolist() == [3]
+    assert result["left"].steps.tolist() == [0, 25, 50]
+    assert result["far"].steps.tolist() == [0, 50_000, 100_000]
+    by_hand = learn(
+        TASKS["left"], SARSA(learning_rate=0.5), 50, potential=result.potentials["left"], every=25,
+        evaluation=GreedyEvaluation(discounted=False), stream="left",
+    )  # fmt: skip
+    assert same(by_hand, result["left"])
+
+
+def test_how_state_uses_the_largest_action_value_of_a_state():
+    result = build([("near", "far")], how={"far": "state"}).train()
+    (phi,) = result.potentials["far"]
+    assert isinstance(phi, StateActionPotential)
+    state = phi.to_state()
+    assert (state.values[0] == phi.values.max(axis=1)).all()
+    by_hand = learn(MAZE, budget=300, potential=state, how="state", stream="far")
+    assert same(by_hand, result["far"])
+    assert not same(build([("near", "far")]).train()["far"], result["far"])
+
+
+def test_how_look_back_shapes_the_target_and_leaves_the_source_alone():
+    result = build([("near", "far")], learner=SARSA(), how="look_back").train()
+    by_hand = learn(
+        MAZE, SARSA(), 300, potential=result.potentials["far"], how="look_back", stream="far"
+    )
+    assert same(by_hand, result["far"])
+    assert same(result["near"], learn(TASKS["near"], SARSA(), 300, stream="near"))
+
+
+def test_an_aggregate_may_be_given_for_one_task():
+    result = build(DIAMOND, aggregate={"far": total}).train()
+    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.into("far")]
+    assert (result.potentials["far"][0].values == np.where(MAZE.mdp.terminal[:, None], 0, sum(phi))).all()
+
+
+def test_a_curriculum_does_not_change_with_the_callers_containers():
+    tasks, transfers = {"near": TASKS["near"], "far": MAZE}, edges([("near", "far")])
+    curriculum = Curriculum(tasks, transfers, budget=10)
+    tasks.clear()
+    transfers.clear()
+    assert set(curriculum.train().nodes) == {"near", "far"}

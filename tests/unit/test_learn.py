@@ -1,0 +1,233 @@
+"""learn: budgets, checkpoints, seeds and evaluation. What the updates are, the oracle tests say."""
+
+import numpy as np
+import pytest
+
+from curricle import (
+    SARSA,
+    DoubleQLearning,
+    Episodes,
+    ExpectedSARSA,
+    FiniteMDP,
+    GreedyEvaluation,
+    GridWorld,
+    Pursuit,
+    QLearning,
+    StateActionPotential,
+    StatePotential,
+    evaluate,
+    greedy_policy,
+    learn,
+    solve,
+)
+
+LINE = GridWorld("S..T")
+ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
+
+
+def same(one, other):
+    return all(
+        np.array_equal(getattr(one, n), getattr(other, n), equal_nan=True) for n in ARRAYS
+    )
+
+
+# -- budgets and checkpoints ---------------------------------------------------------------------
+
+
+def test_a_budget_of_steps_is_spent_to_the_last_one():
+    result = learn(LINE, budget=1234, seeds=3)
+    assert result.steps_used.tolist() == [1234] * 3
+    assert result.values.shape == (3, 4, 4)
+
+
+def test_checkpoints_start_at_step_0_and_end_within_the_budget():
+    assert learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
+    assert learn(LINE, budget=1000, every=300).steps.tolist() == [0, 300, 600, 900]
+    assert learn(LINE, budget=50).steps.tolist() == list(range(51))
+    assert learn(LINE, budget=1000, every=1000).steps.tolist() == [0, 1000]
+
+
+def test_every_curve_has_an_entry_for_each_seed_and_checkpoint():
+    result = learn(LINE, budget=1000, every=100, seeds=2)
+    for curve in (result.training_return, result.greedy_return, result.episodes):
+        assert curve.shape == (2, 11)
+
+
+def test_a_budget_of_episodes_is_spent_exactly():
+    result = learn(LINE, budget=Episodes(30), seeds=4, every=10)
+    assert result.episodes_used.tolist() == [30] * 4
+    assert len(set(result.steps_used.tolist())) > 1
+    assert result.steps[-1] == result.steps_used.max() // 10 * 10
+
+
+def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
+    result = learn(LINE, budget=Episodes(30), seeds=4, every=10)
+    for k, used in enumerate(result.steps_used):
+        own = result.steps <= used
+        last = own.sum() - 1
+        assert (result.greedy_return[k, ~own] == result.greedy_return[k, last]).all()
+        assert (result.episodes[k, ~own] == result.episodes[k, last]).all()
+        assert np.isnan(result.training_return[k, ~own]).all()
+        alone = learn(LINE, budget=Episodes(30), seeds=[k], every=10)
+        assert (alone.greedy_return[0] == result.greedy_return[k, own]).all()
+
+
+def test_a_budget_of_episodes_has_a_checkpoint_each_100_steps():
+    result = learn(GridWorld("S..T", time_limit=50, ends=()), budget=Episodes(7))
+    assert result.steps.tolist() == [0, 100, 200, 300]
+    assert result.steps_used.tolist() == [350]
+
+
+def test_episodes_are_counted_when_they_end():
+    only_way = FiniteMDP.from_outcomes(
+        [[[(1.0, 1, 2.0, False)]], [[(1.0, 2, 3.0, True)]], [[]]], start=0, discount=1
+    )
+    result = learn(only_way, budget=7, every=1)
+    assert result.episodes.tolist() == [[0, 0, 1, 1, 2, 2, 3, 3]]
+    assert result.episodes_used.tolist() == [3]
+    expected = [np.nan, np.nan, 5, np.nan, 5, np.nan, 5, np.nan]
+    np.testing.assert_array_equal(result.training_return, [expected])
+
+
+def test_a_time_limit_ends_an_episode_and_pays_for_it():
+    result = learn(GridWorld("S..T", time_limit=3, ends=()), SARSA(learning_rate=0), 30, every=30)
+    assert result.episodes_used.tolist() == [10]
+
+
+def test_the_training_return_is_unshaped_and_undiscounted():
+    bonus = StateActionPotential(LINE, np.full((4, 4), 1000.0))
+    shaped = learn(LINE, budget=500, every=50, potential=bonus, how="bonus")
+    assert np.nanmax(shaped.training_return) <= 197
+    one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
+    phi = StatePotential(one_way, [-100, 0])
+    assert learn(one_way, budget=5, every=5, potential=phi, how="state").training_return[0, 1] == 4
+
+
+# -- seeds ---------------------------------------------------------------------------------------
+
+
+def test_a_number_of_seeds_means_the_first_ones():
+    assert learn(LINE, budget=100, seeds=3).seeds == (0, 1, 2)
+    assert learn(LINE, budget=100, seeds=np.int64(2)).seeds == (0, 1)
+    assert learn(LINE, budget=100, seeds=[7, 3]).seeds == (7, 3)
+    assert learn(LINE, budget=100, seeds=range(5, 7)).seeds == (5, 6)
+    assert learn(LINE, budget=100, seeds=np.array([4])).seeds == (4,)
+
+
+def test_a_seed_does_not_depend_on_the_others():
+    together = learn(LINE, budget=500, seeds=[2, 9, 4])
+    alone = learn(LINE, budget=500, seeds=[9])
+    assert (together.values[1] == alone.values[0]).all()
+    assert not np.array_equal(together.values[0], together.values[1])
+
+
+def test_equal_seeds_agree_whatever_the_number_of_workers():
+    assert same(learn(LINE, budget=500, seeds=5), learn(LINE, budget=500, seeds=5, workers=1))
+    assert same(
+        learn(LINE, budget=500, seeds=5, workers=5), learn(LINE, budget=500, seeds=5, workers=2)
+    )
+
+
+def test_streams_draw_independently():
+    assert not same(learn(LINE, budget=500), learn(LINE, budget=500, stream="other"))
+    assert same(learn(LINE, budget=500, stream="a"), learn(LINE, budget=500, stream="a"))
+
+
+@pytest.mark.parametrize("learner", [SARSA(), ExpectedSARSA(), DoubleQLearning()])
+def test_every_learner_repeats_itself(learner):
+    assert same(learn(LINE, learner, 500), learn(LINE, learner, 500))
+
+
+# -- evaluation ----------------------------------------------------------------------------------
+
+
+def test_checkpoint_0_judges_the_initial_values():
+    optimal = StateActionPotential(LINE, solve(LINE).action_values)
+    result = learn(LINE, budget=10, potential=optimal)
+    assert result.greedy_return[0, 0] == pytest.approx(solve(LINE).start_value)
+    assert learn(LINE, budget=10).greedy_return[0, 0] < 150  # all tie: a random walk
+
+
+def test_exact_evaluation_is_the_value_of_the_tie_breaking_greedy_policy():
+    task = Pursuit(size=2, predators=1, time_limit=2000)
+    phi = StateActionPotential(task, np.random.default_rng(0).integers(-2, 2, size=(16, 5)))
+    result = learn(task, budget=1, potential=phi, evaluation=GreedyEvaluation("exact"))
+    expected = evaluate(task, greedy_policy(phi.values)).start_value
+    assert result.greedy_return[0, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_exact_evaluation_stops_at_the_time_limit():
+    cut = GridWorld("S..T", ends=(), time_limit=3, discount=0.5)
+    stay = StateActionPotential(cut, np.eye(4)[[3] * 4])  # west for ever
+    result = learn(cut, budget=1, potential=stay)
+    assert result.greedy_return[0, 0] == -1 - 0.5 - 0.25
+
+
+def test_returns_are_discounted_unless_asked_otherwise():
+    optimal = StateActionPotential(GridWorld("S..T", discount=0.5), np.eye(4)[[1] * 4])
+    for method in ("exact", "rollouts"):
+        for discounted, value in ((True, -1 - 0.5 + 199 / 4), (False, 197)):
+            judge = GreedyEvaluation(method, episodes=3, discounted=discounted)
+            result = learn(optimal.task, budget=1, potential=optimal, evaluation=judge)
+            assert result.greedy_return[0, 0] == pytest.approx(value)
+
+
+def test_rollouts_agree_with_the_exact_evaluation():
+    task = Pursuit(size=2, predators=1)
+    exact = learn(task, budget=1, evaluation=GreedyEvaluation("exact")).greedy_return[0, 0]
+    many = GreedyEvaluation("rollouts", episodes=20_000)
+    assert learn(task, budget=1, evaluation=many).greedy_return[0, 0] == pytest.approx(exact, rel=0.05)
+
+
+def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
+    exact, auto = GreedyEvaluation("exact"), GreedyEvaluation("auto")
+    assert same(learn(LINE, budget=200, evaluation=exact), learn(LINE, budget=200, evaluation=auto))
+    large, rolled = Pursuit(size=3, predators=2), GreedyEvaluation("rollouts")
+    assert large.mdp.outcome_row.size * 5 > 20_000
+    assert same(
+        learn(large, budget=50, every=50, evaluation=rolled),
+        learn(large, budget=50, every=50, evaluation=auto),
+    )
+
+
+@pytest.mark.parametrize("method", ["exact", "rollouts"])
+def test_evaluation_does_not_disturb_learning(method):
+    judge = GreedyEvaluation(method, episodes=7)
+    often = learn(LINE, budget=600, every=1, evaluation=judge)
+    seldom = learn(LINE, budget=600, every=600, evaluation=judge)
+    assert (often.values == seldom.values).all()
+
+
+# -- potentials ----------------------------------------------------------------------------------
+
+
+def test_initial_values_do_not_touch_terminal_rows():
+    result = learn(LINE, QLearning(initial_value=9), 100)
+    assert (result.values[:, 3] == 0).all()
+
+
+def test_each_seed_may_have_its_own_potential():
+    one, two = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
+    frozen = QLearning(learning_rate=0)
+    assert learn(LINE, frozen, 10, seeds=2, potential=[one, two]).values[:, 0, 0].tolist() == [1, 2]
+    assert learn(LINE, frozen, 10, seeds=2, potential=one).values[:, 0, 0].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "advice"])
+def test_values_speak_of_what_the_policy_acts_on(how):
+    kind = StatePotential if how == "state" else StateActionPotential
+    phi = kind(LINE, np.full(4 if how == "state" else (4, 4), 5.0))
+    result = learn(LINE, SARSA(learning_rate=0), 10, potential=phi, how=how)
+    assert (result.values[0, :3] == 5).all()
+
+
+def test_learning_leaves_the_potential_as_it_was():
+    phi = StateActionPotential(LINE, np.full((4, 4), 5.0))
+    before = phi.values.copy()
+    learn(LINE, budget=500, potential=phi)
+    assert (phi.values == before).all()
+
+
+def test_a_result_prints_in_short():
+    text = repr(learn(LINE, budget=2000, seeds=2))
+    assert text.startswith("LearningResult(QLearning, 2 seeds, 2,000 steps and ")

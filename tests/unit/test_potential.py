@@ -1,0 +1,65 @@
+"""Potentials: zero at the end, frames in time, shaping rewards by hand."""
+
+import numpy as np
+import pytest
+
+from curricle import GridWorld, Pursuit, StateActionPotential, StatePotential, linear
+
+MAZE = GridWorld("S.T", discount=0.5)
+
+
+def test_terminal_rows_are_zero():
+    assert StatePotential(MAZE, [1, 2, 3]).values.tolist() == [[1, 2, 0]]
+    assert StateActionPotential(MAZE, np.ones((3, 4))).values.tolist() == [
+        [1] * 4,
+        [1] * 4,
+        [0] * 4,
+    ]
+    hunt = Pursuit(size=2, predators=2)
+    ones = StateActionPotential(hunt, np.ones((64, 25)))
+    assert ((ones.values == 0).all(axis=1) == hunt.mdp.terminal).all()
+
+
+def test_the_shaping_reward_is_the_discounted_difference():
+    phi = StatePotential(MAZE, [4, 6, 9])
+    assert phi.shaping_reward(0, 1) == 0.5 * 6 - 4
+    assert phi.shaping_reward([0, 1], [0, 2]).tolist() == [0.5 * 4 - 4, -6]
+
+
+def test_frames_hold_from_their_step_on():
+    phi = StatePotential(MAZE, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
+    assert [phi.at(t)[0] for t in (0, 9, 10, 99)] == [1, 1, 8, 8]
+    assert phi.shaping_reward(0, 1, step=9) == 0.5 * 8 - 1
+
+
+def test_the_weight_scales_with_time():
+    phi = StatePotential(MAZE, [4, 4, 0], weight=linear(1, 0, steps=4))
+    assert phi.at(1).tolist() == [3, 3, 0]
+    assert phi.shaping_reward(0, 1, step=1) == 0.5 * 2 - 3
+
+
+def test_look_ahead_advice_by_hand():
+    phi = StateActionPotential(MAZE, np.arange(12).reshape(3, 4))
+    assert phi.look_ahead(0, 1, 1, 2) == 0.5 * 6 - 1
+    assert phi.look_ahead(1, 3, 2, 2) == -7
+    assert phi.look_ahead([0, 1], [0, 1], [1, 2], [0, 0]).tolist() == [2, -5]
+
+
+def test_the_state_potential_of_a_pair_potential_is_its_maximum():
+    phi = StateActionPotential(MAZE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4], weight=2)
+    state = phi.to_state()
+    assert state.values.tolist() == [[2, -1, 0]]
+    assert state.weight == phi.weight
+
+
+def test_a_potential_keeps_its_own_values():
+    given = np.ones(3)
+    phi = StatePotential(MAZE, given)
+    given[:] = 5
+    assert phi.values.tolist() == [[1, 1, 0]]
+
+
+@pytest.mark.parametrize("end", [np.nan, np.inf])
+def test_values_must_be_finite_even_at_the_end(end):
+    with pytest.raises(ValueError, match=r"Phi must be finite: entry \(2,\)"):
+        StatePotential(MAZE, [0, 0, end])

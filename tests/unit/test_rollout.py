@@ -1,0 +1,57 @@
+"""Single episodes."""
+
+import numpy as np
+import pytest
+
+from curricle import FiniteMDP, GridWorld, rollout
+
+LINE = GridWorld("S..T", discount=0.5)
+
+
+def test_an_episode_runs_to_the_end():
+    episode = rollout(LINE, [1, 1, 1, 0])
+    assert episode.states.tolist() == [0, 1, 2, 3]
+    assert episode.actions.tolist() == [1, 1, 1]
+    assert episode.rewards.tolist() == [-1, -1, 199]
+    assert (episode.terminated, episode.truncated, len(episode)) == (True, False, 3)
+
+
+def test_an_episode_is_cut_at_the_time_limit_or_at_steps():
+    west = [3, 3, 3, 3]
+    assert len(rollout(GridWorld("S..T", time_limit=7), west)) == 7
+    cut = rollout(LINE, west, steps=4)
+    assert (len(cut), cut.terminated, cut.truncated) == (4, False, True)
+    assert not rollout(LINE, [1, 1, 1, 0], steps=3).truncated
+
+
+def test_an_episode_may_start_anywhere_that_does_not_end():
+    assert rollout(LINE, [1, 1, 1, 0], start=2).states.tolist() == [2, 3]
+
+
+def test_rewards_are_discounted_by_their_step():
+    episode = rollout(LINE, [1, 1, 1, 0])
+    assert episode.discounted_return(0.5) == -1 - 0.5 + 199 / 4
+    assert episode.discounted_return(1) == 197
+    assert episode.discounted_return(0) == -1
+
+
+def test_a_random_policy_follows_its_probabilities_and_its_seed():
+    uniform = np.full((4, 4), 0.25)
+    again = [rollout(LINE, uniform, seed=s).actions.tolist() for s in (1, 1, 2)]
+    assert again[0] == again[1] != again[2]
+    moves = np.concatenate([rollout(LINE, uniform, seed=s).actions for s in range(100)])
+    assert np.bincount(moves) / len(moves) == pytest.approx([0.25] * 4, abs=0.05)
+
+
+def test_outcomes_follow_their_probabilities():
+    lottery = FiniteMDP.from_outcomes(
+        [[[(0.25, 1, 1.0, True), (0.75, 2, 0.0, True)]], [[]], [[]]], start=0, discount=1
+    )
+    won = [rollout(lottery, [0, 0, 0], seed=s, steps=1).rewards[0] for s in range(400)]
+    assert np.mean(won) == pytest.approx(0.25, abs=0.09)  # four standard errors
+
+
+def test_the_start_follows_its_distribution():
+    spread = LINE.with_start([(0, 0), (0, 2)])
+    starts = [rollout(spread, [1, 1, 1, 0], seed=s).states[0] for s in range(200)]
+    assert set(starts) == {0, 2}

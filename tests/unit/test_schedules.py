@@ -1,0 +1,39 @@
+"""Numbers that change while learning."""
+
+import pytest
+
+from curricle import SARSA, GridWorld, QLearning, constant, exponential, harmonic, learn, linear
+
+
+@pytest.mark.parametrize(
+    ("schedule", "values"),
+    [
+        (constant(0.3), {0: 0.3, 10**9: 0.3}),
+        (linear(1, 0, steps=4), {0: 1, 1: 0.75, 4: 0, 100: 0}),
+        (linear(0, 2, steps=0.5), {0: 0, 1: 2}),
+        (exponential(1, half_life=10), {0: 1, 10: 0.5, 30: 0.125}),
+        (exponential(1, 3, half_life=1), {0: 1, 1: 2, 2: 2.5}),
+        (harmonic(), {0: 1, 1: 1 / 2, 9: 1 / 10}),
+        (harmonic(1, 0.5, half=4), {0: 1, 4: 0.75, 12: 0.625}),
+    ],
+)
+def test_schedules_by_hand(schedule, values):
+    assert {step: schedule(step) for step in values} == pytest.approx(values)
+
+
+def test_schedules_are_values():
+    assert linear(1, 0, steps=4) == linear(1, 0, steps=4)
+    assert len({constant(1.0), constant(1.0), constant(2.0)}) == 2
+
+
+def test_a_harmonic_learning_rate_averages_the_rewards_of_a_pair():
+    # The one step of each episode pays 199 or (at an edge) -1; the rate 1 / n makes Q the mean.
+    task = GridWorld("ST", discount=0, time_limit=1)
+    result = learn(task, QLearning(learning_rate=harmonic(), epsilon=1, initial_value=50), 100)
+    assert result.values[0, 0].tolist() == [-1, 199, -1, -1]
+
+
+@pytest.mark.parametrize("kind", [QLearning, SARSA])
+def test_a_learning_rate_of_0_learns_nothing(kind):
+    result = learn(GridWorld("S.T"), kind(learning_rate=0, initial_value=3.5), 200)
+    assert (result.values[0, :2] == 3.5).all()
