@@ -119,7 +119,7 @@ class Curriculum:
         try:
             return tuple(TopologicalSorter(graph).static_order())
         except CycleError as error:
-            cycle = " -> ".join(reversed(error.args[1]))
+            cycle = " -> ".join(error.args[1])
             raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
 
     def into(self, name: str) -> tuple[Transfer, ...]:

@@ -251,7 +251,9 @@ def test_how_look_back_shapes_the_target_and_leaves_the_source_alone():
 def test_an_aggregate_may_be_given_for_one_task():
     result = build(DIAMOND, aggregate={"far": total}).train()
     phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.into("far")]
-    assert (result.potentials["far"][0].values == np.where(MAZE.mdp.terminal[:, None], 0, sum(phi))).all()
+    assert (
+        result.potentials["far"][0].values == np.where(MAZE.mdp.terminal[:, None], 0, sum(phi))
+    ).all()
 
 
 def test_a_curriculum_does_not_change_with_the_callers_containers():

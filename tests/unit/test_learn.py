@@ -26,9 +26,7 @@ ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "st
 
 
 def same(one, other):
-    return all(
-        np.array_equal(getattr(one, n), getattr(other, n), equal_nan=True) for n in ARRAYS
-    )
+    return all(np.array_equal(getattr(one, n), getattr(other, n), equal_nan=True) for n in ARRAYS)
 
 
 # -- budgets and checkpoints ---------------------------------------------------------------------
@@ -176,7 +174,9 @@ def test_rollouts_agree_with_the_exact_evaluation():
     task = Pursuit(size=2, predators=1)
     exact = learn(task, budget=1, evaluation=GreedyEvaluation("exact")).greedy_return[0, 0]
     many = GreedyEvaluation("rollouts", episodes=20_000)
-    assert learn(task, budget=1, evaluation=many).greedy_return[0, 0] == pytest.approx(exact, rel=0.05)
+    assert learn(task, budget=1, evaluation=many).greedy_return[0, 0] == pytest.approx(
+        exact, rel=0.05
+    )
 
 
 def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():

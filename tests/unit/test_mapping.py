@@ -243,6 +243,12 @@ def test_scale_and_shift_apply_to_mapped_pairs_only():
     assert phi[:3, 0].tolist() == [-7, -7, 9]
 
 
+def test_a_pair_at_the_sources_end_is_worth_the_shift_alone():
+    deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
+    edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
+    assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]
+
+
 def test_a_transfer_does_not_change_the_source_values():
     q = np.full((2, 4), 5.0)
     Transfer("end", "line", same_position(LINE, END), scale=2).potential(q)

@@ -206,7 +206,7 @@ def test_a_table_too_large_is_refused_before_anything_is_allocated():
     game = Pursuit(size=10, predators=3)
     assert game.states.size * game.actions.size == 10**8 * 125
     tracemalloc.start()
-    with pytest.raises(TaskError, match="500,000,000.*100,000,000 states x 125 actions"):
+    with pytest.raises(TaskError, match=r"500,000,000.*100,000,000 states x 125 actions"):
         _ = game.mdp
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -37,3 +37,8 @@ def test_a_harmonic_learning_rate_averages_the_rewards_of_a_pair():
 def test_a_learning_rate_of_0_learns_nothing(kind):
     result = learn(GridWorld("S.T"), kind(learning_rate=0, initial_value=3.5), 200)
     assert (result.values[0, :2] == 3.5).all()
+
+
+@pytest.mark.parametrize("schedule", [constant(1), linear(1, 0, steps=4), harmonic(1, half=2)])
+def test_schedules_hold_floats_so_that_the_loops_compile_once(schedule):
+    assert [type(number) for number in schedule[1:]] == [float] * 3

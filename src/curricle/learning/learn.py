@@ -17,6 +17,7 @@ from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.learning.schedules import HARMONIC, constant
 from curricle.tasks.mdp import FiniteMDP, Task
+from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -120,9 +121,12 @@ def learn(
         - ``"look_ahead"``: rewards get F = gamma phi(s', a*) - phi(s, a), the policy acts on
           Q + phi. Carried out on Q + phi itself, which is the same to the last digit save rounding.
         - ``"look_back"``: F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; :class:`SARSA` only.
+          A target carries phi of the step before, averaged over all ways into a state, so the
+          optimum is sure to be kept only where each state is entered in one way.
         - ``"state"``: F = gamma Phi(s', t') - Phi(s, t). Takes a StatePotential.
         - ``"advice"``: Q learns on plain rewards, the policy acts on Q + xi(t) phi with the
-          potential's weight xi (explicit decaying advice, Behboudian et al. 2020).
+          potential's weight xi (explicit decaying advice, Behboudian et al. 2020). The policy
+          is the task's own only as xi goes to 0: give the potential a decaying weight.
         - ``"bonus"``: rewards get phi(s, a) outright. NOT potential-based: it can change the
           optimal policy, and is here to show reward hacking.
     every : int, optional
@@ -336,17 +340,15 @@ def _result(
     for k, (_, steps, _) in enumerate(done):
         last = steps // every
         greedy[k, last + 1 :], episodes[k, last + 1 :] = greedy[k, last], episodes[k, last]
-    for array in (values, training, greedy, episodes):
-        array.flags.writeable = False
     return LearningResult(
         task=task,
         learner=learner,
         seeds=seeds,
-        values=values,
-        steps=np.arange(n) * every,
-        training_return=training,
-        greedy_return=greedy,
-        episodes=episodes,
-        steps_used=np.array([steps for _, steps, _ in done]),
-        episodes_used=np.array([count for _, _, count in done]),
+        values=frozen(values),
+        steps=frozen(np.arange(n) * every),
+        training_return=frozen(training),
+        greedy_return=frozen(greedy),
+        episodes=frozen(episodes),
+        steps_used=frozen(np.array([steps for _, steps, _ in done])),
+        episodes_used=frozen(np.array([count for _, _, count in done])),
     )

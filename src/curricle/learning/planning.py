@@ -1,7 +1,6 @@
 """Exact planning: optimal values, the value of a given policy, each with a proven error bound."""
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +9,9 @@ from numba import njit
 from curricle.errors import SettingError
 from curricle.tasks.endless import endless_states
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task
+from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
-Array = TypeVar("Array", bound=npt.NDArray[np.generic])
 EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -90,11 +89,11 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     action_values = back_up(mdp, values)
     best = action_values.max(axis=1, keepdims=True)
     return Solution(
-        values=_frozen(values),
-        action_values=_frozen(action_values),
+        values=frozen(values),
+        action_values=frozen(action_values),
         start_value=float(mdp.start @ values),
         error_bound=error,
-        optimal=_frozen(action_values >= best - 2 * error),
+        optimal=frozen(action_values >= best - 2 * error),
     )
 
 
@@ -127,8 +126,8 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> P
     probabilities = policy_table(mdp, policy)
     values, error = _iterate(mdp, probabilities, tolerance, greedy=False)
     return PolicyValues(
-        values=_frozen(values),
-        action_values=_frozen(back_up(mdp, values)),
+        values=frozen(values),
+        action_values=frozen(back_up(mdp, values)),
         start_value=float(mdp.start @ values),
         error_bound=error,
     )
@@ -279,6 +278,7 @@ def sweeps(
     n_states, n_actions = outcome_row.shape
     n_rows, n_outcomes = probability.shape
     rows = np.empty(n_rows)
+    largest_reward = np.abs(reward).max()
     while True:
         for row in range(n_rows):
             total = 0.0
@@ -287,7 +287,7 @@ def sweeps(
                     reward[row, outcome] + discount * values[next_state[row, outcome]]
                 )
             rows[row] = total
-        change, largest = 0.0, 0.0
+        change, largest = 0.0, largest_reward
         for state in range(n_states):
             if terminal[state]:
                 continue
@@ -299,11 +299,6 @@ def sweeps(
                     new += policy[state, action] * rows[outcome_row[state, action]]
             change = max(change, abs(new - values[state]))
             values[state] = new
-            largest = max(largest, abs(new))
+            largest = max(largest, largest_reward + abs(new))
         if change <= enough or change <= 2 * unit * largest:
             return change
-
-
-def _frozen(array: Array) -> Array:
-    array.flags.writeable = False
-    return array

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
 from curricle.tasks.mdp import Task
+from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -160,5 +161,4 @@ def _finite(given: npt.ArrayLike, name: str) -> FloatArray:
 
 def _freeze(owner: object, **arrays: npt.NDArray[Any]) -> None:
     for name, array in arrays.items():
-        array.flags.writeable = False
-        object.__setattr__(owner, name, array)
+        object.__setattr__(owner, name, frozen(array))

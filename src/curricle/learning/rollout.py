@@ -8,6 +8,7 @@ import numpy.typing as npt
 from curricle.errors import SettingError
 from curricle.learning.planning import policy_table
 from curricle.tasks.mdp import Task
+from curricle.tasks.spaces import frozen
 
 IntArray = npt.NDArray[np.int64]
 
@@ -94,5 +95,9 @@ def rollout(
         states.append(int(mdp.next_state[row, outcome]))
     terminated = bool(mdp.terminal[states[-1]])
     return Trajectory(
-        np.array(states), np.array(actions), np.array(rewards), terminated, not terminated
+        frozen(np.array(states)),
+        frozen(np.array(actions, dtype=np.int64)),
+        frozen(np.array(rewards)),
+        terminated,
+        not terminated,
     )

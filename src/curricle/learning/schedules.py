@@ -35,7 +35,8 @@ def constant(value: float) -> Schedule:
     >>> constant(0.1)(500)
     0.1
     """
-    return Schedule(CONSTANT, _finite("a schedule", value), value, 1.0)
+    number = _finite("a schedule", value)
+    return Schedule(CONSTANT, number, number, 1.0)
 
 
 def linear(first: float, last: float, *, steps: int) -> Schedule:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.spaces import MISSING, Component, Space, frozen, whole
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
@@ -116,6 +116,10 @@ class GridWorld:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "map", _read_map(self.map))
+        origin = whole(self.origin, "the origin's row and column")
+        if origin.shape != (2,):
+            raise TaskError(f"origin must be a row and a column: got {self.origin!r}")
+        object.__setattr__(self, "origin", (int(origin[0]), int(origin[1])))
         object.__setattr__(self, "ends", tuple(sorted(set(self.ends))))
         _check_choice("combine", self.combine, ("sum", "worst"))
         _check_choice("representation", self.representation, ("absolute", "relative"))
@@ -181,7 +185,7 @@ class GridWorld:
     @cached_property
     def cells(self) -> npt.NDArray[np.int64]:
         """The cells that are no wall, (S, 2) row and column, in state order."""
-        return np.argwhere(self._grid != "#") + self.origin
+        return frozen(np.argwhere(self._grid != "#") + self.origin)
 
     @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from curricle.errors import TaskError
 from curricle.tasks.endless import endless_states
 from curricle.tasks.outcomes import outcome_tables
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.spaces import Component, Space, frozen, whole
 
 FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
@@ -92,10 +92,10 @@ class FiniteMDP:
     time_limit: int | None = None
 
     def __post_init__(self) -> None:
+        self._check_ranges()
         for name, dtype in _ARRAYS.items():
             array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype, order="C")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, frozen(array))
         self._check_shapes()
         self._check_outcomes()
         self._check_start()
@@ -194,7 +194,7 @@ class FiniteMDP:
         >>> mdp.terminal
         array([False,  True])
         """
-        p, successor, r, ended = outcome_tables(outcomes, terminal)
+        p, successor, r, ended = outcome_tables(outcomes, terminal, start)
         return cls._one_row_a_pair(
             p,
             successor,
@@ -232,6 +232,18 @@ class FiniteMDP:
 
     # -- validation ----------------------------------------------------------------------------
 
+    def _check_ranges(self) -> None:
+        """Check indices as they were given, before they are narrowed to 32 bits."""
+        for name, what, size in (
+            ("outcome_row", "outcome_row", len(self.probability)),
+            ("next_state", "next states", self.states.size),
+        ):
+            given = whole(getattr(self, name), what)
+            if given.size and (given.min() < 0 or given.max() >= size):
+                raise TaskError(
+                    f"{what} must lie in 0..{size - 1}: got {given.min()}..{given.max()}"
+                )
+
     def _check_shapes(self) -> None:
         n_states, n_actions = self.states.size, self.actions.size
         table = self.probability.shape
@@ -245,16 +257,6 @@ class FiniteMDP:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise TaskError(f"{name} must have shape {shape}: got {getattr(self, name).shape}")
-        if self.outcome_row.min() < 0 or self.outcome_row.max() >= len(self.probability):
-            raise TaskError(
-                f"outcome_row must lie in 0..{len(self.probability) - 1}: got "
-                f"{self.outcome_row.min()}..{self.outcome_row.max()}"
-            )
-        if self.next_state.min() < 0 or self.next_state.max() >= n_states:
-            raise TaskError(
-                f"next states must lie in 0..{n_states - 1}: got "
-                f"{self.next_state.min()}..{self.next_state.max()}"
-            )
 
     def _check_outcomes(self) -> None:
         used = np.zeros(len(self.probability), dtype=bool)
@@ -317,19 +319,19 @@ class FiniteMDP:
         total = np.cumsum(self.probability, axis=1)
         remaining = np.cumsum(self.probability[:, ::-1], axis=1)[:, ::-1]
         after = np.concatenate([remaining[:, 1:], np.zeros((len(remaining), 1))], axis=1)
-        return _frozen(np.where(after == 0, 1.0, total))
+        return frozen(np.where(after == 0, 1.0, total))
 
     @cached_property
     def start_cumulative(self) -> FloatArray:
         """Cumulative start distribution over :attr:`start_states`, float64, ending in 1."""
         total = np.cumsum(self.start[self.start_states])
         total[-1] = 1.0
-        return _frozen(total)
+        return frozen(total)
 
     @cached_property
     def start_states(self) -> npt.NDArray[np.int64]:
         """The states an episode may start in."""
-        return np.flatnonzero(self.start)
+        return frozen(np.flatnonzero(self.start))
 
     def __repr__(self) -> str:
         limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
@@ -361,8 +363,3 @@ def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     if given.shape != (n_states,):
         raise TaskError(f"start must be a state or have shape ({n_states},): got {given.shape}")
     return given.astype(np.float64)
-
-
-def _frozen(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
-    return array

@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def outcome_tables(
-    outcomes: Any, terminal: npt.ArrayLike | None
+    outcomes: Any, terminal: npt.ArrayLike | None, start: npt.ArrayLike
 ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.bool_]]:
     """Return probabilities, successors and rewards, (S, A, O) each, and terminal flags, (S,).
 
@@ -22,6 +22,8 @@ def outcome_tables(
         As :meth:`FiniteMDP.from_outcomes` takes them.
     terminal : (S,) bool array, optional
         Collected from the outcomes where not given.
+    start : int or (S,) float array
+        The start state, or its distribution.
 
     Raises
     ------
@@ -42,26 +44,38 @@ def outcome_tables(
         for a, pair in enumerate(row):
             for o, outcome in enumerate(pair):
                 p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
-    return p, successor, r, _terminal_states(lists) if terminal is None else np.asarray(terminal)
+    if terminal is not None:
+        return p, successor, r, np.asarray(terminal)
+    first = [int(np.asarray(start))] if np.ndim(start) == 0 else np.flatnonzero(start).tolist()
+    return p, successor, r, _terminal_states(lists, first)
 
 
-def _terminal_states(lists: Sequence[Any]) -> npt.NDArray[np.bool_]:
-    """Collect the ``terminated`` flags of outcome lists into one flag a state."""
+def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.bool_]:
+    """Collect the ``terminated`` flags of outcome lists into one flag a state.
+
+    Only what can be reached counts: tables such as Taxi's list impossible states too, whose
+    flags contradict the others.
+    """
     flags: dict[int, bool] = {}
-    for s, row in enumerate(lists):
-        for a, pair in enumerate(row):
+    waiting, seen = list(first), set(first)
+    while waiting:
+        s = waiting.pop()
+        for a, pair in enumerate(lists[s]):
             for outcome in pair:
                 if len(outcome) < 4:
                     raise TaskError(
                         "outcomes need a terminated flag where no terminal array is given: state "
                         f"{s}, action {a} has {outcome}"
                     )
-                if flags.setdefault(outcome[1], outcome[3]) != outcome[3]:
-                    # Gymnasium's tables let absorbing states loop on themselves either way.
-                    if outcome[1] == s:
-                        continue
+                probability, reached, _, ended = outcome[:4]
+                if probability == 0:
+                    continue
+                if flags.setdefault(reached, bool(ended)) != bool(ended):
                     raise TaskError(
                         "entering a state must end the episode always or never: state "
-                        f"{outcome[1]} does both, the second time from state {s}, action {a}"
+                        f"{reached} does both, the second time from state {s}, action {a}"
                     )
+                if not ended and reached not in seen:
+                    seen.add(reached)
+                    waiting.append(reached)
     return np.array([flags.get(s, False) for s in range(len(lists))])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from curricle.errors import TaskError
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
-from curricle.tasks.spaces import Component, Decoded, Space
+from curricle.tasks.spaces import Component, Decoded, Space, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 LARGEST_TABLE = 500_000_000
@@ -124,9 +124,9 @@ class Pursuit:
         steps = np.array(list(MOVES.values()))[-self.moves :]
         rows, columns = row[:, None] + steps[:, 0], column[:, None] + steps[:, 1]
         if self.torus:
-            return np.asarray((rows % self.size) * self.size + columns % self.size)
+            return frozen(np.asarray((rows % self.size) * self.size + columns % self.size))
         inside = (rows >= 0) & (rows < self.size) & (columns >= 0) & (columns < self.size)
-        return np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None])
+        return frozen(np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None]))
 
     @cached_property
     def mdp(self) -> FiniteMDP:

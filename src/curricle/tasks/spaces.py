@@ -7,19 +7,34 @@ A space numbers its points 0 .. size-1. Mappings between tasks are written on co
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import TaskError
 
+Array = TypeVar("Array", bound=npt.NDArray[Any])
 IntArray = npt.NDArray[np.int64]
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
 
 MISSING = -1
 """What :meth:`Space.encode` gives for values that are no point of the space."""
+
+
+def frozen(array: Array) -> Array:
+    """Return the array itself, made read-only: what is handed out is never trained in place."""
+    array.flags.writeable = False
+    return array
+
+
+def whole(values: npt.ArrayLike, what: str) -> IntArray:
+    """Return values as int64, or raise TaskError where they are not whole numbers by type."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iu" and array.size:
+        raise TaskError(f"{what} must be whole numbers: got {array.dtype}")
+    return array.astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -99,8 +114,11 @@ class Space:
             raise TaskError(f"components need different names, at least one: got {names}")
         self._points: IntArray | None = None
         if points is not None:
-            self._points = np.array(points, dtype=np.int64, ndmin=2)
-            self._points.flags.writeable = False
+            self._points = frozen(whole(points, "points").copy())
+            if self._points.ndim != 2 or self._points.shape[1] != len(self.components):
+                raise TaskError(
+                    f"points must have shape (S, {len(self.components)}): got {self._points.shape}"
+                )
             self._check_points()
 
     def _check_points(self) -> None:
@@ -167,7 +185,7 @@ class Space:
         dict
             Name -> int64 array of the shape of `index`.
         """
-        numbers = np.arange(self.size) if index is None else np.asarray(index, dtype=np.int64)
+        numbers = np.arange(self.size) if index is None else whole(index, "points' numbers")
         if numbers.size and (numbers.min() < 0 or numbers.max() >= self.size):
             raise TaskError(
                 f"a point's number must lie in 0..{self.size - 1}: got "
@@ -196,7 +214,7 @@ class Space:
                 f"encode needs exactly the components {', '.join(self.names)}: got "
                 f"{', '.join(values) or 'none'}"
             )
-        columns = np.broadcast_arrays(*(np.asarray(values[n], dtype=np.int64) for n in self.names))
+        columns = np.broadcast_arrays(*(whole(values[n], f"{n!r}") for n in self.names))
         if self._points is not None:
             return self._look_up(np.stack(columns, axis=-1))
         number = np.zeros(columns[0].shape, dtype=np.int64)

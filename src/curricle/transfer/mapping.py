@@ -9,7 +9,7 @@ import numpy.typing as npt
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task
-from curricle.tasks.spaces import MISSING, Decoded, Space
+from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -124,8 +124,7 @@ class StateActionMapping:
                 f"learnt; use ENDED or UNMAPPED: target state {s}, action {a} points at source "
                 f"state {index[s, a] // source.actions.size}"
             )
-        index.flags.writeable = False
-        object.__setattr__(self, "index", index)
+        object.__setattr__(self, "index", frozen(index))
 
     def read(self, source_values: npt.ArrayLike) -> FloatArray:
         """Return phi(s, a) = Q_source(f(s, a)), 0 where ended, `unmapped_value` where unmapped.
