@@ -8,9 +8,9 @@ from .errors import (
     StoreError as StoreError,
     TaskError as TaskError,
 )
+from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.learn import (
-    Episodes as Episodes,
     How as How,
     LearningResult as LearningResult,
     learn as learn,

@@ -4,19 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.errors import CurriculumError
+from curricle.checks import instance, one_of
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learn import (
-    Episodes,
     How,
     LearningResult,
     learn,
-    seed_tuple,
 )
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import StateActionPotential
@@ -25,6 +25,7 @@ from curricle.transfer.aggregation import Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
 
 Value = TypeVar("Value")
+DEFAULT_BUDGET = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ class Curriculum:
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = mean
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
-    budget: int | Episodes | Mapping[str, int | Episodes] = 100_000
+    budget: int | Episodes | Mapping[str, int | Episodes] = DEFAULT_BUDGET
     how: How | Mapping[str, How] = "initialise"
     every: int | Mapping[str, int | None] | None = None
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
@@ -90,25 +91,42 @@ class Curriculum:
         object.__setattr__(self, "transfers", tuple(self.transfers))
         if not self.tasks:
             raise CurriculumError("a curriculum needs at least one task: got none")
-        names = ", ".join(self.tasks)
         for transfer in self.transfers:
-            for role in ("source", "target"):
-                name = getattr(transfer, role)
-                if name not in self.tasks:
-                    raise CurriculumError(
-                        f"a transfer's {role} must be one of the tasks {names}: got {name!r}"
-                    )
-                if self.tasks[name].mdp is not getattr(transfer.mapping, role).mdp:
-                    raise CurriculumError(
-                        f"a transfer's mapping must be made for its tasks: the mapping's {role} "
-                        f"is not the task {name!r} in {transfer.source} -> {transfer.target}"
-                    )
+            instance("each of transfers", transfer, Transfer, CurriculumError)
+            self._check_ends(transfer)
         for setting in ("aggregate", "learner", "budget", "how", "every", "evaluation"):
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
-                if name not in self.tasks:
-                    raise CurriculumError(f"{setting} must name tasks out of {names}: got {name!r}")
+                one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
+        for name in self.tasks:
+            self._check_settings(name)
         _ = self.order
+
+    def _check_ends(self, transfer: Transfer) -> None:
+        for role in ("source", "target"):
+            name = getattr(transfer, role)
+            one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
+            if self.tasks[name].mdp is not getattr(transfer.mapping, role).mdp:
+                raise CurriculumError(
+                    f"a transfer's mapping must be made for its tasks: the mapping's {role} is not "
+                    f"the task {name!r} in {transfer.source} -> {transfer.target}"
+                )
+
+    def _check_settings(self, name: str) -> None:
+        """Check what :meth:`train` will use for a task, before anything is trained."""
+        budget = _pick(self.budget, name, DEFAULT_BUDGET)
+        limits(budget)
+        spacing(_pick(self.every, name, None), budget)
+        one_of(f"how of {name}", _pick(self.how, name, "initialise"), get_args(How), SettingError)
+        learner = _pick(self.learner, name, QLearning())
+        instance(f"learner of {name}", learner, Learner, SettingError)
+        evaluation = _pick(self.evaluation, name, GreedyEvaluation())
+        instance(f"evaluation of {name}", evaluation, GreedyEvaluation, SettingError)
+        function = _pick(self.aggregate, name, mean)
+        if not callable(function):
+            raise CurriculumError(
+                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has {function!r}"
+            )
 
     @cached_property
     def order(self) -> tuple[str, ...]:
@@ -124,10 +142,12 @@ class Curriculum:
 
     def into(self, name: str) -> tuple[Transfer, ...]:
         """Return the transfers into a task."""
+        one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that have to be trained before `name`, in training order."""
+        one_of("a task", name, self.tasks, CurriculumError)
         wanted = {name}
         for node in reversed(self.order):
             if node in wanted:
@@ -174,7 +194,7 @@ class Curriculum:
             results[name] = learn(
                 self.tasks[name],
                 _pick(self.learner, name, QLearning()),
-                _pick(self.budget, name, 100_000),
+                _pick(self.budget, name, DEFAULT_BUDGET),
                 seeds=numbers,
                 potential=phi or None,
                 how=how,
@@ -238,8 +258,7 @@ class CurriculumResult:
     potentials: Mapping[str, list[StateActionPotential]]
 
     def __getitem__(self, name: str) -> LearningResult:
-        if name not in self.nodes:
-            raise CurriculumError(f"a task must be one of {', '.join(self.nodes)}: got {name!r}")
+        one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
 
     def source_steps(self, name: str) -> npt.NDArray[np.int64]:

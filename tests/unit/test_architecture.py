@@ -14,6 +14,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 FLOORS = {
     "errors": 0,
+    "checks": 0.5,  # raises what errors.py declares
     "tasks": 1,
     "learning": 2,
     "transfer": 3,

@@ -149,7 +149,7 @@ TASKS = {
     # -- discount and time limit
     "discount above 1": (lambda: dense(discount=1.01), r"\[0, 1\]: got 1.01"),
     "discount below 0": (lambda: dense(discount=-0.1), r"\[0, 1\]: got -0.1"),
-    "discount NaN": (lambda: dense(discount=NAN), r"\[0, 1\]: got nan"),
+    "discount NaN": (lambda: dense(discount=NAN), "discount must be finite: got nan"),
     "discount 1 for ever": (lambda: dense(ROUND, discount=1), "discount 1 needs .*from state 0"),
     "maze for ever": (
         lambda: GridWorld("S.T", discount=1, time_limit=None).mdp,
@@ -159,10 +159,19 @@ TASKS = {
         lambda: Pursuit(size=2, discount=1, time_limit=None).mdp,
         "discount 1 needs .*from state 1",
     ),
-    "no time": (lambda: dense(time_limit=0), "time_limit must be at least 1 step: got 0"),
-    "negative time": (lambda: dense(time_limit=-5), "at least 1 step: got -5"),
+    "no time": (
+        lambda: dense(time_limit=0),
+        "time_limit in steps must be a whole number, at least 1: got 0",
+    ),
+    "negative time": (
+        lambda: dense(time_limit=-5),
+        "time_limit in steps must be a whole number, at least 1: got -5",
+    ),
     # -- spaces
-    "empty component": (lambda: Component("row", 0), "at least 1 value: 'row' has 0"),
+    "empty component": (
+        lambda: Component("row", 0),
+        "number of values of component 'row' must be a whole number, at least 1: got 0",
+    ),
     "labels": (lambda: Component("row", 2, labels=("a",)), "'row' has 2 values and 1 labels"),
     "no components": (lambda: Space([]), r"at least one: got \[\]"),
     "names twice": (lambda: Space([Component("a", 1)] * 2), r"different names.*\['a', 'a'\]"),
@@ -189,7 +198,7 @@ TASKS = {
         lambda: GridWorld("S.T", start="here"),
         "'map', 'uniform' or cells: got 'here'",
     ),
-    "no start cells": (lambda: GridWorld("S.T", start=[]), "or cells: got"),
+    "no start cells": (lambda: GridWorld("S.T", start=[]), r"or cells such as .*: got \[\]"),
     "start off the map": (
         lambda: GridWorld("S.T", start=[(0, 3)]),
         r"free cell of the map: got \(0, 3\)",
@@ -212,8 +221,8 @@ TASKS = {
         lambda: GridWorld("S.T", representation="polar"),
         "absolute, relative: got 'polar'",
     ),
-    "NaN in rewards": (lambda: Rewards(pit=NAN), "rewards must be finite: pit is nan"),
-    "infinity in rewards": (lambda: Rewards(step=-INF), "finite: step is -inf"),
+    "NaN in rewards": (lambda: Rewards(pit=NAN), "reward pit must be finite: got nan"),
+    "infinity in rewards": (lambda: Rewards(step=-INF), "reward step must be finite: got -inf"),
     "crop outside rows": (
         lambda: LINE.crop(rows=(0, 2), columns=(0, 3)),
         r"rows 0\.\.1: got 0\.\.2",
@@ -231,9 +240,12 @@ TASKS = {
     ),
     "crop without S": (lambda: LINE.crop(rows=(0, 1), columns=(1, 3), start="map"), "needs an S"),
     # -- pursuit
-    "size": (lambda: Pursuit(size=1), "size must be at least 2 cells: got 1"),
-    "no predators": (lambda: Pursuit(predators=0), "predators must be at least 1: got 0"),
-    "moves": (lambda: Pursuit(moves=6), "moves must be 4 or 5: got 6"),
+    "size": (lambda: Pursuit(size=1), "size must be a whole number, at least 2: got 1"),
+    "no predators": (
+        lambda: Pursuit(predators=0),
+        "predators must be a whole number, at least 1: got 0",
+    ),
+    "moves": (lambda: Pursuit(moves=6), "moves must be one of 4, 5: got 6"),
     "capture": (lambda: Pursuit(capture="some"), "'any', 'as_published' or .* 1 to 2: got 'some'"),
     "capture by too many": (lambda: Pursuit(capture=3), "from 1 to 2: got 3"),
     "capture by none": (lambda: Pursuit(capture=0), "from 1 to 2: got 0"),
@@ -252,7 +264,10 @@ TASKS = {
         lambda: Pursuit(size=2, prey=lambda where: np.ones((2, 5))).mdp,
         r"\(64, 5\): got \(2, 5\)",
     ),
-    "NaN pay": (lambda: Pursuit(size=2, step_reward=NAN).mdp, "rewards must be finite: state 1"),
+    "NaN pay": (
+        lambda: Pursuit(size=2, step_reward=NAN).mdp,
+        "step_reward must be finite: got nan",
+    ),
     "too large": (
         lambda: Pursuit(size=10, predators=3).mdp,
         "at most 500,000,000 .*100,000,000 states",
@@ -260,26 +275,41 @@ TASKS = {
 }
 
 SETTINGS = {
-    "budget 0": (lambda: ask(budget=0), "budget must be a whole number, at least 1: got 0"),
+    "budget 0": (
+        lambda: ask(budget=0),
+        "a budget in steps must be a whole number, at least 1: got 0",
+    ),
     "budget -1": (lambda: ask(budget=-1), "got -1"),
     "budget 1.5": (lambda: ask(budget=1.5), "whole number.*got 1.5"),
     "budget yes": (lambda: ask(budget=True), "got True"),
-    "no episodes": (lambda: ask(budget=Episodes(0)), r"got Episodes\(number=0\)"),
+    "no episodes": (
+        lambda: ask(budget=Episodes(0)),
+        "a budget in episodes must be a whole number, at least 1: got 0",
+    ),
     "half an episode": (lambda: ask(budget=Episodes(0.5)), "whole number"),
     "episodes for ever": (
         lambda: learn(NO_LIMIT, budget=Episodes(5)),
         "needs a task with a time limit",
     ),
-    "no seeds": (lambda: ask(seeds=0), "seeds must be at least 1: got 0"),
+    "no seeds": (lambda: ask(seeds=0), "seeds must be a whole number, at least 1: got 0"),
     "empty seeds": (lambda: ask(seeds=[]), r"at least one: got \[\]"),
-    "seeds twice": (lambda: ask(seeds=[3, 3]), r"different .*got \[3, 3\]"),
-    "negative seed": (lambda: ask(seeds=[0, -1]), r"from 0.*got \[0, -1\]"),
-    "every 0": (lambda: ask(every=0), "every must be a whole number of steps, at least 1: got 0"),
+    "seeds twice": (lambda: ask(seeds=[3, 3]), r"different, .*got \[3, 3\]"),
+    "negative seed": (
+        lambda: ask(seeds=[0, -1]),
+        "each of seeds must be a whole number, at least 0: got -1",
+    ),
+    "every 0": (
+        lambda: ask(every=0),
+        "every, the steps between checkpoints, must be a whole number, at least 1: got 0",
+    ),
     "every -5": (lambda: ask(every=-5), "got -5"),
     "every 2.5": (lambda: ask(every=2.5), "whole number.*got 2.5"),
     "every too far": (lambda: ask(every=101), "exceed the budget of 100 steps: got 101"),
-    "workers": (lambda: ask(workers=0), "workers must be at least 1: got 0"),
-    "evaluation": (lambda: GreedyEvaluation("best"), "'auto', 'exact' or 'rollouts': got 'best'"),
+    "workers": (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
+    "evaluation": (
+        lambda: GreedyEvaluation("best"),
+        "method must be one of auto, exact, rollouts: got 'best'",
+    ),
     "no rollouts": (lambda: GreedyEvaluation(episodes=0), "at least 1: got 0"),
     "undiscounted for ever": (
         lambda: learn(NO_LIMIT, budget=9, evaluation=GreedyEvaluation(discounted=False)),
@@ -346,7 +376,10 @@ SETTINGS = {
     "policy NaN": (lambda: cr.evaluate(LINE, NAN * UNIFORM), "sum to 1: state 0 has .nan"),
     "rollout from the end": (lambda: rollout(LINE, UNIFORM, start=2), "not terminal: got 2"),
     "rollout from nowhere": (lambda: rollout(LINE, UNIFORM, start=-1), "got -1"),
-    "rollout of no steps": (lambda: rollout(LINE, UNIFORM, steps=0), "at least 1 step: got 0"),
+    "rollout of no steps": (
+        lambda: rollout(LINE, UNIFORM, steps=0),
+        "the limit of a rollout in steps must be a whole number, at least 1: got 0",
+    ),
     "rollout for ever": (lambda: rollout(NO_LIMIT, UNIFORM), "limit .*got None"),
 }
 
@@ -437,11 +470,11 @@ CURRICULA = {
     "no tasks": (lambda: Curriculum({}), "at least one task"),
     "unknown source": (
         lambda: curriculum(transfers=[Transfer("x", "hunt", FIRST)]),
-        "source must be one of the tasks chase, hunt: got 'x'",
+        "a transfer's source must be one of chase, hunt: got 'x'",
     ),
     "unknown target": (
         lambda: curriculum(transfers=[Transfer("chase", "x", FIRST)]),
-        "target must be one of the tasks chase, hunt: got 'x'",
+        "a transfer's target must be one of chase, hunt: got 'x'",
     ),
     "mapping of other tasks": (
         lambda: curriculum(transfers=[Transfer("hunt", "chase", FIRST)]),
@@ -457,8 +490,14 @@ CURRICULA = {
         "budget .*chase, hunt: got 'x'",
     ),
     "learner of unknown tasks": (lambda: curriculum(learner={"x": SARSA()}), "learner .*got 'x'"),
-    "scale": (lambda: Transfer("chase", "hunt", FIRST, scale=NAN), "scale .*chase -> hunt has nan"),
-    "shift": (lambda: Transfer("chase", "hunt", FIRST, shift=INF), "shift .*chase -> hunt has inf"),
+    "scale": (
+        lambda: Transfer("chase", "hunt", FIRST, scale=NAN),
+        "scale of chase -> hunt must be finite: got nan",
+    ),
+    "shift": (
+        lambda: Transfer("chase", "hunt", FIRST, shift=INF),
+        "shift of chase -> hunt must be finite: got inf",
+    ),
     "aggregate of another shape": (
         lambda: curriculum(aggregate=lambda phi: phi).train(),
         r"shape \(64, 25\): <lambda> returned \(1, 64, 25\)",

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning import kernels
 from curricle.tasks.mdp import FiniteMDP
@@ -38,10 +39,8 @@ class GreedyEvaluation:
     discounted: bool = True
 
     def __post_init__(self) -> None:
-        if self.method not in ("auto", "exact", "rollouts"):
-            raise SettingError(f"method must be 'auto', 'exact' or 'rollouts': got {self.method!r}")
-        if self.episodes < 1:
-            raise SettingError(f"episodes of an evaluation must be at least 1: got {self.episodes}")
+        one_of("method", self.method, ("auto", "exact", "rollouts"), SettingError)
+        whole_number("episodes of an evaluation", self.episodes, 1, SettingError)
 
     def settings(self, mdp: FiniteMDP) -> kernels.Evaluation:
         """Return the evaluation of this task as the compiled loops read it."""

@@ -15,10 +15,12 @@ from numba import njit
 from curricle.learning.sampling import (
     SOFTMAX,
     acting_values,
+    best_of,
     choose,
     draw_outcome,
     draw_start,
     expected_value,
+    first_above,
     greedy,
     softmax,
     tied,
@@ -85,10 +87,10 @@ class Record(NamedTuple):
 # -- learning ------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def state_potential(shaping, state, step):
     """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
-    frame = np.searchsorted(shaping.frame_steps, step, side="right") - 1
+    frame = first_above(shaping.frame_steps, step) - 1
     return at(shaping.weight, step) * shaping.state_values[frame, state]
 
 
@@ -106,13 +108,10 @@ def bootstrap(q, table, state, next_action, values, rule, step, stream):
         return expected_value(q, state, values, rule, step)
     if rule.update == DOUBLE_Q_LEARNING:
         return q[1 - table, state, greedy(q[table], state, stream)]
-    best = q[0, state, 0]
-    for action in range(1, q.shape[2]):
-        best = max(best, q[0, state, action])
-    return best
+    return best_of(q[0], state)[0]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def shaping_reward(shaping, phi, discount, state, action, next_state, terminated, step, carried):
     """Return what shaping adds to the reward of a step, and what it carries to the next step.
 
@@ -134,7 +133,7 @@ def shaping_reward(shaping, phi, discount, state, action, next_state, terminated
     return 0.0, 0.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def step_size(rate, visits, state, action, step):
     """Return the learning rate of an update; a harmonic one counts the pair's updates."""
     if rate.shape != HARMONIC:
@@ -217,32 +216,21 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
 
 
 @njit(cache=True, nogil=True)
-def rescan(q, state, row_best, row_action, row_ties):
-    """Store the row's maximum, one action that has it, and how many do."""
-    best, chosen, ties = q[state, 0], 0, 1
-    for action in range(1, q.shape[1]):
-        if q[state, action] > best:
-            best, chosen, ties = q[state, action], action, 1
-        elif q[state, action] == best:
-            ties += 1
-    row_best[state], row_action[state], row_ties[state] = best, chosen, ties
-
-
-@njit(cache=True, nogil=True)
-def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, record):
+def train_q_learning(model, rule, shaping, evaluation, q, visits, stream, budget, every, record):
     """Do what :func:`train` does, draw for draw, for Q-learning without reward shaping.
 
     Each row's maximum is kept at hand and looked for again only when it was lowered, so that a
     step scans no row; that is what makes this loop several times faster than the general one.
+    `shaping` is plain.
     """
     outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
     pay, terminal, discount = model.reward, model.terminal, model.discount
-    table, no_advice = q[0], np.empty((0, 0))
+    table, no_advice = q[0], shaping.pair_values[:0]
     n_states, n_actions = table.shape
     row_best = np.empty(n_states)
     row_action, row_ties = np.empty(n_states, np.int32), np.empty(n_states, np.int32)
     for state in range(n_states):
-        rescan(table, state, row_best, row_action, row_ties)
+        row_best[state], row_action[state], row_ties[state] = best_of(table, state)
     judge = stream ^ JUDGE
     value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
     write(record, 0, 0, 0, 0, 0.0, value)
@@ -277,7 +265,7 @@ def train_q_learning(model, rule, evaluation, q, visits, stream, budget, every, 
         if new > row_best[state]:
             row_best[state], row_action[state], row_ties[state] = new, action, 1
         elif old == row_best[state] or new == row_best[state]:
-            rescan(table, state, row_best, row_action, row_ties)
+            row_best[state], row_action[state], row_ties[state] = best_of(table, state)
 
         fresh = terminated or length >= model.time_limit
         if fresh:
@@ -347,12 +335,13 @@ def followed_return(model, q, advice, advice_weight, evaluation):
             state = alive[i]
             if only[state] == -2:
                 acting_values(q, state, advice, advice_weight, values)
-                only[state] = values.argmax() if (values == values.max()).sum() == 1 else -1
+                best, action, ties = best_of(values, 0)
+                only[state] = action if ties == 1 else -1
             ties, first, last = 1, only[state], only[state] + 1
             if only[state] == -1:
                 acting_values(q, state, advice, advice_weight, values)
-                best = values.max()
-                ties, first, last = (values == best).sum(), 0, n_actions
+                best, _, ties = best_of(values, 0)
+                first, last = 0, n_actions
             share = mass[state] / ties
             mass[state] = 0.0
             for action in range(first, last):

@@ -10,8 +10,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning import kernels
+from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import StateActionPotential, StatePotential
@@ -25,19 +27,6 @@ Potential = StatePotential | StateActionPotential
 
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
-
-
-@dataclass(frozen=True)
-class Episodes:
-    """A budget in episodes, where a bare number means steps.
-
-    Examples
-    --------
-    >>> Episodes(800)
-    Episodes(number=800)
-    """
-
-    number: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,18 +143,19 @@ def learn(
     >>> result.values.shape, result.greedy_return[:, -1].round(2)
     ((2, 3, 4), array([196.01, 196.01]))
     """
-    learner = learner or QLearning()
+    learner = QLearning() if learner is None else learner
+    instance("learner", learner, Learner, SettingError)
     mdp = task.mdp
     seeds = seed_tuple(seeds)
-    steps, episodes = _budget(budget)
-    every = _spacing(every, budget)
+    steps, episodes = limits(budget)
+    every = spacing(every, budget)
+    longest = longest_run(mdp.time_limit, budget, every)
     potentials = _potentials(mdp, learner, potential, how, len(seeds))
-    judge = (evaluation or GreedyEvaluation()).settings(mdp)
-    longest = min(steps, episodes * (mdp.time_limit or steps))
-    if longest >= kernels.NO_LIMIT:
-        raise SettingError("a budget in episodes needs a task with a time limit: none set")
-    if workers is not None and workers < 1:
-        raise SettingError(f"workers must be at least 1: got {workers}")
+    evaluation = GreedyEvaluation() if evaluation is None else evaluation
+    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
+    judge = evaluation.settings(mdp)
+    if workers is not None:
+        workers = whole_number("workers", workers, 1, SettingError)
 
     model, rule = _model(mdp), learner.rule()
     counted = rule.learning_rate.shape == HARMONIC
@@ -182,14 +172,9 @@ def learn(
         visits = np.zeros(shape if counted else (1, 1), dtype=np.int64)
         random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
         limits = (np.int64(steps), np.int64(episodes))
-        if learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN:
-            done = kernels.train_q_learning(
-                model, rule, judge, q, visits, random, limits, every, record
-            )
-        else:
-            done = kernels.train(
-                model, rule, shaping, judge, q, visits, random, limits, every, record
-            )
+        plain = learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN
+        loop = kernels.train_q_learning if plain else kernels.train
+        done = loop(model, rule, shaping, judge, q, visits, random, limits, every, record)
         q[...] = q.mean(axis=0) + _taken_off(shaping, done[0])
         return record, *done
 
@@ -198,42 +183,9 @@ def learn(
     return _result(task, learner, seeds, tables[:, 0], done, every)
 
 
-def seed_tuple(seeds: int | Sequence[int]) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence as it is, or raise SettingError."""
-    if isinstance(seeds, (int, np.integer)):
-        if seeds < 1:
-            raise SettingError(f"seeds must be at least 1: got {seeds}")
-        return tuple(range(int(seeds)))
-    numbers = tuple(int(s) for s in seeds)
-    if not numbers or len(set(numbers)) != len(numbers) or min(numbers) < 0:
-        raise SettingError(
-            f"seeds must be different whole numbers from 0, at least one: got {seeds}"
-        )
-    return numbers
-
-
 def stream_start(seed: int, stream: str) -> int:
     """Return where the random stream of this seed and name starts, a 64-bit number."""
     return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
-
-
-def _budget(budget: int | Episodes) -> tuple[int, int]:
-    number = budget.number if isinstance(budget, Episodes) else budget
-    if isinstance(number, bool) or number != int(number) or number < 1:
-        raise SettingError(f"a budget must be a whole number, at least 1: got {budget}")
-    if isinstance(budget, Episodes):
-        return int(kernels.NO_LIMIT), int(number)
-    return int(number), int(kernels.NO_LIMIT)
-
-
-def _spacing(every: int | None, budget: int | Episodes) -> int:
-    if every is None:
-        return 100 if isinstance(budget, Episodes) else max(1, budget // 100)
-    if every != int(every) or every < 1:
-        raise SettingError(f"every must be a whole number of steps, at least 1: got {every}")
-    if not isinstance(budget, Episodes) and every > budget:
-        raise SettingError(f"every must not exceed the budget of {budget} steps: got {every}")
-    return int(every)
 
 
 def _potentials(
@@ -244,8 +196,7 @@ def _potentials(
     n_seeds: int,
 ) -> list[Potential | None]:
     """Return the potential of each seed, checked against the task, the learner and `how`."""
-    if how not in get_args(How):
-        raise SettingError(f"how must be one of {', '.join(get_args(How))}: got {how!r}")
+    one_of("how", how, get_args(How), SettingError)
     if how == "look_back" and (not isinstance(learner, SARSA) or mdp.discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
@@ -273,8 +224,10 @@ def _potentials(
 
 def _shaping(potential: Potential | None, how: How) -> kernels.Shaping:
     """Return what the general loop is to add; nothing where phi is written into the table."""
+    # Read-only like every potential: another kind of array would be another compilation.
+    none = frozen(np.zeros((1, 1)))
     nothing = kernels.Shaping(
-        kernels.PLAIN, constant(1.0), np.zeros(1, np.int64), np.zeros((1, 1)), np.zeros((1, 1))
+        kernels.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
     )
     if isinstance(potential, StatePotential):
         return nothing._replace(

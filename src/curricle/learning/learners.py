@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import kernels
 from curricle.learning.sampling import EPSILON_GREEDY, SOFTMAX, Rule
@@ -45,14 +46,14 @@ class Learner:
                 "exploration is either epsilon-greedy or softmax: got epsilon="
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
-        within("initial_value", self.initial_value, -1e300, 1e300)
+        number("initial_value", self.initial_value, SettingError)
         self.rule()
 
     def rule(self) -> Rule:
         """Return the learner as the compiled loops read it."""
         rate = within("learning_rate", self.learning_rate, 0.0, 1.0)
         if self.inverse_temperature is not None:
-            beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e300)
+            beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return Rule(self.update, rate, SOFTMAX, beta)
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
         return Rule(self.update, rate, EPSILON_GREEDY, epsilon)

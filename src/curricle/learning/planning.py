@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.tasks.endless import endless_states
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task
@@ -193,7 +194,7 @@ def _iterate(
     mdp: FiniteMDP, policy: FloatArray, tolerance: float, *, greedy: bool
 ) -> tuple[FloatArray, float]:
     """Return the fixed point's values and error bound; `greedy` over the actions with weight."""
-    if not tolerance > 0:
+    if not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
     horizon = _horizon(mdp, policy, greedy)
     terms = mdp.probability.shape[1] + 2 + (0 if greedy else mdp.actions.size)

@@ -151,7 +151,10 @@ class StateActionPotential:
 
 
 def _finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    values = np.array(given, dtype=np.float64)
+    try:
+        values = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise PotentialError(f"{name} must be an array of numbers: got {given!r}") from None
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         place = tuple(int(i) for i in bad[0])

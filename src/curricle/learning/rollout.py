@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.planning import policy_table
 from curricle.tasks.mdp import Task
@@ -78,12 +79,16 @@ def rollout(
     """
     mdp = task.mdp
     table = policy_table(mdp, policy)
-    limit = mdp.time_limit if steps is None else steps
-    if limit is None or limit < 1:
-        raise SettingError(f"a rollout needs a limit of at least 1 step: got {limit}")
-    rng = np.random.default_rng(seed)
-    state = int(rng.choice(mdp.states.size, p=mdp.start)) if start is None else start
-    if not 0 <= state < mdp.states.size or mdp.terminal[state]:
+    limit = whole_number(
+        "the limit of a rollout in steps",
+        mdp.time_limit if steps is None else steps,
+        1,
+        SettingError,
+    )
+    rng = np.random.default_rng(whole_number("seed", seed, 0, SettingError))
+    state = rng.choice(mdp.states.size, p=mdp.start) if start is None else start
+    state = whole_number("the state a rollout starts in", state, 0, SettingError)
+    if state >= mdp.states.size or mdp.terminal[state]:
         raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
     states, actions, rewards = [state], list[int](), list[float]()
     while len(actions) < limit and not mdp.terminal[states[-1]]:

@@ -27,7 +27,7 @@ class Rule(NamedTuple):
 # -- random draws --------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def uniform(stream):
     """Draw from [0, 1) and advance `stream`, a (1,) uint64 counter (SplitMix64, Vigna 2015)."""
     stream[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -39,12 +39,25 @@ def uniform(stream):
 
 
 @njit(cache=True, nogil=True)
+def first_above(rising, value):
+    """Return the first place of a rising array whose entry exceeds `value`, by bisection."""
+    low, high = 0, rising.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if rising[middle] > value:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@njit(cache=True, nogil=True)
 def draw_start(start_states, start_cumulative, stream):
     """Draw the first state of an episode."""
-    return start_states[np.searchsorted(start_cumulative, uniform(stream), side="right")]
+    return start_states[first_above(start_cumulative, uniform(stream))]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def draw_outcome(cumulative, row, stream):
     """Draw which outcome of an outcome row happens."""
     outcome = 0
@@ -88,14 +101,21 @@ def tied(table, state, best, ties, stream):
 
 
 @njit(cache=True, nogil=True)
-def greedy(table, state, stream):
-    """Return an action of highest value in a row, each equally likely."""
+def best_of(table, state):
+    """Return the highest value of a row, the first action that has it, and how many do."""
     best, chosen, ties = table[state, 0], 0, 1
     for action in range(1, table.shape[1]):
         if table[state, action] > best:
             best, chosen, ties = table[state, action], action, 1
         elif table[state, action] == best:
             ties += 1
+    return best, chosen, ties
+
+
+@njit(cache=True, nogil=True)
+def greedy(table, state, stream):
+    """Return an action of highest value in a row, each equally likely."""
+    best, chosen, ties = best_of(table, state)
     return chosen if ties == 1 else tied(table, state, best, ties, stream)
 
 
@@ -131,7 +151,7 @@ def choose(values, rule, step, stream):
     """Return the action that `rule` takes on these acting values, (1, A)."""
     parameter = at(rule.exploring, step)
     if rule.exploration == SOFTMAX:
-        return softmax(values, 0, values.max(), parameter, stream)
+        return softmax(values, 0, best_of(values, 0)[0], parameter, stream)
     if uniform(stream) < parameter:
         return int(uniform(stream) * values.shape[1])
     return greedy(values, 0, stream)
@@ -141,7 +161,7 @@ def choose(values, rule, step, stream):
 def expected_value(q, state, values, rule, step):
     """Return sum_a pi(a) q(state, a) for the policy that `rule` follows on these acting values."""
     parameter = at(rule.exploring, step)
-    best = values.max()
+    best = best_of(values, 0)[0]
     total, weight, mean = 0.0, 0.0, 0.0
     for action in range(values.shape[1]):
         if rule.exploration == SOFTMAX:

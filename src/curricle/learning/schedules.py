@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
+from curricle.checks import number
 from curricle.errors import SettingError
 
 # Shapes of a schedule.
@@ -35,8 +35,8 @@ def constant(value: float) -> Schedule:
     >>> constant(0.1)(500)
     0.1
     """
-    number = _finite("a schedule", value)
-    return Schedule(CONSTANT, number, number, 1.0)
+    always = _finite("a schedule", value)
+    return Schedule(CONSTANT, always, always, 1.0)
 
 
 def linear(first: float, last: float, *, steps: int) -> Schedule:
@@ -84,26 +84,24 @@ def schedule(value: "float | Schedule") -> Schedule:
 
 def within(name: str, value: "float | Schedule", low: float, high: float) -> Schedule:
     """Return `value` as a schedule that starts and ends in [low, high], or raise SettingError."""
-    result = schedule(value)
-    for number in (result.first, result.last):
-        if not low <= number <= high:
-            raise SettingError(f"{name} must lie in [{low:g}, {high:g}]: got {number:g}")
-    return result
+    if not isinstance(value, Schedule):
+        return constant(number(name, value, SettingError, low, high))
+    for end in (value.first, value.last):
+        number(name, end, SettingError, low, high)
+    return value
 
 
 def _finite(name: str, value: float) -> float:
-    if not np.isfinite(value):
-        raise SettingError(f"{name} must be finite: got {value}")
-    return float(value)
+    return number(name, value, SettingError)
 
 
 def _span(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
+    if not number(name, value, SettingError) > 0:
         raise SettingError(f"{name} must be positive: got {value}")
     return float(value)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def at(schedule, step):
     """Return the value of a schedule after `step` steps."""
     if schedule.shape == CONSTANT:

@@ -14,12 +14,15 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, frozen, whole
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
+LARGEST = 1e100
+"""Rewards are at most this large, so that no return overflows."""
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 _STEPS = np.array(list(MOVES.values()))
 
@@ -57,8 +60,9 @@ class Rewards:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if not np.isfinite(getattr(self, f.name)):
-                raise TaskError(f"rewards must be finite: {f.name} is {getattr(self, f.name)}")
+            name = f"reward {f.name}"
+            value = number(name, getattr(self, f.name), TaskError, -LARGEST, LARGEST)
+            object.__setattr__(self, f.name, value)
 
 
 @dataclass(frozen=True)
@@ -120,14 +124,16 @@ class GridWorld:
         if origin.shape != (2,):
             raise TaskError(f"origin must be a row and a column: got {self.origin!r}")
         object.__setattr__(self, "origin", (int(origin[0]), int(origin[1])))
-        object.__setattr__(self, "ends", tuple(sorted(set(self.ends))))
-        _check_choice("combine", self.combine, ("sum", "worst"))
-        _check_choice("representation", self.representation, ("absolute", "relative"))
-        for name in self.ends:
-            _check_choice("each of ends", name, tuple(OBJECTS.values()))
+        instance("rewards", self.rewards, Rewards, TaskError)
+        one_of("combine", self.combine, ("sum", "worst"), TaskError)
+        one_of("representation", self.representation, ("absolute", "relative"), TaskError)
+        ends = (self.ends,) if isinstance(self.ends, str) else tuple(self.ends or ())
+        for name in ends:
+            one_of("each of ends", name, OBJECTS.values(), TaskError)
+        object.__setattr__(self, "ends", tuple(sorted(set(ends))))
+        check_horizon(self)
         if not isinstance(self.start, str):
-            cells = tuple((int(row), int(column)) for row, column in self.start)
-            object.__setattr__(self, "start", cells)
+            object.__setattr__(self, "start", _read_cells(self.start))
         self._start_states()
 
     @classmethod
@@ -168,6 +174,7 @@ class GridWorld:
             ("rows", rows, self.origin[0], len(self.map)),
             ("columns", columns, self.origin[1], len(self.map[0])),
         ):
+            whole((low, high), f"a crop's {name}")
             if not first <= low < high <= first + size:
                 raise TaskError(
                     f"a crop must lie within the map's {name} {first}..{first + size}: got "
@@ -320,12 +327,14 @@ class GridWorld:
             if not free.size:
                 raise TaskError("start='uniform' needs a cell that does not end the episode")
             return free
-        if isinstance(self.start, str) or not self.start:
+        if isinstance(self.start, str):
             raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
         return np.array([self.state(*cell) for cell in self.start])
 
 
 def _read_map(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, str | list | tuple):
+        raise TaskError(f"a map must be text or a list of lines: got {given!r}")
     if isinstance(given, str):
         given = [line.strip() for line in dedent(given).strip().splitlines()]
     lines = tuple(given)
@@ -346,6 +355,11 @@ def _read_map(given: Any) -> tuple[str, ...]:
     return lines
 
 
-def _check_choice(name: str, value: Any, valid: tuple[str, ...]) -> None:
-    if value not in valid:
-        raise TaskError(f"{name} must be one of {', '.join(valid)}: got {value!r}")
+def _read_cells(given: Any) -> tuple[Cell, ...]:
+    try:
+        cells = np.array(list(given))
+    except (TypeError, ValueError):
+        cells = np.empty(0)
+    if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+        raise TaskError(f"start must be 'map', 'uniform' or cells such as [(9, 0)]: got {given!r}")
+    return tuple(sorted({(int(row), int(column)) for row, column in cells}))

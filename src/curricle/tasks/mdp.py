@@ -13,6 +13,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.endless import endless_states
 from curricle.tasks.outcomes import outcome_tables
@@ -280,8 +281,12 @@ class FiniteMDP:
                 raise TaskError(f"{rule}: state {state}, action {action} {value}")
 
     def _check_start(self) -> None:
-        if not np.isfinite(self.start).all() or (self.start < 0).any():
-            raise TaskError("start probabilities must be finite and not negative: got one that is")
+        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
+        if bad.size:
+            raise TaskError(
+                "start probabilities must be finite and not negative: state "
+                f"{bad[0]} has {self.start[bad[0]]}"
+            )
         if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
             raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
         bad = np.flatnonzero((self.start > 0) & self.terminal)
@@ -292,10 +297,7 @@ class FiniteMDP:
             )
 
     def _check_discount(self) -> None:
-        if not 0 <= self.discount <= 1:
-            raise TaskError(f"discount must lie in [0, 1]: got {self.discount}")
-        if self.time_limit is not None and self.time_limit < 1:
-            raise TaskError(f"time_limit must be at least 1 step: got {self.time_limit}")
+        check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
             endless = endless_states(
                 self.terminal, self.outcome_row, self.probability, self.next_state
@@ -349,6 +351,16 @@ _ARRAYS: dict[str, type] = {
     "terminal": np.bool_,
     "start": np.float64,
 }
+
+
+def check_horizon(task: Any) -> None:
+    """Check a frozen task's discount and time limit, and make them a float and an int."""
+    object.__setattr__(
+        task, "discount", number("discount", task.discount, TaskError, low=0, high=1)
+    )
+    if task.time_limit is not None:
+        limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
+        object.__setattr__(task, "time_limit", limit)
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:

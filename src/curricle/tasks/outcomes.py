@@ -30,6 +30,8 @@ def outcome_tables(
     TaskError
         When states list different numbers of actions, or a flag is missing or contradicts another.
     """
+    if not len(outcomes) or not len(outcomes[0]):
+        raise TaskError("outcome lists need at least one state and one action: got none")
     n_states, n_actions = len(outcomes), len(outcomes[0])
     for s in range(n_states):
         if len(outcomes[s]) != n_actions:
@@ -37,12 +39,23 @@ def outcome_tables(
                 f"every state must list the same number of actions: state {s} lists "
                 f"{len(outcomes[s])}, state 0 lists {n_actions}"
             )
-    lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
+    try:
+        lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
+    except KeyError as missing:
+        raise TaskError(
+            f"outcome dicts need the keys 0..{n_states - 1} and 0..{n_actions - 1}: {missing} is "
+            "missing"
+        ) from None
     shape = (n_states, n_actions, max(1, max(len(pair) for row in lists for pair in row)))
     p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
     for s, row in enumerate(lists):
         for a, pair in enumerate(row):
             for o, outcome in enumerate(pair):
+                if len(outcome) not in (3, 4) or outcome[1] != int(outcome[1]):
+                    raise TaskError(
+                        "an outcome must be (probability, next state, reward) and may have a "
+                        f"terminated flag: state {s}, action {a} has {outcome}"
+                    )
                 p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
     if terminal is not None:
         return p, successor, r, np.asarray(terminal)

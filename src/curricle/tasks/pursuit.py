@@ -8,11 +8,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, check_horizon
 from curricle.tasks.spaces import Component, Decoded, Space, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
+LARGEST = 1e100
+"""Rewards are at most this large, so that no return overflows."""
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
 
@@ -75,12 +78,13 @@ class Pursuit:
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        if self.size < 2:
-            raise TaskError(f"size must be at least 2 cells: got {self.size}")
-        if self.predators < 1:
-            raise TaskError(f"predators must be at least 1: got {self.predators}")
-        if self.moves not in (4, 5):
-            raise TaskError(f"moves must be 4 or 5: got {self.moves}")
+        for name, least in (("size", 2), ("predators", 1)):
+            value = whole_number(name, getattr(self, name), least, TaskError)
+            object.__setattr__(self, name, value)
+        one_of("moves", self.moves, (4, 5), TaskError)
+        for name in ("step_reward", "capture_reward"):
+            number(name, getattr(self, name), TaskError, -LARGEST, LARGEST)
+        check_horizon(self)
         by_number = isinstance(self.capture, int) and 1 <= self.capture <= self.predators
         if not by_number and self.capture not in ("all", "any", "as_published"):
             raise TaskError(
@@ -89,8 +93,15 @@ class Pursuit:
             )
         if not isinstance(self.prey, str) and not callable(self.prey):
             # Nested tuples keep the task a value that compares and hashes.
-            policy = np.asarray(self.prey, dtype=np.float64)
+            policy = np.asarray(self.prey)
+            if policy.dtype.kind not in "iuf" or policy.ndim != 2:
+                raise TaskError(
+                    "prey must be 'uniform', a table (cells, moves) or (S, moves), or a function: "
+                    f"got {self.prey!r}"
+                )
             object.__setattr__(self, "prey", tuple(map(tuple, policy.tolist())))
+        if not callable(self.prey):
+            self._prey_policy()
 
     @property
     def cells(self) -> int:
@@ -211,6 +222,7 @@ class Pursuit:
         )
         if bad.size:
             raise TaskError(
-                f"the prey's probabilities must sum to 1: row {bad[0]} is {policy[bad[0]].tolist()}"
+                "the prey's probabilities must not be negative and sum to 1: row "
+                f"{bad[0]} is {policy[bad[0]].tolist()}"
             )
         return policy

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import whole_number
 from curricle.errors import TaskError
 
 Array = TypeVar("Array", bound=npt.NDArray[Any])
@@ -63,13 +64,15 @@ class Component:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        if self.size < 1:
-            raise TaskError(f"a component needs at least 1 value: {self.name!r} has {self.size}")
+        whole_number(f"the number of values of component {self.name!r}", self.size, 1, TaskError)
+        whole_number(f"the lowest value of component {self.name!r}", self.low, -(2**62), TaskError)
         if self.labels is not None and len(self.labels) != self.size:
             raise TaskError(
                 f"a component needs one label per value: {self.name!r} has {self.size} values "
                 f"and {len(self.labels)} labels"
             )
+        if self.labels is not None and len(set(self.labels)) != self.size:
+            raise TaskError(f"a component's labels must differ: {self.name!r} has {self.labels}")
 
     def label(self, value: int) -> str:
         """Return how `value` prints."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import instance, number
 from curricle.errors import CurriculumError
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
@@ -20,8 +21,8 @@ class Transfer:
     mapping : StateActionMapping
         From the target to the source.
     scale, shift : float
-        Applied to mapped pairs; an unmapped pair keeps the mapping's `unmapped_value`. Neither
-        changes the optimum, both change learning strongly.
+        Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
+        mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
 
     Raises
     ------
@@ -36,12 +37,10 @@ class Transfer:
     shift: float = 0.0
 
     def __post_init__(self) -> None:
+        edge = f"{self.source} -> {self.target}"
+        instance(f"mapping of {edge}", self.mapping, StateActionMapping, CurriculumError)
         for name in ("scale", "shift"):
-            if not np.isfinite(getattr(self, name)):
-                raise CurriculumError(
-                    f"{name} of a transfer must be finite: {self.source} -> {self.target} has "
-                    f"{getattr(self, name)}"
-                )
+            number(f"{name} of {edge}", getattr(self, name), CurriculumError)
 
     def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task
@@ -105,8 +106,7 @@ class StateActionMapping:
                 f"a mapping must be an integer array of the target's shape {shape}: got "
                 f"{index.dtype} of shape {index.shape}"
             )
-        if not np.isfinite(self.unmapped_value):
-            raise MappingError(f"unmapped_value must be finite: got {self.unmapped_value}")
+        number("unmapped_value", self.unmapped_value, MappingError)
         index = np.where(target.terminal[:, None], ENDED, index)
         bad = np.argwhere((index < ENDED) | (index >= n_pairs))
         if len(bad):

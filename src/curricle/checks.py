@@ -1,0 +1,64 @@
+"""Checks of single arguments: each returns the value made plain, or says rule, value and place."""
+
+import math
+from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any
+
+from curricle.errors import CurricleError
+
+
+def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
+    """Return `value` as an int, or raise `error` unless it is a whole number of at least `least`.
+
+    Examples
+    --------
+    >>> from curricle.errors import SettingError
+    >>> whole_number("budget", 1e4, 1, SettingError)
+    10000
+    """
+    if not _is_real(value) or not math.isfinite(value) or value != int(value) or value < least:
+        raise error(f"{name} must be a whole number, at least {least}: got {value!r}")
+    return int(value)
+
+
+def number(
+    name: str,
+    value: Any,
+    error: type[CurricleError],
+    low: float = -math.inf,
+    high: float = math.inf,
+) -> float:
+    """Return `value` as a float, or raise `error` unless it is finite and in [low, high].
+
+    Examples
+    --------
+    >>> from curricle.errors import TaskError
+    >>> number("discount", 1, TaskError, low=0, high=1)
+    1.0
+    """
+    if not _is_real(value):
+        raise error(f"{name} must be a number: got {value!r}")
+    if not math.isfinite(value):
+        raise error(f"{name} must be finite: got {value}")
+    if not low <= value <= high:
+        limits = f"lie in [{low:g}, {high:g}]" if high < math.inf else f"be at least {low:g}"
+        raise error(f"{name} must {limits}: got {value:g}")
+    return float(value)
+
+
+def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:
+    """Raise `error` unless `value` is one of the valid ones, which the message lists."""
+    valid = tuple(valid)
+    if not isinstance(value, str | Integral) or value is True or value not in valid:
+        raise error(f"{name} must be one of {', '.join(map(str, valid))}: got {value!r}")
+
+
+def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:
+    """Raise `error` unless `value` is an instance of `kind`."""
+    if not isinstance(value, kind):
+        raise error(f"{name} must be a {kind.__name__}: got {value!r}")
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)

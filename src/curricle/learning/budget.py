@@ -1,0 +1,83 @@
+"""How much to learn: steps or episodes, checkpoints, seeds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.learning.kernels import NO_LIMIT
+
+MOST_CHECKPOINTS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """A budget in episodes, where a bare number means steps.
+
+    Raises
+    ------
+    SettingError
+        Unless the number is whole and at least 1.
+
+    Examples
+    --------
+    >>> Episodes(800)
+    Episodes(number=800)
+    """
+
+    number: int
+
+    def __post_init__(self) -> None:
+        number = whole_number("a budget in episodes", self.number, 1, SettingError)
+        object.__setattr__(self, "number", number)
+
+
+def limits(budget: int | Episodes) -> tuple[int, int]:
+    """Return the steps and the episodes at which a budget is spent."""
+    if isinstance(budget, Episodes):
+        return int(NO_LIMIT), budget.number
+    return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
+
+
+def spacing(every: int | None, budget: int | Episodes) -> int:
+    """Return the steps between checkpoints; a hundredth of a step budget where not given."""
+    if every is None:
+        return 100 if isinstance(budget, Episodes) else max(1, limits(budget)[0] // 100)
+    steps = whole_number("every, the steps between checkpoints,", every, 1, SettingError)
+    if steps > limits(budget)[0]:
+        raise SettingError(f"every must not exceed the budget of {budget} steps: got {every}")
+    return steps
+
+
+def longest_run(time_limit: int | None, budget: int | Episodes, every: int) -> int:
+    """Return the steps that a run can take at most, or raise SettingError if it knows no bound."""
+    steps, episodes = limits(budget)
+    if isinstance(budget, Episodes):
+        if time_limit is None:
+            raise SettingError("a budget in episodes needs a task with a time limit: none set")
+        steps = episodes * time_limit
+    if steps // every > MOST_CHECKPOINTS:
+        raise SettingError(
+            f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: {steps:,} steps at most, "
+            f"one every {every:,}, are {steps // every:,}"
+        )
+    return steps
+
+
+def seed_tuple(seeds: Any) -> tuple[int, ...]:
+    """Return K as 0 .. K-1 and a sequence as it is, or raise SettingError.
+
+    Examples
+    --------
+    >>> seed_tuple(3), seed_tuple([7, 11])
+    ((0, 1, 2), (7, 11))
+    """
+    if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
+        return tuple(range(whole_number("seeds", seeds, 1, SettingError)))
+    numbers = tuple(whole_number("each of seeds", s, 0, SettingError) for s in seeds)
+    if not numbers or len(set(numbers)) != len(numbers):
+        raise SettingError(f"seeds must be different, at least one: got {seeds}")
+    return numbers
