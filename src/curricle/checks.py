@@ -5,6 +5,9 @@ from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from curricle.errors import CurricleError
 
 
@@ -45,6 +48,21 @@ def number(
         limits = f"lie in [{low:g}, {high:g}]" if high < math.inf else f"be at least {low:g}"
         raise error(f"{name} must {limits}: got {value:g}")
     return float(value)
+
+
+def numbers(name: str, values: Any, error: type[CurricleError]) -> npt.NDArray[np.float64]:
+    """Return a new float64 array of `values`, or raise `error` if they are no array of numbers.
+
+    Examples
+    --------
+    >>> from curricle.errors import PotentialError
+    >>> numbers("phi", [[1, 2]], PotentialError)
+    array([[1., 2.]])
+    """
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise error(f"{name} must be an array of numbers: got {values!r}") from None
 
 
 def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:

@@ -20,7 +20,7 @@ from curricle.learning.learn import (
 )
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import StateActionPotential
-from curricle.tasks.mdp import Task
+from curricle.tasks.mdp import Task, tables
 from curricle.transfer.aggregation import Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
 
@@ -87,10 +87,14 @@ class Curriculum:
     )
 
     def __post_init__(self) -> None:
+        instance("tasks", self.tasks, Mapping, CurriculumError)
+        instance("transfers", self.transfers, Sequence, CurriculumError)
         object.__setattr__(self, "tasks", dict(self.tasks))
         object.__setattr__(self, "transfers", tuple(self.transfers))
         if not self.tasks:
             raise CurriculumError("a curriculum needs at least one task: got none")
+        for task in self.tasks.values():
+            tables(task)
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             self._check_ends(transfer)
@@ -182,6 +186,8 @@ class Curriculum:
         CurriculumError
             When a result in `trained` is for an unknown task, another task or other seeds.
         """
+        if trained is not None:
+            instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
         results = self._checked(trained or {}, numbers)
         potentials: dict[str, list[StateActionPotential]] = {}

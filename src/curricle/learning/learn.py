@@ -18,7 +18,7 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.learning.schedules import HARMONIC, constant
-from curricle.tasks.mdp import FiniteMDP, Task
+from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
@@ -145,7 +145,7 @@ def learn(
     """
     learner = QLearning() if learner is None else learner
     instance("learner", learner, Learner, SettingError)
-    mdp = task.mdp
+    mdp = tables(task)
     seeds = seed_tuple(seeds)
     steps, episodes = limits(budget)
     every = spacing(every, budget)
@@ -160,11 +160,11 @@ def learn(
     model, rule = _model(mdp), learner.rule()
     counted = rule.learning_rate.shape == HARMONIC
     shape = (mdp.states.size, mdp.actions.size)
-    tables = np.empty((len(seeds), learner.tables, *shape))
+    learnt = np.empty((len(seeds), learner.tables, *shape))
     initial = np.where(mdp.terminal[:, None], 0.0, float(learner.initial_value))
 
     def train(k: int) -> tuple[kernels.Record, int, int]:
-        q, mine, shaping = tables[k], potentials[k], _shaping(potentials[k], how)
+        q, mine, shaping = learnt[k], potentials[k], _shaping(potentials[k], how)
         q[...] = initial
         if mine is not None and how in ("initialise", "look_ahead"):
             q += mine.values
@@ -180,7 +180,7 @@ def learn(
 
     with ThreadPoolExecutor(min(workers or os.cpu_count() or 1, len(seeds))) as pool:
         done = list(pool.map(train, range(len(seeds))))
-    return _result(task, learner, seeds, tables[:, 0], done, every)
+    return _result(task, learner, seeds, learnt[:, 0], done, every)
 
 
 def stream_start(seed: int, stream: str) -> int:

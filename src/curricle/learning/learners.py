@@ -41,6 +41,8 @@ class Learner:
     tables: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
+        if type(self) is Learner:
+            raise SettingError("a learner must be of a kind, such as QLearning: got Learner itself")
         if self.epsilon is not None and self.inverse_temperature is not None:
             raise SettingError(
                 "exploration is either epsilon-greedy or softmax: got epsilon="

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.checks import number
+from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.tasks.endless import endless_states
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, tables
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
@@ -84,7 +84,7 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     >>> solution.values, solution.optimal[0]
     (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
     """
-    mdp = task.mdp
+    mdp = tables(task)
     everything = np.ones((mdp.states.size, mdp.actions.size))
     values, error = _iterate(mdp, everything, tolerance, greedy=True)
     action_values = back_up(mdp, values)
@@ -123,7 +123,7 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> P
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
     array([ -2., 199.,   0.])
     """
-    mdp = task.mdp
+    mdp = tables(task)
     probabilities = policy_table(mdp, policy)
     values, error = _iterate(mdp, probabilities, tolerance, greedy=False)
     return PolicyValues(
@@ -148,7 +148,10 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
     >>> greedy_policy([[1.0, 3.0, 3.0]])
     array([[0. , 0.5, 0.5]])
     """
-    q = np.asarray(action_values, dtype=np.float64)
+    q = numbers("action_values", action_values, SettingError)
+    number("tolerance", tolerance, SettingError, low=0)
+    if np.isnan(q).any():
+        raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} that are")
     best = q >= q.max(axis=-1, keepdims=True) - tolerance
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
 
@@ -161,6 +164,7 @@ def back_up(mdp: FiniteMDP, values: FloatArray) -> FloatArray:
 
 def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
     """Return a policy as (S, A) probabilities, or raise SettingError naming the bad state."""
+    numbers("a policy", policy, SettingError)
     given = np.asarray(policy)
     n_states, n_actions = mdp.states.size, mdp.actions.size
     if given.shape == (n_states,):

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
-from curricle.tasks.mdp import Task
+from curricle.tasks.mdp import Task, tables
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
@@ -56,10 +57,10 @@ class StatePotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        mdp = self.task.mdp
+        mdp = tables(self.task)
         n_states = mdp.states.size
         values = _finite(self.values, "Phi")
-        if values.ndim not in (1, 2) or values.shape[-1] != n_states:
+        if values.ndim not in (1, 2) or values.shape[-1] != n_states or not values.size:
             raise PotentialError(
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
                 f"{values.shape}"
@@ -122,7 +123,7 @@ class StateActionPotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        mdp = self.task.mdp
+        mdp = tables(self.task)
         shape = (mdp.states.size, mdp.actions.size)
         values = _finite(self.values, "phi")
         if values.shape != shape:
@@ -151,10 +152,7 @@ class StateActionPotential:
 
 
 def _finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    try:
-        values = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise PotentialError(f"{name} must be an array of numbers: got {given!r}") from None
+    values = numbers(name, given, PotentialError)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         place = tuple(int(i) for i in bad[0])

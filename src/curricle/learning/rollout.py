@@ -8,7 +8,7 @@ import numpy.typing as npt
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.planning import policy_table
-from curricle.tasks.mdp import Task
+from curricle.tasks.mdp import Task, tables
 from curricle.tasks.spaces import frozen
 
 IntArray = npt.NDArray[np.int64]
@@ -77,7 +77,7 @@ def rollout(
     >>> episode.states, episode.rewards, episode.terminated
     (array([0, 1, 2]), array([ -1., 199.]), True)
     """
-    mdp = task.mdp
+    mdp = tables(task)
     table = policy_table(mdp, policy)
     limit = whole_number(
         "the limit of a rollout in steps",

@@ -170,11 +170,13 @@ class GridWorld:
         TaskError
             When the part reaches beyond the map, is empty, or has no treasure.
         """
-        for name, (low, high), first, size in (
+        for name, given, first, size in (
             ("rows", rows, self.origin[0], len(self.map)),
             ("columns", columns, self.origin[1], len(self.map[0])),
         ):
-            whole((low, high), f"a crop's {name}")
+            if whole(given, f"a crop's {name}").shape != (2,):
+                raise TaskError(f"a crop's {name} must be a first and an end: got {given!r}")
+            low, high = given
             if not first <= low < high <= first + size:
                 raise TaskError(
                     f"a crop must lie within the map's {name} {first}..{first + size}: got "

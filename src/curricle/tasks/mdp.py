@@ -13,7 +13,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import number, whole_number
+from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.endless import endless_states
 from curricle.tasks.outcomes import outcome_tables
@@ -21,6 +21,8 @@ from curricle.tasks.spaces import Component, Space, frozen, whole
 
 FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
+LONGEST = 10**12
+"""Steps a time limit may have at most."""
 
 
 class Task(Protocol):
@@ -138,11 +140,11 @@ class FiniteMDP:
         >>> float(mdp.reward.max())
         5.0
         """
-        p = np.asarray(transition, dtype=np.float64)
+        p = numbers("transition", transition, TaskError)
         if p.ndim != 3 or p.shape[0] != p.shape[2]:
             raise TaskError(f"transition must have shape (S, A, S): got {p.shape}")
         n_states, n_actions, _ = p.shape
-        r = np.asarray(reward, dtype=np.float64)
+        r = numbers("reward", reward, TaskError)
         if r.shape not in (p.shape, p.shape[:2], p.shape[:1]):
             raise TaskError(
                 f"reward must have shape {p.shape}, {p.shape[:2]} or {p.shape[:1]}: got {r.shape}"
@@ -235,6 +237,10 @@ class FiniteMDP:
 
     def _check_ranges(self) -> None:
         """Check indices as they were given, before they are narrowed to 32 bits."""
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        if np.ndim(self.probability) != 2:
+            raise TaskError(f"probability must have shape (Y, O): got {np.shape(self.probability)}")
         for name, what, size in (
             ("outcome_row", "outcome_row", len(self.probability)),
             ("next_state", "next states", self.states.size),
@@ -353,6 +359,14 @@ _ARRAYS: dict[str, type] = {
 }
 
 
+def tables(task: Any) -> FiniteMDP:
+    """Return the tables of a task, or raise TaskError if it is none."""
+    mdp = getattr(task, "mdp", None)
+    if not isinstance(mdp, FiniteMDP):
+        raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}")
+    return mdp
+
+
 def check_horizon(task: Any) -> None:
     """Check a frozen task's discount and time limit, and make them a float and an int."""
     object.__setattr__(
@@ -360,6 +374,7 @@ def check_horizon(task: Any) -> None:
     )
     if task.time_limit is not None:
         limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
+        number("time_limit in steps", limit, TaskError, high=LONGEST)
         object.__setattr__(task, "time_limit", limit)
 
 

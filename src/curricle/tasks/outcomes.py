@@ -30,9 +30,13 @@ def outcome_tables(
     TaskError
         When states list different numbers of actions, or a flag is missing or contradicts another.
     """
-    if not len(outcomes) or not len(outcomes[0]):
-        raise TaskError("outcome lists need at least one state and one action: got none")
-    n_states, n_actions = len(outcomes), len(outcomes[0])
+    n_states = len(outcomes)
+    n_actions = len(outcomes[0]) if n_states and _has_first(outcomes) else 0
+    if not n_actions:
+        raise TaskError(
+            "outcomes need states from 0 and at least one action: got "
+            f"{list(outcomes) if isinstance(outcomes, dict) else outcomes!r}"
+        )
     for s in range(n_states):
         if len(outcomes[s]) != n_actions:
             raise TaskError(
@@ -61,6 +65,10 @@ def outcome_tables(
         return p, successor, r, np.asarray(terminal)
     first = [int(np.asarray(start))] if np.ndim(start) == 0 else np.flatnonzero(start).tolist()
     return p, successor, r, _terminal_states(lists, first)
+
+
+def _has_first(outcomes: Any) -> bool:
+    return not isinstance(outcomes, dict) or 0 in outcomes
 
 
 def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.bool_]:

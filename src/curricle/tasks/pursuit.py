@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import number, one_of, whole_number
+from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, check_horizon
 from curricle.tasks.spaces import Component, Decoded, Space, frozen
@@ -93,8 +93,8 @@ class Pursuit:
             )
         if not isinstance(self.prey, str) and not callable(self.prey):
             # Nested tuples keep the task a value that compares and hashes.
-            policy = np.asarray(self.prey)
-            if policy.dtype.kind not in "iuf" or policy.ndim != 2:
+            policy = numbers("the prey's policy", self.prey, TaskError)
+            if policy.ndim != 2:
                 raise TaskError(
                     "prey must be 'uniform', a table (cells, moves) or (S, moves), or a function: "
                     f"got {self.prey!r}"

@@ -32,7 +32,10 @@ def frozen(array: Array) -> Array:
 
 def whole(values: npt.ArrayLike, what: str) -> IntArray:
     """Return values as int64, or raise TaskError where they are not whole numbers by type."""
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise TaskError(f"{what} must be an array of whole numbers: got {values!r}") from None
     if array.dtype.kind not in "iu" and array.size:
         raise TaskError(f"{what} must be whole numbers: got {array.dtype}")
     return array.astype(np.int64)
@@ -217,7 +220,12 @@ class Space:
                 f"encode needs exactly the components {', '.join(self.names)}: got "
                 f"{', '.join(values) or 'none'}"
             )
-        columns = np.broadcast_arrays(*(whole(values[n], f"{n!r}") for n in self.names))
+        given = [whole(values[name], f"component {name!r}") for name in self.names]
+        try:
+            columns = np.broadcast_arrays(*given)
+        except ValueError:
+            shapes = ", ".join(str(column.shape) for column in given)
+            raise TaskError(f"components' shapes must broadcast together: got {shapes}") from None
         if self._points is not None:
             return self._look_up(np.stack(columns, axis=-1))
         number = np.zeros(columns[0].shape, dtype=np.int64)

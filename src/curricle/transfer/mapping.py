@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import number
+from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task
+from curricle.tasks.mdp import Task, tables
 from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
 
 FloatArray = npt.NDArray[np.float64]
@@ -97,7 +97,8 @@ class StateActionMapping:
     unmapped_value: float = 0.0
 
     def __post_init__(self) -> None:
-        target, source = self.target.mdp, self.source.mdp
+        target, source = tables(self.target), tables(self.source)
+        numbers("a mapping", self.index, MappingError)
         index = np.array(self.index)
         shape = (target.states.size, target.actions.size)
         n_pairs = source.states.size * source.actions.size
@@ -179,7 +180,8 @@ def identity(task: Task) -> StateActionMapping:
     >>> identity(GridWorld("S.T")).index[0]
     array([0, 1, 2, 3])
     """
-    n_states, n_actions = task.states.size, task.actions.size
+    mdp = tables(task)
+    n_states, n_actions = mdp.states.size, mdp.actions.size
     return from_parts(task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0)
 
 
@@ -314,8 +316,13 @@ def from_function(
     states = {k: v[:, None] for k, v in target.states.decode().items()}
     actions = {k: v[None, :] for k, v in target.actions.decode().items()}
     parts = []
+    returned = function(states, actions)
+    if not isinstance(returned, tuple) or [isinstance(p, dict) for p in returned] != [True, True]:
+        raise MappingError(
+            f"the function must return two dicts, of states and of actions: got {returned!r}"
+        )
     for kind, space, given in zip(
-        ("state", "action"), (source.states, source.actions), function(states, actions), strict=True
+        ("state", "action"), (source.states, source.actions), returned, strict=True
     ):
         if set(given) != set(space.names):
             raise MappingError(
