@@ -71,11 +71,11 @@ from .transfer.aggregation import (
     minimum as minimum,
     total as total,
 )
+from .transfer.coverage import Coverage as Coverage
 from .transfer.edge import Transfer as Transfer
 from .transfer.mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
-    Coverage as Coverage,
     StateActionMapping as StateActionMapping,
     compose as compose,
     from_function as from_function,

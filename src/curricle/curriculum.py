@@ -257,6 +257,13 @@ class CurriculumResult:
     nodes : dict of str to LearningResult
     potentials : dict of str to list of StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> result = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=1000).train(seeds=2)
+    >>> result["maze"].seeds, result.source_steps("maze")
+    ((0, 1), array([0, 0]))
     """
 
     curriculum: Curriculum

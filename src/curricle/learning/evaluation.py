@@ -32,6 +32,11 @@ class GreedyEvaluation:
         Rollouts a checkpoint.
     discounted : bool
         Whether rewards are discounted, as :func:`solve` does, or summed as the paper does.
+
+    Examples
+    --------
+    >>> GreedyEvaluation(method="rollouts", episodes=10)
+    GreedyEvaluation(method='rollouts', episodes=10, discounted=True)
     """
 
     method: Literal["auto", "exact", "rollouts"] = "auto"

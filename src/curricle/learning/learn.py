@@ -54,6 +54,12 @@ class LearningResult:
         Episodes ended by each checkpoint.
     steps_used, episodes_used : (K,) int64
         What each seed spent in all.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> learn(GridWorld("S.T"), budget=500, seeds=3).steps_used
+    array([500, 500, 500])
     """
 
     task: Task

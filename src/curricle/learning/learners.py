@@ -30,6 +30,11 @@ class Learner:
     ------
     SettingError
         When a number is out of range, or both kinds of exploration are asked for.
+
+    Examples
+    --------
+    >>> isinstance(QLearning(), Learner)
+    True
     """
 
     learning_rate: float | Schedule = 0.1
@@ -76,14 +81,26 @@ class QLearning(Learner):
 
 @dataclass(frozen=True)
 class SARSA(Learner):
-    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next."""
+    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next.
+
+    Examples
+    --------
+    >>> SARSA(epsilon=0.2).epsilon
+    0.2
+    """
 
     update: ClassVar[int] = kernels.SARSA
 
 
 @dataclass(frozen=True)
 class ExpectedSARSA(Learner):
-    """Q(s,a) += alpha (r + gamma sum_b pi(b|s') Q(s',b) - Q(s,a)) (van Seijen et al. 2009)."""
+    """Q(s,a) += alpha (r + gamma sum_b pi(b|s') Q(s',b) - Q(s,a)) (van Seijen et al. 2009).
+
+    Examples
+    --------
+    >>> ExpectedSARSA(inverse_temperature=2.0).inverse_temperature
+    2.0
+    """
 
     update: ClassVar[int] = kernels.EXPECTED_SARSA
 
@@ -93,6 +110,11 @@ class DoubleQLearning(Learner):
     """Two tables, a coin choosing which learns from the other's value (van Hasselt 2010).
 
     It acts on, and reports, the mean of both.
+
+    Examples
+    --------
+    >>> DoubleQLearning().tables
+    2
     """
 
     update: ClassVar[int] = kernels.DOUBLE_Q_LEARNING

@@ -30,6 +30,12 @@ class PolicyValues:
         V averaged over the start distribution.
     error_bound : float
         No value is further than this from the true one (rounding included).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> evaluate(GridWorld("S.T"), [1, 1, 0]).error_bound < 1e-8
+    True
     """
 
     values: FloatArray
@@ -47,6 +53,12 @@ class Solution(PolicyValues):
     optimal : (S, A) bool
         Actions whose Q(s, a) is within twice the error bound of the best: those that the bound
         cannot tell from optimal. Ties are so kept, not broken by index.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> solve(GridWorld(["S.", ".T"])).optimal[0]  # east and south are as good
+    array([False,  True,  True, False])
     """
 
     optimal: npt.NDArray[np.bool_]

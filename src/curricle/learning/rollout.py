@@ -28,6 +28,12 @@ class Trajectory:
         Whether it ended in a terminal state.
     truncated : bool
         Whether it was cut off instead (time limit, or `steps`).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> rollout(GridWorld("S.T"), [1, 1, 0]).discounted_return(0.5)
+    98.5
     """
 
     states: IntArray

@@ -15,6 +15,12 @@ class Schedule(NamedTuple):
     """A number as a function of the steps taken; build it with the functions of this module.
 
     A harmonic learning rate counts the visits to its state-action pair instead of all steps.
+
+    Examples
+    --------
+    >>> decay = linear(1.0, 0.1, steps=900)
+    >>> decay(0), decay(10_000)
+    (1.0, 0.1)
     """
 
     shape: int

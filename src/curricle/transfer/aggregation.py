@@ -13,22 +13,46 @@ Aggregate = Callable[[FloatArray], FloatArray]
 
 
 def maximum(potentials: FloatArray) -> FloatArray:
-    """Return max_i phi_i(s, a): the most hopeful source counts. (N, S, A) -> (S, A)."""
+    """Return max_i phi_i(s, a): the most hopeful source counts. (N, S, A) -> (S, A).
+
+    Examples
+    --------
+    >>> maximum(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    array([[3., 5.]])
+    """
     return np.asarray(potentials.max(axis=0))
 
 
 def mean(potentials: FloatArray) -> FloatArray:
-    """Return the mean of phi_i(s, a) over the sources. (N, S, A) -> (S, A)."""
+    """Return the mean of phi_i(s, a) over the sources. (N, S, A) -> (S, A).
+
+    Examples
+    --------
+    >>> mean(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    array([[2. , 3.5]])
+    """
     return np.asarray(potentials.mean(axis=0))
 
 
 def minimum(potentials: FloatArray) -> FloatArray:
-    """Return min_i phi_i(s, a): the most cautious source counts. (N, S, A) -> (S, A)."""
+    """Return min_i phi_i(s, a): the most cautious source counts. (N, S, A) -> (S, A).
+
+    Examples
+    --------
+    >>> minimum(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    array([[1., 2.]])
+    """
     return np.asarray(potentials.min(axis=0))
 
 
 def total(potentials: FloatArray) -> FloatArray:
-    """Return sum_i phi_i(s, a), Svetlik's aggregate (paper E4). (N, S, A) -> (S, A)."""
+    """Return sum_i phi_i(s, a), Svetlik's aggregate (paper E4). (N, S, A) -> (S, A).
+
+    Examples
+    --------
+    >>> total(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    array([[4., 7.]])
+    """
     return np.asarray(potentials.sum(axis=0))
 
 

@@ -27,7 +27,14 @@ class Transfer:
     Raises
     ------
     CurriculumError
-        When scale or shift is not finite.
+        When scale or shift is not finite, or the mapping is none.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, identity
+    >>> maze = GridWorld("S.T")
+    >>> Transfer("a", "b", identity(maze), scale=2).potential(np.ones((3, 4)))[0]
+    array([2., 2., 2., 2.])
     """
 
     source: str

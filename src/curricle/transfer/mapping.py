@@ -11,6 +11,7 @@ from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, tables
 from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
+from curricle.transfer.coverage import Coverage
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -20,45 +21,6 @@ UNMAPPED = -1
 """Entry of a mapping for a target pair without a source pair."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """How much of the target a mapping reaches, and how much of the source it uses.
-
-    Attributes
-    ----------
-    target_pairs : int
-        Pairs (s, a) of the target, s not terminal.
-    mapped, ended, unmapped : float
-        Shares of them that read a source pair, that fall on a source's terminal state (value 0),
-        and that have no counterpart. They sum to 1.
-    source_pairs : int
-        Pairs of the source, s not terminal.
-    never_used : int
-        Source pairs no target pair reads.
-    most_readers : int
-        The largest number of target pairs that read one source pair.
-    mean_readers : float
-        The mean of that number over the source pairs that are read (aliasing).
-    """
-
-    target_pairs: int
-    mapped: float
-    ended: float
-    unmapped: float
-    source_pairs: int
-    never_used: int
-    most_readers: int
-    mean_readers: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
-            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
-            f"{self.source_pairs:,} source pairs never used, the others read by "
-            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
-        )
 
 
 @dataclass(frozen=True, eq=False)

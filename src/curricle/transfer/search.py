@@ -35,6 +35,13 @@ class Projection:
         Mean total variation distance, in [0, 1], between where the source says a step leads and
         where the target's step leads, read through the assignment; NaN if nothing maps.
     mapping : StateActionMapping
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> chase = Pursuit(size=2, predators=1)
+    >>> find_projections(chase, chase)[0].states
+    {'prey': 'prey', 'predator': 'predator'}
     """
 
     states: dict[str, str]
