@@ -32,6 +32,11 @@ def test_a_folder_of_other_files_is_refused_untouched(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
 
+def test_what_a_killed_run_left_unfinished_means_nothing(tmp_path):
+    (tmp_path / ".settings123.part").write_text('{"see')
+    assert ResultsFolder(tmp_path, SETTINGS).read_json("settings.json") == SETTINGS
+
+
 def test_a_file_in_the_folders_place_is_refused(tmp_path):
     (tmp_path / "out").write_text("not a folder")
     with pytest.raises(StoreError, match="is a file"):

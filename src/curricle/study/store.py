@@ -14,6 +14,8 @@ import pyarrow.parquet as pq
 from curricle.errors import StoreError
 
 SETTINGS = "settings.json"
+PART = ".part"
+"""Ending of a file being written; a killed run may leave one, which means nothing."""
 
 Columns = Mapping[str, npt.ArrayLike]
 """A tidy table: column name -> values, all of one length."""
@@ -56,7 +58,7 @@ class ResultsFolder:
             raise StoreError(f"results need a folder: {self.path} is a file")
         if (self.path / SETTINGS).exists():
             self._check(settings)
-        elif self.path.exists() and any(self.path.iterdir()):
+        elif self.path.exists() and any(p.suffix != PART for p in self.path.iterdir()):
             raise StoreError(
                 f"results need an empty folder or one of earlier results: {self.path} holds "
                 "other files"
@@ -88,7 +90,7 @@ class ResultsFolder:
         """Write a file in one move and return its path."""
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".part")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
