@@ -20,7 +20,7 @@ from curricle.learning.learn import (
 )
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import StateActionPotential
-from curricle.tasks.mdp import Task, tables
+from curricle.tasks.mdp import Task, same_task, tables
 from curricle.transfer.aggregation import Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
 
@@ -110,7 +110,7 @@ class Curriculum:
         for role in ("source", "target"):
             name = getattr(transfer, role)
             one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
-            if self.tasks[name].mdp is not getattr(transfer.mapping, role).mdp:
+            if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
                 raise CurriculumError(
                     f"a transfer's mapping must be made for its tasks: the mapping's {role} is not "
                     f"the task {name!r} in {transfer.source} -> {transfer.target}"
@@ -235,7 +235,7 @@ class Curriculum:
         self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
     ) -> dict[str, LearningResult]:
         for name, result in trained.items():
-            if name not in self.tasks or result.task.mdp is not self.tasks[name].mdp:
+            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
                 raise CurriculumError(
                     f"a trained result must belong to a task of the curriculum: {name!r} does not"
                 )

@@ -355,7 +355,7 @@ SETTINGS = {
     "plain array": (lambda: ask(potential=np.ones((3, 4))), "got a ndarray"),
     "too many potentials": (lambda: ask(potential=[PHI, PHI], seeds=3), "means 3 of them: got 2"),
     "another task's potential": (
-        lambda: ask(potential=StateActionPotential(GridWorld("S.T"), np.ones((3, 4)))),
+        lambda: ask(potential=StateActionPotential(GridWorld("T.S"), np.ones((3, 4)))),
         "made for the task it shapes",
     ),
     "weight without time": (

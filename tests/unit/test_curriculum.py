@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import curricle as cr
 from curricle import (
     SARSA,
     Curriculum,
@@ -262,3 +263,20 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
     tasks.clear()
     transfers.clear()
     assert set(curriculum.train().nodes) == {"near", "far"}
+
+
+def test_equal_tasks_are_one_task():
+    def hunt():
+        return cr.Pursuit(size=2, predators=2)
+
+    def chase():
+        return cr.Pursuit(size=2, predators=1)
+
+    curriculum = cr.Curriculum(
+        tasks={"hunt": hunt(), "chase": chase()},
+        transfers=[
+            cr.Transfer("chase", "hunt", cr.project(hunt(), chase(), predator="predator_1"))
+        ],
+        budget=200,
+    )
+    assert curriculum.train()["hunt"].steps_used.tolist() == [200]

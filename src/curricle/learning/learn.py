@@ -18,7 +18,7 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.learning.schedules import HARMONIC, constant
-from curricle.tasks.mdp import FiniteMDP, Task, tables
+from curricle.tasks.mdp import FiniteMDP, Task, same_task, tables
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
@@ -156,7 +156,7 @@ def learn(
     steps, episodes = limits(budget)
     every = spacing(every, budget)
     longest = longest_run(mdp.time_limit, budget, every)
-    potentials = _potentials(mdp, learner, potential, how, len(seeds))
+    potentials = _potentials(task, learner, potential, how, len(seeds))
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     judge = evaluation.settings(mdp)
@@ -177,11 +177,11 @@ def learn(
         record = _empty_record(longest // every + 1)
         visits = np.zeros(shape if counted else (1, 1), dtype=np.int64)
         random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
-        limits = (np.int64(steps), np.int64(episodes))
+        ends = (np.int64(steps), np.int64(episodes))
         plain = learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN
         loop = kernels.train_q_learning if plain else kernels.train
-        done = loop(model, rule, shaping, judge, q, visits, random, limits, every, record)
-        q[...] = q.mean(axis=0) + _taken_off(shaping, done[0])
+        done = loop(model, rule, shaping, judge, q, visits, random, ends, every, record)
+        q[...] = q.mean(axis=0) + _taken_off(mine, how, done[0])
         return record, *done
 
     with ThreadPoolExecutor(min(workers or os.cpu_count() or 1, len(seeds))) as pool:
@@ -195,7 +195,7 @@ def stream_start(seed: int, stream: str) -> int:
 
 
 def _potentials(
-    mdp: FiniteMDP,
+    task: Task,
     learner: Learner,
     potential: Potential | Sequence[Potential] | None,
     how: How,
@@ -203,10 +203,10 @@ def _potentials(
 ) -> list[Potential | None]:
     """Return the potential of each seed, checked against the task, the learner and `how`."""
     one_of("how", how, get_args(How), SettingError)
-    if how == "look_back" and (not isinstance(learner, SARSA) or mdp.discount == 0):
+    if how == "look_back" and (not isinstance(learner, SARSA) or task.mdp.discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
-            f"{type(learner).__name__} at discount {mdp.discount:g}"
+            f"{type(learner).__name__} at discount {task.mdp.discount:g}"
         )
     if potential is None:
         return [None] * n_seeds
@@ -217,7 +217,7 @@ def _potentials(
     for one in each:
         if not isinstance(one, wanted):
             raise SettingError(f"how={how!r} takes a {wanted.__name__}: got a {type(one).__name__}")
-        if one.task.mdp is not mdp:
+        if not same_task(one.task, task):
             raise SettingError(
                 f"a potential must be made for the task it shapes: it belongs to {one.task}"
             )
@@ -250,14 +250,12 @@ def _shaping(potential: Potential | None, how: How) -> kernels.Shaping:
 _WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
 
 
-def _taken_off(shaping: kernels.Shaping, step: int) -> Any:
+def _taken_off(potential: Potential | None, how: How, step: int) -> Any:
     """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
-    weight = shaping.weight(step)
-    if shaping.way == kernels.STATE:
-        frame = int(np.searchsorted(shaping.frame_steps, step, side="right")) - 1
-        return weight * shaping.state_values[frame][:, None]
-    if shaping.way == kernels.ADVICE:
-        return weight * shaping.pair_values
+    if isinstance(potential, StatePotential):
+        return potential.at(step)[:, None]
+    if potential is not None and how == "advice":
+        return potential.weight(step) * potential.values
     return 0.0
 
 

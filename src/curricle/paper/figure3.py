@@ -68,9 +68,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         f"uniform start), mean over {seeds} seeds and 95 % bootstrap intervals; hollow: no more "
         "than this was saved, since some seeds never reached the threshold in 800 episodes. "
         "Size 1 holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 "
-        "source, with "
-        "the target's optimal path, which leaves the corner and comes back. Bottom right: a "
-        "full-size source with a uniform and with the target's fixed start.",
+        "source, with the target's optimal path, which leaves the corner and comes back. Bottom "
+        "right: a full-size source with a uniform and with the target's fixed start.",
         figure=figure,
         tables={"figure3": _table(results), "figure3_corner": _corner_table(results[-5.0][3])},
         claims=tuple(_claims(results, longer)),
@@ -111,7 +110,7 @@ def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> 
                 color=COLOURS[colour],
                 fmt="o",
                 ms=5,
-                yerr=np.abs([[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]),
+                yerr=_error_bar(mean),
                 mfc=COLOURS[colour] if arm.reached == seeds else "white",
             )
     panel.axhline(0, color=COLOURS["grey"], lw=0.8)
@@ -122,6 +121,11 @@ def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> 
         xticks=range(1, 11),
     )
     panel.legend(loc="lower right")
+
+
+def _error_bar(mean: Mapping[str, float]) -> list[list[float]]:
+    """Return an interval as Matplotlib wants it: distances below and above the estimate."""
+    return [[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]
 
 
 def _draw_corner(panel: Any, arm: Arm) -> None:
@@ -153,7 +157,7 @@ def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> Non
                 mean["estimate"],
                 0.38,
                 color=COLOURS[colour],
-                yerr=np.abs([[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]),
+                yerr=_error_bar(mean),
                 capsize=2,
             )
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")

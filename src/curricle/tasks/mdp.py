@@ -13,16 +13,15 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, number, numbers, whole_number
+from curricle.checks import instance, numbers
 from curricle.errors import TaskError
 from curricle.tasks.endless import endless_states
+from curricle.tasks.horizon import check_horizon
 from curricle.tasks.outcomes import outcome_tables
 from curricle.tasks.spaces import Component, Space, frozen, whole
 
 FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
-LONGEST = 10**12
-"""Steps a time limit may have at most."""
 
 
 class Task(Protocol):
@@ -367,15 +366,16 @@ def tables(task: Any) -> FiniteMDP:
     return mdp
 
 
-def check_horizon(task: Any) -> None:
-    """Check a frozen task's discount and time limit, and make them a float and an int."""
-    object.__setattr__(
-        task, "discount", number("discount", task.discount, TaskError, low=0, high=1)
-    )
-    if task.time_limit is not None:
-        limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
-        number("time_limit in steps", limit, TaskError, high=LONGEST)
-        object.__setattr__(task, "time_limit", limit)
+def same_task(one: Task, other: Task) -> bool:
+    """Return whether two tasks are one: the same object, or values that are equal.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> same_task(GridWorld("S.T"), GridWorld("S.T")), same_task(GridWorld("S.T"), GridWorld("ST"))
+    (True, False)
+    """
+    return one is other or one == other
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:

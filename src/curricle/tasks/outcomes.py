@@ -37,13 +37,13 @@ def outcome_tables(
             "outcomes need states from 0 and at least one action: got "
             f"{list(outcomes) if isinstance(outcomes, dict) else outcomes!r}"
         )
-    for s in range(n_states):
-        if len(outcomes[s]) != n_actions:
-            raise TaskError(
-                f"every state must list the same number of actions: state {s} lists "
-                f"{len(outcomes[s])}, state 0 lists {n_actions}"
-            )
     try:
+        for s in range(n_states):
+            if len(outcomes[s]) != n_actions:
+                raise TaskError(
+                    f"every state must list the same number of actions: state {s} lists "
+                    f"{len(outcomes[s])}, state 0 lists {n_actions}"
+                )
         lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
     except KeyError as missing:
         raise TaskError(

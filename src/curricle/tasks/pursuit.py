@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, check_horizon
+from curricle.tasks.horizon import check_horizon
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
 from curricle.tasks.spaces import Component, Decoded, Space, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}

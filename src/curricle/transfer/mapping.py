@@ -9,7 +9,7 @@ import numpy.typing as npt
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, tables
+from curricle.tasks.mdp import Task, same_task, tables
 from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
 from curricle.transfer.coverage import Coverage
 
@@ -313,7 +313,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     >>> bool((both.index == same_position(maze, crop).index).all())
     True
     """
-    if first.source.mdp is not second.target.mdp:
+    if not same_task(first.source, second.target):
         raise MappingError(
             "composition needs the first mapping's source to be the second's target: got "
             f"{first.source} and {second.target}"
