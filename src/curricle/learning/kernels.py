@@ -134,15 +134,6 @@ def shaping_reward(shaping, phi, discount, state, action, next_state, terminated
 
 
 @njit(cache=True, nogil=True)
-def step_size(rate, visits, state, action, step):
-    """Return the learning rate of an update; a harmonic one counts the pair's updates."""
-    if rate.shape != HARMONIC:
-        return at(rate, step)
-    visits[state, action] += 1
-    return at(rate, visits[state, action] - 1)
-
-
-@njit(cache=True, nogil=True)
 def write(record, checkpoint, step, episodes, ended, ended_return, value):
     """Fill one checkpoint of a record."""
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
@@ -169,6 +160,7 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
     value = greedy_return(model, q, advice, at(weight, 0), evaluation, judge)
     write(record, 0, 0, 0, 0, 0.0, value)
 
+    counted, noisy = rule.learning_rate.shape == HARMONIC, cumulative.shape[1] > 1
     step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
     fresh, state, action, length, episode_return, carried = True, 0, 0, 0, 0.0, 0.0
     while step < budget[0] and episodes < budget[1]:
@@ -181,7 +173,7 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
             acting_values(q, state, advice, at(weight, step), values)
             action = choose(values, rule, step, stream)
         row = outcome_row[state, action]
-        outcome = draw_outcome(cumulative, row, stream)
+        outcome = draw_outcome(cumulative, row, stream) if noisy else 0
         next_state, target = successor[row, outcome], pay[row, outcome]
         terminated = terminal[next_state]
         step, length, episode_return = step + 1, length + 1, episode_return + target
@@ -201,7 +193,11 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
             target += discount * bootstrap(
                 q, table, next_state, next_action, next_values, rule, step, stream
             )
-        rate = step_size(rule.learning_rate, visits, state, action, step - 1)
+        count = step - 1
+        if counted:
+            count = visits[state, action]
+            visits[state, action] += 1
+        rate = at(rule.learning_rate, count)
         q[table, state, action] += rate * (target - q[table, state, action])
 
         fresh = terminated or length >= model.time_limit
@@ -235,6 +231,7 @@ def train_q_learning(model, rule, shaping, evaluation, q, visits, stream, budget
     value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
     write(record, 0, 0, 0, 0, 0.0, value)
 
+    counted, noisy = rule.learning_rate.shape == HARMONIC, cumulative.shape[1] > 1
     step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
     fresh, state, length, episode_return = True, 0, 0, 0.0
     while step < budget[0] and episodes < budget[1]:
@@ -251,14 +248,18 @@ def train_q_learning(model, rule, shaping, evaluation, q, visits, stream, budget
         else:
             action = tied(table, state, row_best[state], row_ties[state], stream)
         row = outcome_row[state, action]
-        outcome = draw_outcome(cumulative, row, stream)
+        outcome = draw_outcome(cumulative, row, stream) if noisy else 0
         next_state, target = successor[row, outcome], pay[row, outcome]
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
         terminated = terminal[next_state]
         if not terminated:
             target += discount * row_best[next_state]
-        rate = step_size(rule.learning_rate, visits, state, action, step - 1)
+        count = step - 1
+        if counted:
+            count = visits[state, action]
+            visits[state, action] += 1
+        rate = at(rule.learning_rate, count)
         old = table[state, action]
         new = old + rate * (target - old)
         table[state, action] = new
@@ -294,13 +295,13 @@ def greedy_return(model, q, advice, advice_weight, evaluation, stream):
     reward, terminal, discount = model.reward, model.terminal, model.discount
     start_states, start_cumulative = model.start_states, model.start_cumulative
     values = np.empty((1, q.shape[2]))
-    total = 0.0
+    noisy, total = cumulative.shape[1] > 1, 0.0
     for _ in range(evaluation.episodes):
         state, weight = draw_start(start_states, start_cumulative, stream), 1.0
         for _ in range(evaluation.horizon):
             acting_values(q, state, advice, advice_weight, values)
             row = outcome_row[state, greedy(values, 0, stream)]
-            outcome = draw_outcome(cumulative, row, stream)
+            outcome = draw_outcome(cumulative, row, stream) if noisy else 0
             total += weight * reward[row, outcome]
             state = next_state[row, outcome]
             if terminal[state]:

@@ -61,10 +61,9 @@ def draw_start(start_states, start_cumulative, stream):
 def draw_outcome(cumulative, row, stream):
     """Draw which outcome of an outcome row happens."""
     outcome = 0
-    if cumulative.shape[1] > 1:
-        u = uniform(stream)
-        while u >= cumulative[row, outcome]:
-            outcome += 1
+    u = uniform(stream)
+    while u >= cumulative[row, outcome]:
+        outcome += 1
     return outcome
 
 
