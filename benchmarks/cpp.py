@@ -1,0 +1,87 @@
+"""The C++ reference: compiled into a temporary folder, given its tables, run.
+
+    python benchmarks/cpp.py [--quick]    the reference alone, every variant
+"""
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from timing import arguments, in_turns
+
+from curricle.paper.settings import maze
+
+SOURCE = Path(__file__).with_name("reference.cpp")
+FLAGS = ("-std=c++17", "-O3", "-march=native")
+VARIANTS = (("W1", "cached"), ("W1", "successor"), ("W1", "naive"), ("W2", "cached"), ("W2", "naive"))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The compiled program and the tables of W1."""
+
+    program: Path
+    tables: Path
+
+    def run(self, task: str, variant: str, dtype: str, steps: int) -> dict[str, float]:
+        """Return what the program prints: `ns_per_step` and `greedy_return`."""
+        command = [self.program, task, variant, dtype, str(steps)]
+        command += [self.tables] if task == "W1" else []
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)
+
+    def rate(self, task: str, variant: str, dtype: str, steps: int) -> float:
+        """Return steps a second of processor time."""
+        return 1e9 / self.run(task, variant, dtype, steps)["ns_per_step"]
+
+
+@contextmanager
+def reference() -> Iterator[Reference | None]:
+    """Compile the reference for as long as it is needed; None where there is no compiler."""
+    compiler = shutil.which("g++") or shutil.which("c++")
+    if compiler is None:
+        yield None
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        built = Reference(Path(folder, "reference"), Path(folder, "w1.bin"))
+        subprocess.run([compiler, *FLAGS, "-o", built.program, SOURCE], check=True)
+        write_tables(built.tables)
+        yield built
+
+
+def write_tables(path: Path) -> None:
+    """Write W1 as `Maze` in the C++ reads it."""
+    mdp = maze(-5).mdp
+    row = mdp.outcome_row
+    head = [*row.shape, mdp.start_states[0], mdp.time_limit]
+    with path.open("wb") as file:
+        file.write(np.array(head, np.int32).tobytes())
+        file.write(np.array([mdp.discount], np.float64).tobytes())
+        file.write(mdp.next_state[row, 0].astype(np.int32).tobytes())
+        file.write(mdp.reward[row, 0].astype(np.float64).tobytes())
+        file.write(mdp.terminal.astype(np.uint8).tobytes())
+
+
+def main() -> None:
+    given = arguments(__doc__).parse_args()
+    steps = 1_000_000 if given.quick else 10_000_000
+    with reference() as built:
+        if built is None:
+            print("no compiler: skipped")
+            return
+        runs = [(*variant, dtype) for variant in VARIANTS for dtype in ("float32", "float64")]
+        contestants = {
+            " ".join(run): lambda run=run: 1e9 / built.rate(*run, steps) for run in runs
+        }
+        for name, found in in_turns(contestants, given.turns or 5).items():
+            print(f"{name:<24}{np.median(found):8.2f} ns a step, at best {min(found):.2f}")
+
+
+if __name__ == "__main__":
+    main()

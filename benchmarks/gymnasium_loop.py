@@ -1,0 +1,57 @@
+"""Q-learning as every tutorial writes it: a Gymnasium environment and a NumPy table."""
+
+import gymnasium as gym
+import numpy as np
+
+LEARNING_RATE, EPSILON = 0.1, 0.1
+
+
+class TableEnv(gym.Env):
+    """A finite MDP as a Gymnasium environment, as a user would write it."""
+
+    def __init__(self, mdp):
+        self.mdp = mdp
+        self.observation_space = gym.spaces.Discrete(mdp.states.size)
+        self.action_space = gym.spaces.Discrete(mdp.actions.size)
+        self.outcomes = mdp.probability.shape[1]
+        self.state = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        starts = self.mdp.start_states
+        self.state = int(starts[self.np_random.integers(len(starts))])
+        return self.state, {}
+
+    def step(self, action):
+        row = self.mdp.outcome_row[self.state, action]
+        outcome = 0
+        if self.outcomes > 1:
+            outcome = np.searchsorted(self.mdp.cumulative[row], self.np_random.random(), "right")
+        self.state = int(self.mdp.next_state[row, outcome])
+        reward = float(self.mdp.reward[row, outcome])
+        return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
+
+
+def maze_env(task):
+    return gym.wrappers.TimeLimit(TableEnv(task.mdp), task.time_limit)
+
+
+def frozen_lake():
+    return gym.make("FrozenLake-v1", map_name="8x8")  # slippery, cut at 200 steps
+
+
+def q_learning(env, discount, steps):
+    """Return the Q-table after so many steps: one of the environment, one update, and so on."""
+    q = np.zeros((env.observation_space.n, env.action_space.n))
+    rng = np.random.default_rng(0)
+    state, _ = env.reset(seed=0)
+    for _ in range(steps):
+        if rng.random() < EPSILON:
+            action = int(rng.integers(env.action_space.n))
+        else:
+            action = int(rng.choice(np.flatnonzero(q[state] == q[state].max())))
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = reward + (0.0 if terminated else discount * q[following].max())
+        q[state, action] += LEARNING_RATE * (target - q[state, action])
+        state = env.reset()[0] if terminated or truncated else following
+    return q
