@@ -1,6 +1,6 @@
 """The C++ reference: compiled into a temporary folder, given its tables, run.
 
-    python benchmarks/cpp.py [--quick]    the reference alone, every variant
+python benchmarks/cpp.py [--quick]    the reference alone, every variant
 """
 
 import json
@@ -19,7 +19,7 @@ from curricle.paper.settings import maze
 
 SOURCE = Path(__file__).with_name("reference.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native")
-VARIANTS = (("W1", "cached"), ("W1", "successor"), ("W1", "naive"), ("W2", "cached"), ("W2", "naive"))
+VARIANTS = ("W1 cached", "W1 successor", "W1 naive", "W2 cached", "W2 naive")
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,10 @@ def main() -> None:
         if built is None:
             print("no compiler: skipped")
             return
-        runs = [(*variant, dtype) for variant in VARIANTS for dtype in ("float32", "float64")]
-        contestants = {
-            " ".join(run): lambda run=run: 1e9 / built.rate(*run, steps) for run in runs
-        }
+        runs = [
+            (*variant.split(), dtype) for variant in VARIANTS for dtype in ("float32", "float64")
+        ]
+        contestants = {" ".join(run): lambda run=run: 1e9 / built.rate(*run, steps) for run in runs}
         for name, found in in_turns(contestants, given.turns or 5).items():
             print(f"{name:<24}{np.median(found):8.2f} ns a step, at best {min(found):.2f}")
 

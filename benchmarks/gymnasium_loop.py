@@ -32,8 +32,8 @@ class TableEnv(gym.Env):
         return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
 
 
-def maze_env(task):
-    return gym.wrappers.TimeLimit(TableEnv(task.mdp), task.time_limit)
+def table_env(mdp, limit):
+    return gym.wrappers.TimeLimit(TableEnv(mdp), limit)
 
 
 def frozen_lake():

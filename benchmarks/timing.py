@@ -55,23 +55,34 @@ class Board:
         print(f"{head}\n{'-' * len(head)}")
 
     def compare(
-        self, what: str, rates: Rates, ours: str, theirs: str, bar: float | None = None
+        self,
+        what: str,
+        rates: Rates,
+        ours: str,
+        theirs: str,
+        bar: float | None = None,
+        note: str = "",
     ) -> None:
         """Print the median ratio of two contestants beside its bar, if there is one."""
         if theirs in rates:
             ratio = median(a / b for a, b in zip(rates[ours], rates[theirs], strict=True))
-            self.row(what, median(rates[ours]), median(rates[theirs]), ratio, bar)
+            self.row(what, median(rates[ours]), median(rates[theirs]), ratio, bar, note)
 
     def row(
-        self, what: str, ours: float, theirs: float | None, ratio: float, bar: float | None
+        self,
+        what: str,
+        ours: float,
+        theirs: float | None,
+        ratio: float,
+        bar: float | None,
+        note: str = "",
     ) -> None:
         other = "" if theirs is None else f"{theirs:,.0f}"
         line = f"{what:<50}{ours:>14,.0f}{other:>14}{ratio:>8,.{_digits(ratio)}f}x"
         if bar is not None:
-            line += f"{bar:>8,.{_digits(bar)}f}x   {'ok' if ratio >= bar else 'MISS'}"
-        if bar is not None and ratio < bar:
-            self.missed.append(what)
-        print(line, flush=True)
+            line += f"{bar:>8,.{_digits(bar)}f}x {'ok' if ratio >= bar else 'MISS':<5}"
+            self.missed += [what] if ratio < bar else []
+        print(f"{line}{'' if bar is not None else ' ' * 15 if note else ''}{note}", flush=True)
 
     def skip(self, what: str, why: str) -> None:
         print(f"{what:<50}skipped: {why}", flush=True)

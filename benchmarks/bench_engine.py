@@ -1,0 +1,219 @@
+"""Curricle's learning engine beside a C++ reference and beside Gymnasium, held to bars.
+
+W1 is the paper's 10x10 maze, W2 the hunt of two predators on 7x7, W3 slippery FrozenLake 8x8.
+All use Q-learning with learning rate 0.1 and epsilon 0.1.
+
+    python benchmarks/bench_engine.py [--quick]
+"""
+
+import json
+import platform
+import subprocess
+import sys
+
+import gymnasium_loop
+from cpp import reference
+from timing import GLIMPSE, LEARNER, Board, arguments, by_the_wall, in_turns, on_one_thread, stored
+
+import curricle as cr
+from curricle.paper.settings import maze
+
+AGGREGATES = {"minimum": cr.minimum, "mean": cr.mean, "maximum": cr.maximum}
+DISCOUNT = 0.95
+MEMORY = 4 * 2**30
+SINGLE = stored(dtype="float32")
+
+
+def learn(task, steps, every, **settings):
+    settings = {"workers": 1, "evaluation": GLIMPSE, **settings}
+    return cr.learn(task, LEARNER, steps, every=every, **settings)
+
+
+# -- W1 ------------------------------------------------------------------------------------------
+
+
+def one_maze(board, cpp, turns, steps):
+    """One thread, learning curve recorded."""
+    task = maze(-5)
+
+    def ours(**storage):
+        return on_one_thread(lambda: learn(task, steps, 10_000, **storage), steps)
+
+    learn(task, 1000, 1000, **SINGLE)  # compiles
+    learn(task, 1000, 1000)
+    contestants = {"float32": lambda: ours(**SINGLE), "float64": ours}
+    if cpp:
+        contestants |= {
+            f"{variant} {dtype}": lambda run=(variant, dtype): cpp.rate("W1", *run, steps)
+            for variant in ("cached", "naive", "successor")
+            for dtype in ("float32", "float64")
+        }
+    rates = in_turns(contestants, turns)
+    board.compare("W1 float32 : C++ cached", rates, "float32", "cached float32", 0.85)
+    board.compare("W1 float32 : C++ naive", rates, "float32", "naive float32", 1.6)
+    board.compare("W1 float32 : C++ greedy successor kept", rates, "float32", "successor float32")
+    board.compare("W1 float64 : C++ cached", rates, "float64", "cached float64")
+
+
+def many_mazes(board, turns, steps):
+    """Thirty seeds on two threads and on one."""
+    task, seeds = maze(-5), 30
+
+    def ours(workers):
+        settings = {"seeds": seeds, "workers": workers, **SINGLE}
+        return by_the_wall(lambda: learn(task, steps, 10_000, **settings), seeds * steps)
+
+    rates = in_turns({"two": lambda: ours(2), "one": lambda: ours(1)}, turns)
+    board.compare("W1 30 seeds, two threads : one", rates, "two", "one", 1.85)
+
+
+# -- W2 ------------------------------------------------------------------------------------------
+
+
+def hunts(board, cpp, turns, steps):
+    """Two predators, alone and advised by one predator's chase."""
+    hunt = cr.Pursuit(7, 2, discount=DISCOUNT)
+    chase = learn(cr.Pursuit(7, 1, discount=DISCOUNT), steps // 10, steps // 10)
+
+    def alone(steps):
+        return learn(hunt, steps, steps // 100, stream="hunt", **SINGLE)
+
+    contestants = {"alone": lambda: on_one_thread(lambda: alone(steps), steps)}
+    alone(1000)
+    for name, aggregate in AGGREGATES.items():
+        advise(hunt, chase, aggregate, 1000, SINGLE)()
+        advised = advise(hunt, chase, aggregate, steps, SINGLE)
+        contestants[name] = lambda run=advised: on_one_thread(run, steps)
+    if cpp:
+        contestants["C++"] = lambda: cpp.rate("W2", "cached", "float32", steps)
+        contestants["C++ naive"] = lambda: cpp.rate("W2", "naive", "float32", steps)
+    rates = in_turns(contestants, turns)
+    board.compare("W2 float32 : C++ cached", rates, "alone", "C++", 0.7)
+    board.compare("W2 float32 : C++ naive", rates, "alone", "C++ naive")
+    for name in AGGREGATES:
+        board.compare(f"W2 advised, {name} : C++ cached, alone", rates, name, "C++", 0.45)
+
+
+def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE):
+    """Return the training of a hunt on look-ahead advice from a learnt chase, ready to run."""
+    mappings = [cr.project(hunt, chase.task, predator=name) for name in hunt.predator_names]
+    curriculum = cr.Curriculum(
+        tasks={"chase": chase.task, "hunt": hunt},
+        transfers=[cr.Transfer("chase", "hunt", mapping) for mapping in mappings],
+        aggregate=aggregate,
+        learner=LEARNER,
+        budget={"hunt": steps},
+        how="look_ahead",
+        every=steps // 100 if evaluation is GLIMPSE else steps,
+        evaluation=evaluation,
+        **storage,
+    )
+    return lambda: curriculum.train(trained={"chase": chase}, workers=1)["hunt"]
+
+
+# -- three predators -----------------------------------------------------------------------------
+
+
+def three_predators(board, steps):
+    """A table of 12.5 thousand million pairs, of which only the visited ones are kept."""
+    what = "three predators, 10x10, sparse: million steps"
+    try:
+        possible = bool(stored(kind="sparse", dtype="float32"))
+    except (TypeError, cr.CurricleError):
+        possible = False
+    if not possible:
+        board.skip(what, "no sparse storage")
+        return
+    command = [sys.executable, __file__, "--three-predators", str(steps)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        board.skip(what, (done.stderr.strip() or "no message").splitlines()[-1])
+        board.missed.append(what)
+        return
+    found = json.loads(done.stdout)
+    board.row(what, found["rate"], None, found["rate"] / 1e6, 1.5)
+    share = MEMORY / found["bytes"]
+    board.row("  its memory in bytes : 4 GiB", found["bytes"], MEMORY, share, 1)
+
+
+def three_predators_alone(steps):
+    """Print what `three_predators` asks for, measured in this process of its own."""
+    import resource  # not on every system
+
+    hunt = cr.Pursuit(10, 3, discount=DISCOUNT)
+    chase = learn(cr.Pursuit(10, 1, discount=DISCOUNT), 1_000_000, 1_000_000)
+    storage = stored(kind="sparse", dtype="float32")
+    advise(hunt, chase, cr.minimum, 1000, storage)()
+    rate = on_one_thread(advise(hunt, chase, cr.minimum, steps, storage), steps)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    print(json.dumps({"rate": rate, "bytes": peak}))
+
+
+# -- W3 ------------------------------------------------------------------------------------------
+
+
+def frozen_lake(board, turns, steps):
+    env = gymnasium_loop.frozen_lake()
+    outcomes = env.unwrapped.P
+    lake = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.99, time_limit=200)
+    learn(lake, 1000, 1000, **SINGLE)
+    few = steps // 200
+    rates = in_turns(
+        {
+            "ours": lambda: on_one_thread(lambda: learn(lake, steps, 10_000, **SINGLE), steps),
+            "Gymnasium": lambda: on_one_thread(
+                lambda: gymnasium_loop.q_learning(env, 0.99, few), few
+            ),
+        },
+        turns,
+    )
+    board.compare("W3 float32 : Gymnasium and NumPy", rates, "ours", "Gymnasium", 300)
+
+
+# -- what was learnt -----------------------------------------------------------------------------
+
+
+def what_was_learnt(cpp, steps):
+    """Print the greedy returns, so that it is seen to be learning that was timed."""
+    many = cr.GreedyEvaluation(method="rollouts", episodes=10_000)
+    hunt = cr.Pursuit(7, 2, discount=DISCOUNT)
+    chase = learn(cr.Pursuit(7, 1, discount=DISCOUNT), steps // 10, steps // 10)
+    results = {
+        "W1 (optimum -1.177)": learn(maze(-5), steps, steps, evaluation=many, **SINGLE),
+        "W2": learn(hunt, steps, steps, evaluation=many, stream="hunt", **SINGLE),
+    }
+    for name, aggregate in AGGREGATES.items():
+        results[f"W2 advised, {name}"] = advise(hunt, chase, aggregate, steps, SINGLE, many)()
+    print("\ndiscounted greedy return in the end")
+    for name, result in results.items():
+        other = ""
+        if cpp and "advised" not in name:
+            other = f"   C++ {cpp.run(name[:2], 'cached', 'float32', steps)['greedy_return']:.3f}"
+        print(f"  {name:<22}{result.greedy_return[0, -1]:9.3f}{other}")
+
+
+def main():
+    parser = arguments(__doc__)
+    parser.add_argument("--three-predators", type=int, metavar="STEPS", help="only that, as JSON")
+    given = parser.parse_args()
+    if given.three_predators:
+        three_predators_alone(given.three_predators)
+        return
+    steps = 1_000_000 if given.quick else 10_000_000
+    turns = given.turns or (3 if given.quick else 5)
+    print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+    with reference() as cpp:
+        board = Board()
+        if cpp is None:
+            board.skip("C++ reference", "no compiler")
+        one_maze(board, cpp, turns, steps)
+        many_mazes(board, turns, steps // 10)
+        hunts(board, cpp, turns, steps)
+        three_predators(board, steps // 2)
+        frozen_lake(board, turns, steps)
+        board.close()
+        what_was_learnt(cpp, steps)
+
+
+if __name__ == "__main__":
+    main()
