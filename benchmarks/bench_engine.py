@@ -55,16 +55,23 @@ def one_maze(board, cpp, turns, steps):
     board.compare("W1 float64 : C++ cached", rates, "float64", "cached float64")
 
 
-def many_mazes(board, turns, steps):
-    """Thirty seeds on two threads and on one."""
-    task, seeds = maze(-5), 30
+def many_mazes(board, cpp, turns, steps):
+    """Thirty seeds on two threads and on one, beside what two copies of the C++ gain."""
+    task, seeds, copy = maze(-5), 30, 100 * steps
 
     def ours(workers):
         settings = {"seeds": seeds, "workers": workers, **SINGLE}
         return by_the_wall(lambda: learn(task, steps, 10_000, **settings), seeds * steps)
 
-    rates = in_turns({"two": lambda: ours(2), "one": lambda: ours(1)}, turns)
+    def theirs(copies):
+        return by_the_wall(lambda: cpp.side_by_side(copies, copy), copies * copy)
+
+    contestants = {"two": lambda: ours(2), "one": lambda: ours(1)}
+    if cpp:
+        contestants |= {"C++ two": lambda: theirs(2), "C++ one": lambda: theirs(1)}
+    rates = in_turns(contestants, turns)
     board.compare("W1 30 seeds, two threads : one", rates, "two", "one", 1.85)
+    board.compare("  this machine: C++ twice at once : once", rates, "C++ two", "C++ one")
 
 
 # -- W2 ------------------------------------------------------------------------------------------
@@ -104,7 +111,7 @@ def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE):
         learner=LEARNER,
         budget={"hunt": steps},
         how="look_ahead",
-        every=steps // 100 if evaluation is GLIMPSE else steps,
+        every={"hunt": steps // 100 if evaluation is GLIMPSE else steps},
         evaluation=evaluation,
         **storage,
     )
@@ -207,7 +214,7 @@ def main():
         if cpp is None:
             board.skip("C++ reference", "no compiler")
         one_maze(board, cpp, turns, steps)
-        many_mazes(board, turns, steps // 10)
+        many_mazes(board, cpp, turns, steps // 10)
         hunts(board, cpp, turns, steps)
         three_predators(board, steps // 2)
         frozen_lake(board, turns, steps)

@@ -18,16 +18,16 @@ from timing import GLIMPSE, LEARNER, Board, arguments, in_turns, stored
 import curricle as cr
 from curricle.paper.settings import maze
 
-# Peer, steps a turn, bar on W1.
+# Peer, steps a turn (enough to learn W1), bar on W1.
 ONE_THREAD = (
     ("numba", 5_000_000, 3),
-    ("python_lists", 200_000, None),
-    ("gymnasium", 20_000, None),
-    ("msdm", 20_000, 1000),
-    ("simple_rl", 20_000, 1000),
-    ("table_rl", 20_000, 1000),
-    ("mushroom_rl", 10_000, 1000),
-    ("bettermdptools", 10_000, 1000),
+    ("python_lists", 500_000, None),
+    ("gymnasium", 50_000, None),
+    ("msdm", 50_000, 1000),
+    ("simple_rl", 50_000, 1000),
+    ("table_rl", 50_000, 1000),
+    ("mushroom_rl", 50_000, 1000),
+    ("bettermdptools", 80_000, 1000),
 )
 SEEDS = 30
 
@@ -94,30 +94,30 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--only", nargs="*", metavar="NAME", help="these peers")
     given = parser.parse_args()
-    share = 10 if given.quick else 1
-    turns = given.turns or (3 if given.quick else 5)
-    steps = 10_000_000 // share
+    turns = given.turns or (2 if given.quick else 3)
+    steps = 1_000_000 if given.quick else 10_000_000
+    wanted = given.only or [*(peer for peer, _, _ in ONE_THREAD), "jax"]
     board = Board()
     for name, mdp in {"W1": maze(-5).mdp, "W3": frozen_lake()}.items():
-        judge = partial(greedy_return, mdp) if name == "W1" else None
+        first = name == "W1"
+        judge, share = (partial(greedy_return, mdp), 1) if first else (None, 5)
         ours = curricle(mdp, steps)
         for peer, few, bar in ONE_THREAD:
-            if given.only is None or peer in given.only:
-                prepare = partial(getattr(peers, peer), mdp, max(few // share, 5_000))
-                bar = bar if name == "W1" else None
+            if peer in wanted:
+                prepare = partial(getattr(peers, peer), mdp, few // share)
+                bar = bar if first else None
                 versus(board, f"{name} {peer}", ours, prepare, turns, bar, judge=judge)
-        if given.only is None or "jax" in given.only:
-            for seeds, bar in ((1, None), (SEEDS, 5)):
-                versus(
-                    board,
-                    f"{name} jax, {seeds} seed{'s' if seeds > 1 else ''}, wall time",
-                    curricle(mdp, steps // seeds, seeds),
-                    partial(peers.jax, mdp, 1_000_000 // share // min(seeds, 4), seeds),
-                    turns,
-                    bar if name == "W1" else None,
-                    time.perf_counter,
-                    judge,
-                )
+        for seeds, bar in ((1, None), (SEEDS, 5)) if "jax" in wanted else ():
+            versus(
+                board,
+                f"{name} jax, {seeds} seed{'s' if seeds > 1 else ''}, wall time",
+                curricle(mdp, steps // min(seeds, 10), seeds),
+                partial(peers.jax, mdp, steps // min(seeds, 10) // 5, seeds),
+                turns,
+                bar if first else None,
+                time.perf_counter,
+                judge,
+            )
     board.close()
 
 

@@ -31,14 +31,21 @@ class Reference:
 
     def run(self, task: str, variant: str, dtype: str, steps: int) -> dict[str, float]:
         """Return what the program prints: `ns_per_step` and `greedy_return`."""
-        command = [self.program, task, variant, dtype, str(steps)]
-        command += [self.tables] if task == "W1" else []
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        return json.loads(done.stdout)
+        return json.loads(self._start(task, variant, dtype, steps).communicate()[0])
 
     def rate(self, task: str, variant: str, dtype: str, steps: int) -> float:
         """Return steps a second of processor time."""
         return 1e9 / self.run(task, variant, dtype, steps)["ns_per_step"]
+
+    def side_by_side(self, copies: int, steps: int) -> None:
+        """Run so many copies of cached W1 at once: what the machine's cores are good for."""
+        for copy in [self._start("W1", "cached", "float32", steps) for _ in range(copies)]:
+            copy.communicate()
+
+    def _start(self, task: str, variant: str, dtype: str, steps: int) -> subprocess.Popen[str]:
+        command = [self.program, task, variant, dtype, str(steps)]
+        command += [self.tables] if task == "W1" else []
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
 @contextmanager

@@ -80,9 +80,9 @@ class Board:
         other = "" if theirs is None else f"{theirs:,.0f}"
         line = f"{what:<50}{ours:>14,.0f}{other:>14}{ratio:>8,.{_digits(ratio)}f}x"
         if bar is not None:
-            line += f"{bar:>8,.{_digits(bar)}f}x {'ok' if ratio >= bar else 'MISS':<5}"
+            line += f"{bar:>8,.{_digits(bar)}f}x {'ok' if ratio >= bar else 'MISS'}"
             self.missed += [what] if ratio < bar else []
-        print(f"{line}{'' if bar is not None else ' ' * 15 if note else ''}{note}", flush=True)
+        print(f"{line:<112}{note}".rstrip(), flush=True)
 
     def skip(self, what: str, why: str) -> None:
         print(f"{what:<50}skipped: {why}", flush=True)
@@ -99,8 +99,8 @@ def arguments(doc: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="a tenth of the steps, three turns")
-    parser.add_argument("--turns", type=int, help="turns a side, by default 5")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the steps, fewer turns")
+    parser.add_argument("--turns", type=int, help="turns a side")
     return parser
 
 
