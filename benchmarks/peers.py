@@ -9,6 +9,8 @@ how to install them; an adapter raises ImportError where its peer is not there.
 import os
 import random
 import time
+from contextlib import redirect_stdout
+from io import StringIO
 
 import gymnasium_loop
 import numpy as np
@@ -168,9 +170,10 @@ def mushroom_rl(mdp, steps):
 
 def simple_rl(mdp, steps):
     time.clock = time.perf_counter  # gone from Python since 3.8, called by simple_rl
-    from simple_rl.agents import QLearningAgent
-    from simple_rl.mdp import MDP, State
-    from simple_rl.run_experiments import run_single_agent_on_mdp
+    with redirect_stdout(StringIO()):  # it prints what else is not installed
+        from simple_rl.agents import QLearningAgent
+        from simple_rl.mdp import MDP, State
+        from simple_rl.run_experiments import run_single_agent_on_mdp
 
     states = [State([s], is_terminal=bool(end)) for s, end in enumerate(mdp.terminal)]
     taken = [0]

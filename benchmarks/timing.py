@@ -88,7 +88,7 @@ class Board:
         print(f"{what:<50}skipped: {why}", flush=True)
 
     def close(self) -> None:
-        print(f"missed: {', '.join(self.missed)}" if self.missed else "every bar is met")
+        print(f"missed: {', '.join(self.missed)}" if self.missed else "no bar missed")
 
 
 def _digits(ratio: float) -> int:
