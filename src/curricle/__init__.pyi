@@ -62,9 +62,10 @@ from .study.statistics import (
     paired_difference as paired_difference,
 )
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
-from .tasks.mdp import FiniteMDP as FiniteMDP, Task as Task
+from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space
+from .tasks.task import Task as Task
 from .transfer.aggregation import (
     maximum as maximum,
     mean as mean,

@@ -20,7 +20,7 @@ from curricle.learning.learn import (
 )
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import StateActionPotential
-from curricle.tasks.mdp import Task, same_task, tables
+from curricle.tasks.task import Task, same_task, tables
 from curricle.transfer.aggregation import Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
 

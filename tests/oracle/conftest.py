@@ -5,6 +5,7 @@ its sums in the same order, so that results can be compared to the last bit.
 """
 
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,15 +41,29 @@ def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, tim
     )
 
 
-def splitmix64(start):
-    """Yield uniform numbers from [0, 1) (Vigna 2015)."""
-    mask, counter = 2**64 - 1, start
+MASK, STRIDE = 2**64 - 1, 0x9E3779B97F4A7C15
+
+
+def scramble(z):
+    """Mix 64 bits (SplitMix64)."""
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
+    return z ^ (z >> 31)
+
+
+def random_bits(start):
+    """Yield 64 random bits at a time."""
     while True:
-        counter = (counter + 0x9E3779B97F4A7C15) & mask
-        z = counter
-        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
-        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
-        yield ((z ^ (z >> 31)) >> 11) / 2**53
+        start = (start + STRIDE) & MASK
+        yield scramble(start)
+
+
+def unit(bits):
+    return (bits >> 11) / 2**53
+
+
+def below(bits, n):
+    return ((bits & 0xFFFFFFFF) * n) >> 32
 
 
 def value_of(schedule, n):
@@ -82,28 +97,58 @@ def pick(probabilities, u):
     raise AssertionError
 
 
-def pick_greedy(values, draw):
+def draw_best(values, bits):
+    """Return an action of highest value, each equally likely, and how many there are."""
     best = [a for a, v in enumerate(values) if v == max(values)]
-    return best[0] if len(best) == 1 else best[int(next(draw) * len(best))]
+    if len(best) == 1:
+        return best[0], 1
+    while True:
+        bits = (bits * 0xD1342543DE82EF95 + STRIDE) & MASK
+        action = below(bits >> 32, len(values))
+        if action in best:
+            return action, len(best)
 
 
-def pick_action(values, learner, step, draw):
+class Ties:
+    """Draws among tied actions as the fast loop does: when a row's best changes, or was taken."""
+
+    def __init__(self, q, key):
+        self.drawn = [draw_best(row, scramble(key ^ scramble(s))) for s, row in enumerate(q)]
+
+    def take(self, row, state, bits):
+        action, ties = self.drawn[state] or draw_best(row, bits)
+        if ties > 1:
+            self.drawn[state] = None
+        return action
+
+    def update(self, before, after, state, action, bits):
+        old, new, best = before[action], after[action], max(before)
+        if new > best:
+            self.drawn[state] = action, 1
+        elif new != old and best in (old, new):
+            self.drawn[state] = draw_best(after, bits)
+
+
+def pick_action(values, learner, step, draw, take=None):
+    """Return an action and the bits that its outcome, or a tie, is drawn with."""
     n = len(values)
     if learner.inverse_temperature is None:
-        if next(draw) < value_of(learner.rule().exploring, step):
-            return int(next(draw) * n)
-        return pick_greedy(values, draw)
+        bits = next(draw)
+        if (bits >> 32) / 2**32 < value_of(learner.rule().exploring, step):
+            return below(bits, n), bits
+        return (take(bits) if take else draw_best(values, bits)[0]), bits
     beta = value_of(learner.rule().exploring, step)
     weights = [math.exp(beta * (v - max(values))) for v in values]
     for _ in range(n):  # rejection first, the full row after n failures
-        action = int(next(draw) * n)
-        if next(draw) < weights[action]:
-            return action
-    left, chosen = next(draw) * plain_sum(weights), None
+        bits = next(draw)
+        action = below(bits, n)
+        if (bits >> 32) / 2**32 < weights[action]:
+            return action, next(draw)
+    left, chosen = unit(next(draw)) * plain_sum(weights), None
     for action, weight in enumerate(weights):
         if weight > 0 and (chosen is None or left >= 0):
             chosen, left = action, left - weight
-    return chosen
+    return chosen, next(draw)
 
 
 def policy_mean(row, acting, learner, step):
@@ -136,7 +181,8 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
     kind, rule = type(learner).__name__, learner.rule()
     phi = None if potential is None else potential.values.tolist()
     literal = how == "literal_look_ahead"
-    draw = splitmix64(stream_start(seed, stream))
+    start = stream_start(seed, stream)
+    draw = random_bits(start)
     tables = [
         [[0.0 if terminal[s] else learner.initial_value for _ in range(n_actions)]
          for s in range(n_states)]
@@ -161,19 +207,25 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
             row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
         return row
 
+    # Plain Q-learning has a loop of its own, which keeps the draw among tied actions at hand.
+    ties = None
+    if kind == "QLearning" and (literal or how in ("plain", "initialise", "look_ahead")):
+        shown = [acting(s, 0) for s in range(n_states)]
+        ties = Ties(shown, scramble(start))
     every = every or max(1, steps // 100)
     training_return, episode_counts = [math.nan], [0]
     step = episode = 0
     returns, fresh, next_action = [], True, None
     while step < steps and episode < episodes:
         if fresh:
-            state, length, total, before = pick(starts, next(draw)), 0, 0.0, 0.0
+            state, length, total, before = pick(starts, unit(next(draw))), 0, 0.0, 0.0
         if fresh or kind != "SARSA":
-            action = pick_action(acting(state, step), learner, step, draw)
+            take = ties and partial(ties.take, acting(state, step), state)
+            action, bits = pick_action(acting(state, step), learner, step, draw, take)
         else:
             action = next_action
         row = row_of[state][action]
-        outcome = pick(chance[row], next(draw)) if len(chance[row]) > 1 else 0
+        outcome = pick(chance[row], unit(scramble(bits)))
         after, reward = successor[row][outcome], pay[row][outcome]
         total += reward
         length += 1
@@ -190,7 +242,8 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
         elif how == "bonus":
             reward += phi[state][action]
 
-        which = int(next(draw) * 2) if len(tables) == 2 else 0
+        coin = next(draw) if len(tables) == 2 else 0
+        which = coin & 1
         q, target = tables[which], reward
         if literal:
             target -= phi[state][action]
@@ -200,19 +253,22 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
                 best = shown.index(max(shown)) if literal else q[after].index(max(q[after]))
                 worth = q[after][best] + (phi[after][best] if literal else 0.0)
             elif kind == "SARSA":
-                next_action = pick_action(shown, learner, step + 1, draw)
+                next_action, bits = pick_action(shown, learner, step + 1, draw)
                 worth = q[after][next_action] + (phi[after][next_action] if literal else 0.0)
             elif kind == "ExpectedSARSA":
                 worth = policy_mean(q[after], shown, learner, step + 1)
                 if literal:
                     worth += policy_mean(phi[after], shown, learner, step + 1)
             else:
-                worth = tables[1 - which][after][pick_greedy(q[after], draw)]
+                worth = tables[1 - which][after][draw_best(q[after], coin)[0]]
             target += gamma * worth
         counts = rule.learning_rate.shape == 3
         rate = value_of(rule.learning_rate, visits[state][action] if counts else step)
         visits[state][action] += 1
+        shown = acting(state, step)
         q[state][action] += rate * (target - q[state][action])
+        if ties:
+            ties.update(shown, acting(state, step), state, action, bits)
 
         step += 1
         state = after

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning import kernels
+from curricle.learning.run import Run
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
@@ -124,58 +124,39 @@ def test_each_seed_equals_the_naive_learner(random_mdp, naive_learn):
 # -- the fast loop against the general one -------------------------------------------------------
 
 
-@pytest.fixture
-def general_loop(monkeypatch):
-    """Make `learn` use the general loop for plain Q-learning too; returns the calls it took."""
-    calls = []
-
-    def general(model, rule, *rest):
-        calls.append(rule)
-        return kernels.train(model, rule, *rest)
-
-    def switch():
-        monkeypatch.setattr(kernels, "train_q_learning", general)
-        return calls
-
-    return switch
-
-
 @pytest.mark.parametrize("method", ["exact", "rollouts"])
 @pytest.mark.parametrize("rate", ["constant", "harmonic"])
 @pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
 def test_fast_loop_equals_the_general_one(
-    exploration, rate, method, random_mdp, random_potential, general_loop
+    exploration, rate, method, random_mdp, random_potential, monkeypatch
 ):
+    # phi is continuous: no values tie, where the loops would draw differently.
     tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
     learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)
     settings = {"every": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
 
     def train():
-        plain = [cr.learn(t, learner, 3000, **settings) for t in tasks]
-        warm = [
+        return [
             cr.learn(t, learner, 3000, potential=random_potential(t, "initialise"), **settings)
             for t in tasks
         ]
-        return plain + warm
 
     fast = train()
-    calls = general_loop()
+    monkeypatch.setattr(Run, "plain", False)
     slow = train()
-    assert len(calls) == len(slow)
     for a, b in zip(fast, slow, strict=True):
         for name in ("values", "training_return", "greedy_return", "episodes", "steps_used"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-def test_fast_loop_breaks_ties_like_the_general_one(general_loop):
-    # Whole-number rewards and learning rate 1 keep rows full of ties all along.
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("rate", [0.5, 1.0])
+def test_fast_loop_breaks_ties_like_the_naive_learner(rate, seed, naive_learn):
+    # Whole-number rewards and learning rates keep rows full of ties all along.
     maze = cr.GridWorld(["S....", ".P.P.", "....T"])
-    learner = cr.QLearning(learning_rate=1.0, epsilon=0.3)
-    fast = cr.learn(maze, learner, 5000, seeds=3)
-    assert general_loop() == []
-    slow = cr.learn(maze, learner, 5000, seeds=3)
-    np.testing.assert_array_equal(fast.values, slow.values)
-    np.testing.assert_array_equal(fast.greedy_return, slow.greedy_return)
+    learner = cr.QLearning(learning_rate=rate, epsilon=0.3)
+    result = cr.learn(maze, learner, 5000, seeds=[seed], every=EVERY)
+    assert_same(result, naive_learn(maze, learner, 5000, every=EVERY, seed=seed))
 
 
 # -- literal look-ahead advice -------------------------------------------------------------------

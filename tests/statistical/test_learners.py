@@ -7,9 +7,11 @@ are for the day the random stream changes. Frequencies: chi-square at 1e-6 a tes
 import numpy as np
 import pytest
 import scipy.stats
+from numba import njit
 
 import curricle as cr
-from curricle.learning import sampling
+from curricle.learning.sampling import ACTION, best_of, choose
+from curricle.tasks.draws import STRIDE, scramble, unit
 
 FALSE_ALARM = 1e-6
 DRAWS = 20_000
@@ -27,17 +29,41 @@ def assert_frequencies(actions, probabilities):
         assert scipy.stats.chisquare(counts[possible], expected).pvalue > FALSE_ALARM
 
 
+@njit
+def _choose_often(row, rule, step, counter, out):
+    for i in range(out.size):
+        out[i], _, counter = choose(row, rule, step, counter)
+
+
+@njit
+def _best_often(row, counter, out):
+    for i in range(out.size):
+        counter += STRIDE
+        out[i] = best_of(row, 0, scramble(counter))[1] & ACTION
+
+
+@njit
+def _units(counter, out):
+    for i in range(out.size):
+        counter += STRIDE
+        out[i] = unit(scramble(counter))
+
+
 def chosen(values, learner, *, seed=0, step=0):
     """Return the actions the compiled `choose` takes on these values."""
-    stream, rule = np.array([seed], dtype=np.uint64), learner.rule()
-    row = np.array([values], dtype=np.float64)
-    return np.array([sampling.choose(row, rule, step, stream) for _ in range(DRAWS)])
+    row, out = np.array([values], dtype=np.float64), np.zeros(DRAWS, dtype=np.int64)
+    _choose_often(row, learner.rule(), step, np.uint64(seed), out)
+    return out
 
 
 @pytest.mark.parametrize("values", [[0, 0, 0, 0], [1, 3, 3], [3, 1, 3, 2, 3], [-1, -1], [0, -0.0]])
 def test_ties_are_broken_uniformly(values):
     expected = cr.greedy_policy([values])[0]
     assert_frequencies(chosen(values, cr.QLearning(epsilon=0.0)), expected)
+    for dtype in (np.float32, np.float64):
+        out = np.zeros(DRAWS, dtype=np.int64)
+        _best_often(np.array([values], dtype=dtype), np.uint64(5), out)
+        assert_frequencies(out, expected)
 
 
 @pytest.mark.parametrize("epsilon", [0.05, 0.5, 1.0])
@@ -76,11 +102,10 @@ def test_softmax_frequencies(values, beta):
 
 
 def test_uniform_numbers_are_uniform():
-    # `draw_start` on 64 equally likely starts shows the leading bits of the draws.
-    stream, starts = np.array([1], dtype=np.uint64), np.arange(64)
-    cumulative = np.arange(1, 65) / 64
-    drawn = [sampling.draw_start(starts, cumulative, stream) for _ in range(DRAWS)]
-    assert_frequencies(np.array(drawn), np.full(64, 1 / 64))
+    drawn = np.zeros(DRAWS)
+    _units(np.uint64(1), drawn)
+    assert_frequencies((drawn * 64).astype(int), np.full(64, 1 / 64))
+    assert_frequencies((drawn * 2**20).astype(int) % 64, np.full(64, 1 / 64))
 
 
 def test_starts_and_outcomes_follow_their_probabilities():

@@ -220,8 +220,7 @@ def test_downward_and_sibling_imports_are_allowed(build):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["from curricle.tasks.mdp import _check", "from curricle.tasks._tables import build"],
+    "text", ["from curricle.tasks.mdp import _check", "from curricle.tasks._tables import build"]
 )
 def test_private_import_is_found(build, text):
     assert len(private_imports(build({"paper/figure3.py": text}))) == 1

@@ -8,7 +8,8 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning import kernels
-from curricle.tasks.mdp import FiniteMDP
+from curricle.learning.judging import Exact, Rollouts
+from curricle.tasks.task import Task, dynamics, has_tables, tables
 
 LARGEST_EXACT = 20_000
 """Outcomes (S x A x O) up to which ``method="auto"`` follows the greedy policy exactly."""
@@ -47,18 +48,28 @@ class GreedyEvaluation:
         one_of("method", self.method, ("auto", "exact", "rollouts"), SettingError)
         whole_number("episodes of an evaluation", self.episodes, 1, SettingError)
 
-    def settings(self, mdp: FiniteMDP) -> kernels.Evaluation:
+    def settings(self, task: Task) -> Exact | Rollouts:
         """Return the evaluation of this task as the compiled loops read it."""
-        if mdp.time_limit is not None:
-            horizon = mdp.time_limit
+        moving = dynamics(task)
+        if moving.time_limit is not None:
+            horizon = moving.time_limit
         elif not self.discounted:
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit: none set"
             )
-        elif 0 < mdp.discount < 1:
-            horizon = int(np.ceil(np.log(NEGLIGIBLE) / np.log(mdp.discount)))
+        elif 0 < moving.discount < 1:
+            horizon = int(np.ceil(np.log(NEGLIGIBLE) / np.log(moving.discount)))
         else:
-            horizon = 1 if mdp.discount == 0 else int(kernels.NO_LIMIT)
-        outcomes = mdp.outcome_row.size * mdp.probability.shape[1]
-        exact = self.method == "exact" or (self.method == "auto" and outcomes <= LARGEST_EXACT)
-        return kernels.Evaluation(exact, self.episodes, self.discounted, horizon, NEGLIGIBLE)
+            horizon = 1 if moving.discount == 0 else int(kernels.NO_LIMIT)
+        weight = moving.discount if self.discounted else 1.0
+        if self.method == "exact" or (self.method == "auto" and _small(task)):
+            return Exact(tables(task).model, weight, horizon, NEGLIGIBLE)
+        return Rollouts(self.episodes, weight, horizon)
+
+
+def _small(task: Task) -> bool:
+    """Return whether a task has tables small enough to follow the greedy policy exactly."""
+    pairs = task.states.size * task.actions.size
+    if pairs > LARGEST_EXACT or not has_tables(task):
+        return False
+    return bool(pairs * tables(task).probability.shape[1] <= LARGEST_EXACT)

@@ -1,9 +1,7 @@
-"""The compiled learning loops, and the evaluation of the greedy policy.
+"""The general learning loop: every update rule, every way for a potential to enter.
 
-The functions trust their input; :func:`curricle.learn`, which calls them, validates.
-
-Reading order: what the loops are given, the general loop :func:`train`, its faster twin
-:func:`train_q_learning`, greedy evaluation.
+The functions trust their input; :func:`curricle.learn`, which calls them, validates. Plain
+Q-learning has a faster loop of its own, in ``q_learning.py``.
 """
 
 from typing import Any, NamedTuple
@@ -12,21 +10,18 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.learning.judging import greedy_return
+from curricle.learning.rows import acting_rows, greedies
 from curricle.learning.sampling import (
-    SOFTMAX,
-    acting_values,
+    ACTION,
     best_of,
     choose,
-    draw_outcome,
-    draw_start,
     expected_value,
-    first_above,
-    greedy,
-    softmax,
-    tied,
-    uniform,
+    highest,
 )
 from curricle.learning.schedules import HARMONIC, Schedule, at
+from curricle.tasks.draws import STRIDE, first_above, piece, scramble
+from curricle.tasks.dynamics import first_state, transition
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,21 +35,6 @@ JUDGE = np.uint64(0x5851F42D4C957F2D)
 """Sets the stream of evaluations apart from that of learning, which they must not disturb."""
 
 
-class Model(NamedTuple):
-    """The tables of a :class:`FiniteMDP`, as the loops read them."""
-
-    outcome_row: npt.NDArray[np.integer[Any]]  # (S, A) int32
-    probability: FloatArray  # (Y, O)
-    cumulative: FloatArray  # (Y, O)
-    next_state: npt.NDArray[np.integer[Any]]  # (Y, O) int32
-    reward: FloatArray  # (Y, O)
-    terminal: npt.NDArray[np.bool_]  # (S,)
-    start_states: npt.NDArray[np.int64]  # (n,)
-    start_cumulative: FloatArray  # (n,)
-    discount: float
-    time_limit: np.int64  # steps; NO_LIMIT for none
-
-
 class Shaping(NamedTuple):
     """What a potential adds while learning; `initialise` and `look_ahead` need none of it."""
 
@@ -63,16 +43,6 @@ class Shaping(NamedTuple):
     frame_steps: npt.NDArray[np.int64]  # (M,) the step from which each frame holds
     state_values: FloatArray  # (M, S) Phi(s) of each frame
     pair_values: FloatArray  # (S, A) phi(s, a)
-
-
-class Evaluation(NamedTuple):
-    """How the greedy policy is judged at a checkpoint."""
-
-    exact: bool
-    episodes: int  # rollouts, if not exact
-    discounted: bool
-    horizon: int  # steps of an episode
-    negligible: float  # probability still in play below which an exact evaluation stops
 
 
 class Record(NamedTuple):
@@ -84,18 +54,44 @@ class Record(NamedTuple):
     episodes: npt.NDArray[np.int64]  # (T,)
 
 
-# -- learning ------------------------------------------------------------------------------------
+class Acting(NamedTuple):
+    """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
+
+    q: npt.NDArray[np.floating[Any]]  # (1 or 2, S, A)
+    advice: FloatArray  # (S, A) phi, or (0, A)
+    weight: float
+    values: FloatArray  # (1, A) room
 
 
-@njit(cache=True, nogil=True)
+@acting_rows.body(Acting)
+def _write_acting_row(view, state, out):
+    for action in range(out.shape[1]):
+        value = np.float64(view.q[0, state, action])
+        if view.q.shape[0] == 2:
+            value = 0.5 * (value + view.q[1, state, action])
+        if view.advice.shape[0] > 0:
+            value += view.weight * view.advice[state, action]
+        out[0, action] = value
+
+
+acting_values = piece(_write_acting_row)
+
+
+@greedies.body(Acting)
+def _acting_greedy(view, state, bits):
+    acting_values(view, state, view.values)
+    return best_of(view.values, 0, bits)[1]
+
+
+@piece
 def state_potential(shaping, state, step):
     """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
-    frame = first_above(shaping.frame_steps, step) - 1
+    frame = first_above(shaping.frame_steps, step) - np.uint64(1)
     return at(shaping.weight, step) * shaping.state_values[frame, state]
 
 
-@njit(cache=True, nogil=True)
-def bootstrap(q, table, state, next_action, values, rule, step, stream):
+@piece
+def bootstrap(q, table, state, next_action, values, rule, step, bits):
     """Return what the rule takes `state` to be worth; `values` are its acting values.
 
     Q-learning (paper E1): max_a Q(s, a). SARSA: Q(s, a) of the action that will be taken.
@@ -103,15 +99,15 @@ def bootstrap(q, table, state, next_action, values, rule, step, stream):
     table's best action.
     """
     if rule.update == SARSA:
-        return q[0, state, next_action]
+        return np.float64(q[0, state, next_action])
     if rule.update == EXPECTED_SARSA:
         return expected_value(q, state, values, rule, step)
     if rule.update == DOUBLE_Q_LEARNING:
-        return q[1 - table, state, greedy(q[table], state, stream)]
-    return best_of(q[0], state)[0]
+        return np.float64(q[1 - table, state, best_of(q[table], state, bits)[1] & ACTION])
+    return np.float64(highest(q[0], state))
 
 
-@njit(cache=True, nogil=True)
+@piece
 def shaping_reward(shaping, phi, discount, state, action, next_state, terminated, step, carried):
     """Return what shaping adds to the reward of a step, and what it carries to the next step.
 
@@ -142,40 +138,38 @@ def write(record, checkpoint, step, episodes, ended, ended_return, value):
     record.episodes[checkpoint] = episodes
 
 
-@njit(cache=True, nogil=True)
-def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, record):
+def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, every, record):
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
-    `visits` (S, A) counts updates for a harmonic learning rate, `stream` (1,) is the run's random
-    stream, `budget` are the steps and episodes at which to stop, `every` the steps between
-    checkpoints (checkpoint 0 is before the first step).
+    `horizon` are the discount and the time limit, `visits` (S, A) counts updates for a harmonic
+    learning rate, `stream` (1,) is the run's random stream, `budget` are the steps and episodes
+    at which to stop, `every` the steps between checkpoints (checkpoint 0 is before the first
+    step).
     """
-    # Arrays leave their tuples here: inside the loop each access would count a reference.
-    outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
-    pay, terminal, discount = model.reward, model.terminal, model.discount
-    weight, phi = shaping.weight, shaping.pair_values
+    discount, limit = horizon
+    phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.way == ADVICE else 0]
-    values, next_values = np.empty((1, q.shape[2])), np.empty((1, q.shape[2]))
+    n_actions, counted = q.shape[2], rule.learning_rate.shape == HARMONIC
+    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
+    room = np.empty((1, n_actions))
     judge = stream ^ JUDGE
-    value = greedy_return(model, q, advice, at(weight, 0), evaluation, judge)
-    write(record, 0, 0, 0, 0, 0.0, value)
+    view = Acting(q, advice, at(weight, 0), room)
+    write(record, 0, 0, 0, 0, 0.0, greedy_return(evaluation, model, view, judge))
 
-    counted, noisy = rule.learning_rate.shape == HARMONIC, cumulative.shape[1] > 1
     step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
-    fresh, state, action, length, episode_return, carried = True, 0, 0, 0, 0.0, 0.0
+    fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
+    action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while step < budget[0] and episodes < budget[1]:
         if fresh:
-            state = draw_start(model.start_states, model.start_cumulative, stream)
+            state = first_state(model, scramble(counter))
+            counter += STRIDE
             length, episode_return, carried = 0, 0.0, 0.0
             if shaping.way == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
-            acting_values(q, state, advice, at(weight, step), values)
-            action = choose(values, rule, step, stream)
-        row = outcome_row[state, action]
-        outcome = draw_outcome(cumulative, row, stream) if noisy else 0
-        next_state, target = successor[row, outcome], pay[row, outcome]
-        terminated = terminal[next_state]
+            acting_values(Acting(q, advice, at(weight, step), room), state, values)
+            action, bits, counter = choose(values, rule, step, counter)
+        next_state, target, terminated = transition(model, state, action, bits)
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
         extra, carried = shaping_reward(
@@ -183,188 +177,31 @@ def train(model, rule, shaping, evaluation, q, visits, stream, budget, every, re
         )
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
-        next_action, table = 0, 0
+        next_action, table, coin = np.uint64(0), 0, np.uint64(0)
         if rule.update == DOUBLE_Q_LEARNING:
-            table = int(uniform(stream) * 2)
+            coin, counter = scramble(counter), counter + STRIDE
+            table = np.int64(coin & np.uint64(1))
         if not terminated:
-            acting_values(q, next_state, advice, at(weight, step), next_values)
+            acting_values(Acting(q, advice, at(weight, step), room), next_state, next_values)
             if rule.update == SARSA:
-                next_action = choose(next_values, rule, step, stream)
+                next_action, bits, counter = choose(next_values, rule, step, counter)
             target += discount * bootstrap(
-                q, table, next_state, next_action, next_values, rule, step, stream
+                q, table, next_state, next_action, next_values, rule, step, coin
             )
         count = step - 1
         if counted:
             count = visits[state, action]
             visits[state, action] += 1
-        rate = at(rule.learning_rate, count)
-        q[table, state, action] += rate * (target - q[table, state, action])
+        old = np.float64(q[table, state, action])
+        q[table, state, action] = old + at(rule.learning_rate, count) * (target - old)
 
-        fresh = terminated or length >= model.time_limit
+        fresh = terminated or length >= limit
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action
         if step == checkpoint * every:
-            value = greedy_return(model, q, advice, at(weight, step), evaluation, judge)
+            view = Acting(q, advice, at(weight, step), room)
+            value = greedy_return(evaluation, model, view, judge)
             write(record, checkpoint, step, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
     return step, episodes
-
-
-@njit(cache=True, nogil=True)
-def train_q_learning(model, rule, shaping, evaluation, q, visits, stream, budget, every, record):
-    """Do what :func:`train` does, draw for draw, for Q-learning without reward shaping.
-
-    Each row's maximum is kept at hand and looked for again only when it was lowered, so that a
-    step scans no row; that is what makes this loop several times faster than the general one.
-    `shaping` is plain.
-    """
-    outcome_row, cumulative, successor = model.outcome_row, model.cumulative, model.next_state
-    pay, terminal, discount = model.reward, model.terminal, model.discount
-    table, no_advice = q[0], shaping.pair_values[:0]
-    n_states, n_actions = table.shape
-    row_best = np.empty(n_states)
-    row_action, row_ties = np.empty(n_states, np.int32), np.empty(n_states, np.int32)
-    for state in range(n_states):
-        row_best[state], row_action[state], row_ties[state] = best_of(table, state)
-    judge = stream ^ JUDGE
-    value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
-    write(record, 0, 0, 0, 0, 0.0, value)
-
-    counted, noisy = rule.learning_rate.shape == HARMONIC, cumulative.shape[1] > 1
-    step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
-    fresh, state, length, episode_return = True, 0, 0, 0.0
-    while step < budget[0] and episodes < budget[1]:
-        if fresh:
-            state = draw_start(model.start_states, model.start_cumulative, stream)
-            length, episode_return = 0, 0.0
-        parameter = at(rule.exploring, step)
-        if rule.exploration == SOFTMAX:
-            action = softmax(table, state, row_best[state], parameter, stream)
-        elif uniform(stream) < parameter:
-            action = int(uniform(stream) * n_actions)
-        elif row_ties[state] == 1:
-            action = row_action[state]
-        else:
-            action = tied(table, state, row_best[state], row_ties[state], stream)
-        row = outcome_row[state, action]
-        outcome = draw_outcome(cumulative, row, stream) if noisy else 0
-        next_state, target = successor[row, outcome], pay[row, outcome]
-        step, length, episode_return = step + 1, length + 1, episode_return + target
-
-        terminated = terminal[next_state]
-        if not terminated:
-            target += discount * row_best[next_state]
-        count = step - 1
-        if counted:
-            count = visits[state, action]
-            visits[state, action] += 1
-        rate = at(rule.learning_rate, count)
-        old = table[state, action]
-        new = old + rate * (target - old)
-        table[state, action] = new
-        if new > row_best[state]:
-            row_best[state], row_action[state], row_ties[state] = new, action, 1
-        elif old == row_best[state] or new == row_best[state]:
-            row_best[state], row_action[state], row_ties[state] = best_of(table, state)
-
-        fresh = terminated or length >= model.time_limit
-        if fresh:
-            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
-        state = next_state
-        if step == checkpoint * every:
-            value = greedy_return(model, q, no_advice, 0.0, evaluation, judge)
-            write(record, checkpoint, step, episodes, ended, ended_return, value)
-            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-    return step, episodes
-
-
-# -- evaluating the greedy policy ----------------------------------------------------------------
-
-
-@njit(cache=True, nogil=True)
-def greedy_return(model, q, advice, advice_weight, evaluation, stream):
-    """Return the greedy policy's expected return from the start distribution to the time limit.
-
-    Ties are broken uniformly. Exact by following the distribution over states, or the mean of
-    rollouts.
-    """
-    if evaluation.exact:
-        return followed_return(model, q, advice, advice_weight, evaluation)
-    outcome_row, cumulative, next_state = model.outcome_row, model.cumulative, model.next_state
-    reward, terminal, discount = model.reward, model.terminal, model.discount
-    start_states, start_cumulative = model.start_states, model.start_cumulative
-    values = np.empty((1, q.shape[2]))
-    noisy, total = cumulative.shape[1] > 1, 0.0
-    for _ in range(evaluation.episodes):
-        state, weight = draw_start(start_states, start_cumulative, stream), 1.0
-        for _ in range(evaluation.horizon):
-            acting_values(q, state, advice, advice_weight, values)
-            row = outcome_row[state, greedy(values, 0, stream)]
-            outcome = draw_outcome(cumulative, row, stream) if noisy else 0
-            total += weight * reward[row, outcome]
-            state = next_state[row, outcome]
-            if terminal[state]:
-                break
-            if evaluation.discounted:
-                weight *= discount
-    return total / evaluation.episodes
-
-
-@njit(cache=True, nogil=True)
-def followed_return(model, q, advice, advice_weight, evaluation):
-    """Return the expected return by pushing the state distribution forward step by step."""
-    outcome_row, probability = model.outcome_row, model.probability
-    next_state, reward, terminal = model.next_state, model.reward, model.terminal
-    n_states, n_actions = outcome_row.shape
-    n_outcomes = probability.shape[1]
-    values = np.empty((1, n_actions))
-    only = np.full(n_states, -2)  # the greedy action, -1 where several tie, -2 not yet asked
-    mass, next_mass = np.zeros(n_states), np.zeros(n_states)
-    alive, next_alive = np.empty(n_states, np.int64), np.empty(n_states, np.int64)
-    before = 0.0
-    n_alive = model.start_states.shape[0]
-    for i in range(n_alive):
-        alive[i] = model.start_states[i]
-        mass[alive[i]] = model.start_cumulative[i] - before
-        before = model.start_cumulative[i]
-
-    total, weight = 0.0, 1.0
-    for _ in range(evaluation.horizon):
-        n_next, in_play = 0, 0.0
-        for i in range(n_alive):
-            state = alive[i]
-            if only[state] == -2:
-                acting_values(q, state, advice, advice_weight, values)
-                best, action, ties = best_of(values, 0)
-                only[state] = action if ties == 1 else -1
-            ties, first, last = 1, only[state], only[state] + 1
-            if only[state] == -1:
-                acting_values(q, state, advice, advice_weight, values)
-                best, _, ties = best_of(values, 0)
-                first, last = 0, n_actions
-            share = mass[state] / ties
-            mass[state] = 0.0
-            for action in range(first, last):
-                if ties > 1 and values[0, action] != best:
-                    continue
-                row = outcome_row[state, action]
-                for outcome in range(n_outcomes):
-                    part = share * probability[row, outcome]
-                    if part > 0.0:
-                        total += weight * part * reward[row, outcome]
-                        reached = next_state[row, outcome]
-                        if not terminal[reached]:
-                            if next_mass[reached] == 0.0:
-                                next_alive[n_next] = reached
-                                n_next += 1
-                            next_mass[reached] += part
-                            in_play += part
-        alive, next_alive = next_alive, alive
-        mass, next_mass = next_mass, mass
-        n_alive = n_next
-        if evaluation.discounted:
-            weight *= model.discount
-        if in_play * weight < evaluation.negligible:
-            break
-    return total

@@ -12,18 +12,18 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.learning import kernels
 from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
-from curricle.learning.potential import StateActionPotential, StatePotential
-from curricle.learning.schedules import HARMONIC, constant
-from curricle.tasks.mdp import FiniteMDP, Task, same_task, tables
+from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.run import Outcome, Potential, Run, rows_allowed
+from curricle.learning.schedules import constant
+from curricle.learning.storage import Storage
 from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, dynamics, same_task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Potential = StatePotential | StateActionPotential
 
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
@@ -39,9 +39,10 @@ class LearningResult:
     learner : Learner
     seeds : tuple of int
         K of them.
-    values : (K, S, A) float64
+    values : (K, S, A) float64 or float32
         The values each seed's policy ends up acting on, in the task's own rewards: Q, plus
-        what shaping had taken off it (phi, or Phi(s)). What a transfer hands on.
+        what shaping had taken off it (phi, or Phi(s)). What a transfer hands on. From sparse
+        tables K :class:`SparseValues`; None if the :class:`Storage` keeps none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -54,6 +55,9 @@ class LearningResult:
         Episodes ended by each checkpoint.
     steps_used, episodes_used : (K,) int64
         What each seed spent in all.
+    out_of_memory : (K,) bool
+        Whether a sparse table was full before the budget was spent. The run then ended at the
+        step that needed another row.
 
     Examples
     --------
@@ -65,13 +69,14 @@ class LearningResult:
     task: Task
     learner: Learner
     seeds: tuple[int, ...]
-    values: FloatArray
+    values: Any
     steps: IntArray
     training_return: FloatArray
     greedy_return: FloatArray
     episodes: IntArray
     steps_used: IntArray
     episodes_used: IntArray
+    out_of_memory: npt.NDArray[np.bool_]
 
     def __repr__(self) -> str:
         return (
@@ -91,6 +96,7 @@ def learn(
     how: How = "initialise",
     every: int | None = None,
     evaluation: GreedyEvaluation | None = None,
+    storage: Storage | None = None,
     stream: str = "",
     workers: int | None = None,
 ) -> LearningResult:
@@ -106,7 +112,7 @@ def learn(
     seeds : int or sequence of int
         K means seeds 0 .. K-1. The result of a seed depends on nothing but the seed, the stream
         and the other arguments; not on the other seeds or the number of workers.
-    potential : StatePotential or StateActionPotential, or K of them, optional
+    potential : StatePotential, StateActionPotential or MappedPotential, or K of them, optional
         One for all seeds, or one for each.
     how : str
         What to do with the potential (theory in the order of publication):
@@ -128,6 +134,8 @@ def learn(
         Steps between checkpoints; by default a hundredth of a step budget, 100 steps for a budget
         of episodes.
     evaluation : GreedyEvaluation, optional
+    storage : Storage, optional
+        Precision of the values, dense or sparse tables, memory; float64 by default.
     stream : str
         Name of the random stream, so that several trainings of one seed draw independently.
     workers : int, optional
@@ -151,42 +159,36 @@ def learn(
     """
     learner = QLearning() if learner is None else learner
     instance("learner", learner, Learner, SettingError)
-    mdp = tables(task)
+    moving = dynamics(task)
     seeds = seed_tuple(seeds)
     steps, episodes = limits(budget)
     every = spacing(every, budget)
-    longest = longest_run(mdp.time_limit, budget, every)
+    longest = longest_run(moving.time_limit, budget, every)
     potentials = _potentials(task, learner, potential, how, len(seeds))
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
-    judge = evaluation.settings(mdp)
+    storage = Storage() if storage is None else storage
+    instance("storage", storage, Storage, SettingError)
+    judge = evaluation.settings(task)
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
+    threads = min(workers or os.cpu_count() or 1, len(seeds))
+    rows = rows_allowed(moving, learner, storage, len(seeds), threads, longest)
+    run = Run(moving, learner, how, steps, episodes, every, longest, judge, storage, rows)
+    if rows:
+        _check_sparse(run, potentials)
+    kept = storage.keep and not rows
+    shape = (len(seeds), moving.states.size, moving.actions.size)
+    values = np.empty(shape, storage.dtype) if kept else None
 
-    model, rule = _model(mdp), learner.rule()
-    counted = rule.learning_rate.shape == HARMONIC
-    shape = (mdp.states.size, mdp.actions.size)
-    learnt = np.empty((len(seeds), learner.tables, *shape))
-    initial = np.where(mdp.terminal[:, None], 0.0, float(learner.initial_value))
+    def train(k: int) -> Outcome:
+        start = stream_start(seeds[k], stream)
+        return run.train(start, potentials[k], None if values is None else values[k])
 
-    def train(k: int) -> tuple[kernels.Record, int, int]:
-        q, mine, shaping = learnt[k], potentials[k], _shaping(potentials[k], how)
-        q[...] = initial
-        if mine is not None and how in ("initialise", "look_ahead"):
-            q += mine.values
-        record = _empty_record(longest // every + 1)
-        visits = np.zeros(shape if counted else (1, 1), dtype=np.int64)
-        random = np.array([stream_start(seeds[k], stream)], dtype=np.uint64)
-        ends = (np.int64(steps), np.int64(episodes))
-        plain = learner.update == kernels.Q_LEARNING and shaping.way == kernels.PLAIN
-        loop = kernels.train_q_learning if plain else kernels.train
-        done = loop(model, rule, shaping, judge, q, visits, random, ends, every, record)
-        q[...] = q.mean(axis=0) + _taken_off(mine, how, done[0])
-        return record, *done
-
-    with ThreadPoolExecutor(min(workers or os.cpu_count() or 1, len(seeds))) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         done = list(pool.map(train, range(len(seeds))))
-    return _result(task, learner, seeds, learnt[:, 0], done, every)
+    found = values if kept else tuple(o.values for o in done) if storage.keep else None
+    return _result(task, learner, seeds, found, done, every)
 
 
 def stream_start(seed: int, stream: str) -> int:
@@ -203,7 +205,7 @@ def _potentials(
 ) -> list[Potential | None]:
     """Return the potential of each seed, checked against the task, the learner and `how`."""
     one_of("how", how, get_args(How), SettingError)
-    if how == "look_back" and (not isinstance(learner, SARSA) or task.mdp.discount == 0):
+    if how == "look_back" and (not isinstance(learner, SARSA) or dynamics(task).discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
             f"{type(learner).__name__} at discount {task.mdp.discount:g}"
@@ -213,10 +215,11 @@ def _potentials(
     each: list[Any] = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
     if len(each) != n_seeds:
         raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
-    wanted = StatePotential if how == "state" else StateActionPotential
+    pair = (StateActionPotential, MappedPotential)
     for one in each:
-        if not isinstance(one, wanted):
-            raise SettingError(f"how={how!r} takes a {wanted.__name__}: got a {type(one).__name__}")
+        if not isinstance(one, StatePotential if how == "state" else pair):
+            wanted = "StatePotential" if how == "state" else "StateActionPotential"
+            raise SettingError(f"how={how!r} takes a {wanted}: got a {type(one).__name__}")
         if not same_task(one.task, task):
             raise SettingError(
                 f"a potential must be made for the task it shapes: it belongs to {one.task}"
@@ -228,84 +231,47 @@ def _potentials(
     return each
 
 
-def _shaping(potential: Potential | None, how: How) -> kernels.Shaping:
-    """Return what the general loop is to add; nothing where phi is written into the table."""
-    # Read-only like every potential: another kind of array would be another compilation.
-    none = frozen(np.zeros((1, 1)))
-    nothing = kernels.Shaping(
-        kernels.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
-    )
-    if isinstance(potential, StatePotential):
-        return nothing._replace(
-            way=kernels.STATE,
-            weight=potential.weight,
-            frame_steps=potential.frame_steps,
-            state_values=potential.values,
+def _check_sparse(run: Run, potentials: list[Any]) -> None:
+    """Raise SettingError unless this learner can fill sparse tables."""
+    if not run.plain:
+        raise SettingError(
+            "sparse tables serve Q-learning with how 'initialise' or 'look_ahead': got "
+            f"{type(run.learner).__name__} with how {run.how!r}"
         )
-    if potential is None or how not in _WAYS:
-        return nothing
-    return nothing._replace(way=_WAYS[how], weight=potential.weight, pair_values=potential.values)
-
-
-_WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
-
-
-def _taken_off(potential: Potential | None, how: How, step: int) -> Any:
-    """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
-    if isinstance(potential, StatePotential):
-        return potential.at(step)[:, None]
-    if potential is not None and how == "advice":
-        return potential.weight(step) * potential.values
-    return 0.0
-
-
-def _model(mdp: FiniteMDP) -> kernels.Model:
-    limit = np.int64(kernels.NO_LIMIT if mdp.time_limit is None else mdp.time_limit)
-    return kernels.Model(
-        mdp.outcome_row,
-        mdp.probability,
-        mdp.cumulative,
-        mdp.next_state,
-        mdp.reward,
-        mdp.terminal,
-        mdp.start_states,
-        mdp.start_cumulative,
-        float(mdp.discount),
-        limit,
-    )
-
-
-def _empty_record(n: int) -> kernels.Record:
-    return kernels.Record(
-        np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
-    )
+    for potential in potentials:
+        if potential is not None and not isinstance(potential, MappedPotential):
+            raise SettingError(
+                "a sparse table is made from a potential that is read through mappings by name "
+                f"(project): got a {type(potential).__name__}, which is an array"
+            )
 
 
 def _result(
     task: Task,
     learner: Learner,
     seeds: tuple[int, ...],
-    values: FloatArray,
-    done: list[tuple[kernels.Record, int, int]],
+    values: Any,
+    done: list[Outcome],
     every: int,
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
-    n = max(steps for _, steps, _ in done) // every + 1
-    training = np.stack([record.training_return[:n] for record, _, _ in done])
-    greedy = np.stack([record.greedy_return[:n] for record, _, _ in done])
-    episodes = np.stack([record.episodes[:n] for record, _, _ in done])
-    for k, (_, steps, _) in enumerate(done):
-        last = steps // every
+    n = max(outcome.steps for outcome in done) // every + 1
+    training = np.stack([outcome.record.training_return[:n] for outcome in done])
+    greedy = np.stack([outcome.record.greedy_return[:n] for outcome in done])
+    episodes = np.stack([outcome.record.episodes[:n] for outcome in done])
+    for k, outcome in enumerate(done):
+        last = outcome.steps // every
         greedy[k, last + 1 :], episodes[k, last + 1 :] = greedy[k, last], episodes[k, last]
     return LearningResult(
         task=task,
         learner=learner,
         seeds=seeds,
-        values=frozen(values),
+        values=frozen(values) if isinstance(values, np.ndarray) else values,
         steps=frozen(np.arange(n) * every),
         training_return=frozen(training),
         greedy_return=frozen(greedy),
         episodes=frozen(episodes),
-        steps_used=frozen(np.array([steps for _, steps, _ in done])),
-        episodes_used=frozen(np.array([count for _, _, count in done])),
+        steps_used=frozen(np.array([outcome.steps for outcome in done])),
+        episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
+        out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
     )

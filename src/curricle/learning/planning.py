@@ -9,8 +9,9 @@ from numba import njit
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.tasks.endless import endless_states
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, tables
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
 from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, tables
 
 FloatArray = npt.NDArray[np.float64]
 EPSILON = float(np.finfo(np.float64).eps)

@@ -5,6 +5,7 @@ terminal itself changes the optimal policy. The discount is the task's; there is
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError
-from curricle.learning.schedules import schedule
-from curricle.tasks.mdp import Task, tables
+from curricle.learning.reading import Reading, read_all
+from curricle.learning.schedules import Schedule, constant, schedule
 from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, dynamics
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,15 +59,15 @@ class StatePotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        mdp = tables(self.task)
-        n_states = mdp.states.size
+        moving = dynamics(self.task)
+        n_states = moving.states.size
         values = _finite(self.values, "Phi")
         if values.ndim not in (1, 2) or values.shape[-1] != n_states or not values.size:
             raise PotentialError(
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
                 f"{values.shape}"
             )
-        values = np.where(mdp.terminal, 0.0, values.reshape(-1, n_states))
+        values = _zero_at_end(moving.terminal, values.reshape(-1, n_states))
         steps = np.array(self.frame_steps, dtype=np.int64)
         if steps.shape != (len(values),) or steps[0] != 0 or (np.diff(steps) <= 0).any():
             raise PotentialError(
@@ -84,7 +86,7 @@ class StatePotential:
         self, state: npt.ArrayLike, next_state: npt.ArrayLike, *, step: int = 0
     ) -> FloatArray:
         """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, of the shape of the states."""
-        discount = self.task.mdp.discount
+        discount = dynamics(self.task).discount
         here, there = np.asarray(state), np.asarray(next_state)
         return np.asarray(discount * self.at(step + 1)[there] - self.at(step)[here])
 
@@ -123,14 +125,15 @@ class StateActionPotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        mdp = tables(self.task)
-        shape = (mdp.states.size, mdp.actions.size)
+        moving = dynamics(self.task)
+        shape = (moving.states.size, moving.actions.size)
         values = _finite(self.values, "phi")
         if values.shape != shape:
             raise PotentialError(
                 f"a state-action potential must have shape {shape}: got {values.shape}"
             )
-        _freeze(self, values=np.where(mdp.terminal[:, None], 0.0, values))
+        ends = None if moving.terminal is None else moving.terminal[:, None]
+        _freeze(self, values=_zero_at_end(ends, values))
         object.__setattr__(self, "weight", schedule(self.weight))
 
     def to_state(self) -> StatePotential:
@@ -145,10 +148,65 @@ class StateActionPotential:
         next_action: npt.ArrayLike,
     ) -> FloatArray:
         """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
-        phi, discount = self.values, self.task.mdp.discount
+        phi, discount = self.values, dynamics(self.task).discount
         here = phi[np.asarray(state), np.asarray(action)]
         there = phi[np.asarray(next_state), np.asarray(next_action)]
         return np.asarray(discount * there - here)
+
+
+@dataclass(frozen=True, eq=False)
+class MappedPotential:
+    """phi(s, a) read from its sources' values whenever a state asks for it; never an array.
+
+    What :class:`Curriculum` makes of transfers whose mappings go by name (:func:`project`) and
+    an aggregate of the library's own. It enters learning as initialisation and look-ahead do.
+
+    Parameters
+    ----------
+    task : Task
+        The task to be shaped.
+    reading : Reading
+        The sources' values and how target states and actions are looked up in them.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, Pursuit, Transfer, project
+    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
+    >>> curriculum = Curriculum(
+    ...     tasks={"chase": chase, "hunt": hunt},
+    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))],
+    ...     budget=1000)
+    >>> phi = curriculum.train().potentials["hunt"][0]
+    >>> type(phi).__name__, phi.values.shape
+    ('MappedPotential', (729, 25))
+    """
+
+    task: Task
+    reading: Reading
+
+    @property
+    def weight(self) -> Schedule:
+        """1, always."""
+        return constant(1.0)
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """Phi as an array after all, (S, A) float64; 0 at terminal states."""
+        moving = dynamics(self.task)
+        phi = np.empty((moving.states.size, moving.actions.size))
+        read_all(self.reading, phi)
+        if moving.terminal is not None:
+            phi[moving.terminal] = 0.0
+        return frozen(phi)
+
+    def to_state(self) -> StatePotential:
+        """Return the state potential Phi(s) = max_a phi(s, a)."""
+        return StatePotential(self.task, self.values.max(axis=1))
+
+
+def _zero_at_end(ends: Any, values: FloatArray) -> FloatArray:
+    """Return the values with 0 in terminal states, where these are known."""
+    return values.copy() if ends is None else np.where(ends, 0.0, values)
 
 
 def _finite(given: npt.ArrayLike, name: str) -> FloatArray:

@@ -8,8 +8,8 @@ import numpy.typing as npt
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.planning import policy_table
-from curricle.tasks.mdp import Task, tables
 from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, tables
 
 IntArray = npt.NDArray[np.int64]
 

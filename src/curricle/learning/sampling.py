@@ -1,18 +1,28 @@
-"""Compiled random draws and action choice, the parts every learning loop is made of.
+"""Compiled choices among a row of values: the best, a greedy one, the one a learner takes.
 
 Numba's disk cache does not notice that a function called from another file has changed: after an
-edit here or in `schedules.py`, run ``make clean``.
+edit here, in `schedules.py`, or in the compiled parts of `tasks/`, run ``make clean``.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from curricle.learning.machine import larger
 from curricle.learning.schedules import Schedule, at
+from curricle.tasks.draws import HALF, STRIDE, below, happens, piece, scramble, unit
 
 # Exploration.
 EPSILON_GREEDY, SOFTMAX = range(2)
+
+TIED = np.uint64(1 << 15)
+"""Flag of an action that was drawn among several of the same value."""
+ACTION = np.uint64((1 << 15) - 1)
+"""The bits of the action itself."""
+SPENT = np.uint64((1 << 16) - 1)
+"""In place of an action: several are best, and the one that was drawn has been taken."""
+MULTIPLIER = np.uint64(0xD1342543DE82EF95)
+"""Of a linear congruential generator whose upper bits are good enough to propose actions with."""
 
 
 class Rule(NamedTuple):
@@ -24,143 +34,120 @@ class Rule(NamedTuple):
     exploring: Schedule  # epsilon, or the softmax's inverse temperature
 
 
-# -- random draws --------------------------------------------------------------------------------
+@piece
+def highest(table, row):
+    """Return the highest value of a row."""
+    best = table[row, 0]
+    for action in range(np.uint64(1), np.uint64(table.shape[1])):
+        best = larger(best, table[row, action])
+    return best
 
 
-@njit(cache=True, nogil=True)
-def uniform(stream):
-    """Draw from [0, 1) and advance `stream`, a (1,) uint64 counter (SplitMix64, Vigna 2015)."""
-    stream[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = stream[0]
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return np.float64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+@piece
+def best_of(table, row, bits):
+    """Return the highest value of a row and an action that has it, flagged where several do.
 
-
-@njit(cache=True, nogil=True)
-def first_above(rising, value):
-    """Return the first place of a rising array whose entry exceeds `value`, by bisection."""
-    low, high = 0, rising.shape[0]
-    while low < high:
-        middle = (low + high) // 2
-        if rising[middle] > value:
-            high = middle
-        else:
-            low = middle + 1
-    return low
-
-
-@njit(cache=True, nogil=True)
-def draw_start(start_states, start_cumulative, stream):
-    """Draw the first state of an episode."""
-    return start_states[first_above(start_cumulative, uniform(stream))]
-
-
-@njit(cache=True, nogil=True)
-def draw_outcome(cumulative, row, stream):
-    """Draw which outcome of an outcome row happens."""
-    outcome = 0
-    u = uniform(stream)
-    while u >= cumulative[row, outcome]:
-        outcome += 1
-    return outcome
-
-
-# -- choosing an action --------------------------------------------------------------------------
-
-
-@njit(cache=True, nogil=True)
-def acting_values(q, state, advice, advice_weight, out):
-    """Write into `out` (1, A) the values the policy acts on in `state`.
-
-    They are Q, the mean of both tables for double Q-learning, plus w phi under advice (`advice`
-    is phi, (S, A), or empty).
+    Of several each is equally likely: actions are proposed by 64 random bits until one has the
+    value, A / ties proposals on average; counting up to a place drawn takes twice as long.
     """
-    for action in range(out.shape[1]):
-        value = q[0, state, action]
-        if q.shape[0] == 2:
-            value = 0.5 * (value + q[1, state, action])
-        out[0, action] = value
-    if advice.shape[0] > 0:
-        for action in range(out.shape[1]):
-            out[0, action] += advice_weight * advice[state, action]
+    best, n_actions = highest(table, row), np.uint64(table.shape[1])
+    # In 32 bits, as many entries go through a vector instruction as in single precision.
+    ties, total = np.uint32(0), np.uint32(0)
+    for action in range(n_actions):
+        tied = np.uint32(table[row, action] == best)
+        ties = np.uint32(ties + tied)
+        total = np.uint32(total + np.uint32(tied * np.uint32(action)))
+    if ties == np.uint32(1):
+        return best, np.uint64(total)
+    proposed = n_actions
+    while proposed == n_actions or table[row, proposed] != best:
+        bits = bits * MULTIPLIER + STRIDE
+        proposed = below(bits >> HALF, n_actions)
+    return best, proposed | TIED
 
 
-@njit(cache=True, nogil=True)
-def tied(table, state, best, ties, stream):
-    """Return one of the `ties` actions that have the value `best` in a row, each equally likely."""
-    skip = int(uniform(stream) * ties)
-    for action in range(table.shape[1]):
-        if table[state, action] == best:
-            if skip == 0:
-                return action
-            skip -= 1
-    return -1  # not reached
+@piece
+def one_of_several(table, greedy, row, bits):
+    """Return the action drawn among a row's best, each time another draw.
+
+    The draw made when the row was last looked through serves once. If taking the action then
+    changes its value, the row is looked through again; if not, the next draw is made here.
+    """
+    chosen = np.uint64(greedy[row])
+    if chosen == SPENT:
+        chosen = best_of(table, row, bits)[1]
+    greedy[row] = SPENT
+    return chosen & ACTION
 
 
-@njit(cache=True, nogil=True)
-def best_of(table, state):
-    """Return the highest value of a row, the first action that has it, and how many do."""
-    best, chosen, ties = table[state, 0], 0, 1
-    for action in range(1, table.shape[1]):
-        if table[state, action] > best:
-            best, chosen, ties = table[state, action], action, 1
-        elif table[state, action] == best:
-            ties += 1
-    return best, chosen, ties
-
-
-@njit(cache=True, nogil=True)
-def greedy(table, state, stream):
-    """Return an action of highest value in a row, each equally likely."""
-    best, chosen, ties = best_of(table, state)
-    return chosen if ties == 1 else tied(table, state, best, ties, stream)
-
-
-@njit(cache=True, nogil=True)
-def softmax(table, state, best, inverse_temperature, stream):
+@piece
+def softmax(table, row, best, inverse_temperature, counter):
     """Return an action drawn with probability proportional to exp(beta value); `best` is the max.
 
-    By rejection: a uniform proposal is accepted with probability exp(beta (value - best)), which
-    spares the exponentials of the whole row. A row that rejects A times is drawn in full.
+    Also the stream's counter one draw further than was used. By rejection: a uniform proposal is
+    accepted with probability exp(beta (value - best)), which spares the exponentials of the whole
+    row. A row that rejects A times is drawn in full.
     """
-    n_actions = table.shape[1]
+    n_actions = np.uint64(table.shape[1])
     for _ in range(n_actions):
-        action = int(uniform(stream) * n_actions)
-        if uniform(stream) < np.exp(inverse_temperature * (table[state, action] - best)):
-            return action
+        bits = scramble(counter)
+        counter += STRIDE
+        action = below(bits, n_actions)
+        if accepted(inverse_temperature * (table[row, action] - best), bits):
+            return action, counter
     total = 0.0
     for action in range(n_actions):
-        total += np.exp(inverse_temperature * (table[state, action] - best))
-    left = uniform(stream) * total
-    chosen = 0
+        total += np.exp(inverse_temperature * (table[row, action] - best))
+    left = unit(scramble(counter)) * total
+    counter += STRIDE
+    chosen = np.uint64(0)
     for action in range(n_actions):
-        weight = np.exp(inverse_temperature * (table[state, action] - best))
+        weight = np.exp(inverse_temperature * (table[row, action] - best))
         if weight > 0.0:
             chosen = action
             left -= weight
             if left < 0.0:
                 break
-    return chosen
+    return chosen, counter
 
 
-@njit(cache=True, nogil=True)
-def choose(values, rule, step, stream):
-    """Return the action that `rule` takes on these acting values, (1, A)."""
-    parameter = at(rule.exploring, step)
+@piece
+def accepted(exponent, bits):
+    """Return whether an event of probability exp(exponent) happens; exponent <= 0.
+
+    1 + x <= exp(x) <= 1 + x + x^2 / 2 decides most cases without the exponential.
+    """
+    chance = np.float64(bits >> HALF) / 4294967296.0
+    if chance < 1.0 + exponent:
+        return True
+    if chance >= 1.0 + exponent + 0.5 * exponent * exponent:
+        return False
+    return chance < np.exp(exponent)
+
+
+@piece
+def choose(values, rule, step, counter):
+    """Return the action that `rule` takes on these acting values, (1, A), and bits for its outcome.
+
+    Also the stream's counter for the next draw. One draw serves the exploration, the action or
+    tie, and (scrambled once more) the outcome.
+    """
+    parameter, bits = at(rule.exploring, step), scramble(counter)
     if rule.exploration == SOFTMAX:
-        return softmax(values, 0, best_of(values, 0)[0], parameter, stream)
-    if uniform(stream) < parameter:
-        return int(uniform(stream) * values.shape[1])
-    return greedy(values, 0, stream)
+        action, counter = softmax(values, 0, highest(values, 0), parameter, counter)
+        return action, scramble(scramble(counter)), counter + STRIDE
+    if happens(bits, parameter):
+        action = below(bits, values.shape[1])
+    else:
+        action = best_of(values, 0, bits)[1] & ACTION
+    return action, scramble(bits), counter + STRIDE
 
 
-@njit(cache=True, nogil=True)
+@piece
 def expected_value(q, state, values, rule, step):
     """Return sum_a pi(a) q(state, a) for the policy that `rule` follows on these acting values."""
     parameter = at(rule.exploring, step)
-    best = best_of(values, 0)[0]
+    best = highest(values, 0)
     total, weight, mean = 0.0, 0.0, 0.0
     for action in range(values.shape[1]):
         if rule.exploration == SOFTMAX:

@@ -8,13 +8,14 @@ moves) so stays small, and an arbitrary MDP simply has Y = S * A.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import instance, numbers
 from curricle.errors import TaskError
+from curricle.tasks.dynamics import Tables, cumulated, table_model
 from curricle.tasks.endless import endless_states
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.outcomes import outcome_tables
@@ -22,22 +23,6 @@ from curricle.tasks.spaces import Component, Space, frozen, whole
 
 FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
-
-
-class Task(Protocol):
-    """Anything that can be learnt, solved and mapped: it has spaces and converts to tables."""
-
-    @property
-    def states(self) -> Space:
-        """The state space, S points."""
-
-    @property
-    def actions(self) -> Space:
-        """The action space, A points."""
-
-    @property
-    def mdp(self) -> "FiniteMDP":
-        """The task as tables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,12 +306,14 @@ class FiniteMDP:
         return self
 
     @cached_property
+    def model(self) -> Tables:
+        """The tables as compiled loops read them."""
+        return table_model(self)
+
+    @cached_property
     def cumulative(self) -> FloatArray:
         """Cumulative outcome probabilities, (Y, O) float64; the last possible outcome gets 1."""
-        total = np.cumsum(self.probability, axis=1)
-        remaining = np.cumsum(self.probability[:, ::-1], axis=1)[:, ::-1]
-        after = np.concatenate([remaining[:, 1:], np.zeros((len(remaining), 1))], axis=1)
-        return frozen(np.where(after == 0, 1.0, total))
+        return cumulated(self.probability)
 
     @cached_property
     def start_cumulative(self) -> FloatArray:
@@ -356,26 +343,6 @@ _ARRAYS: dict[str, type] = {
     "terminal": np.bool_,
     "start": np.float64,
 }
-
-
-def tables(task: Any) -> FiniteMDP:
-    """Return the tables of a task, or raise TaskError if it is none."""
-    mdp = getattr(task, "mdp", None)
-    if not isinstance(mdp, FiniteMDP):
-        raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}")
-    return mdp
-
-
-def same_task(one: Task, other: Task) -> bool:
-    """Return whether two tasks are one: the same object, or values that are equal.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> same_task(GridWorld("S.T"), GridWorld("S.T")), same_task(GridWorld("S.T"), GridWorld("ST"))
-    (True, False)
-    """
-    return one is other or one == other
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:

@@ -10,8 +10,10 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
+from curricle.tasks.dynamics import cumulated
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.pursuit_model import Chase
 from curricle.tasks.spaces import Component, Decoded, Space, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
@@ -139,6 +141,28 @@ class Pursuit:
             return frozen(np.asarray((rows % self.size) * self.size + columns % self.size))
         inside = (rows >= 0) & (rows < self.size) & (columns >= 0) & (columns < self.size)
         return frozen(np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None]))
+
+    @cached_property
+    def model(self) -> Chase:
+        """The rules as compiled loops read them; learning needs no tables."""
+        joint = self.actions.decode()
+        shares = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
+        return Chase(
+            frozen(self.landing.astype(np.int32)),
+            cumulated(self._prey_policy()),
+            frozen(shares.astype(np.int32)),
+            frozen(np.array([self.cells**-i for i in range(self.predators + 1)])),
+            np.uint64(self.cells**self.predators),
+            np.uint64(self._enough_to_end),
+            np.uint64(self._enough_to_catch),
+            float(self.step_reward),
+            float(self.capture_reward),
+        )
+
+    @cached_property
+    def terminal(self) -> npt.NDArray[np.bool_]:
+        """States in which the prey is caught and the episode over, (S,) bool."""
+        return frozen(self._touching() >= self._enough_to_end)
 
     @cached_property
     def mdp(self) -> FiniteMDP:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, same_task, tables
 from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
+from curricle.tasks.task import Task, same_task, tables
 from curricle.transfer.coverage import Coverage
 
 FloatArray = npt.NDArray[np.float64]

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import MappingError, SettingError
-from curricle.tasks.mdp import FiniteMDP, Task
+from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
+from curricle.tasks.task import Task
 from curricle.transfer.mapping import StateActionMapping, from_parts, read_components
 
 FloatArray = npt.NDArray[np.float64]

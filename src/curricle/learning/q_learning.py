@@ -1,0 +1,108 @@
+"""The fast loop: Q-learning without reward shaping, which is Q-initialisation and look-ahead too.
+
+Each row's best value and a greedy action are kept at hand, and looked for again only when the
+value was lowered, so that a step scans no row: several times faster than the general loop.
+"""
+
+import numpy as np
+
+from curricle.learning.judging import greedy_return
+from curricle.learning.kernels import JUDGE, write
+from curricle.learning.machine import prefetch
+from curricle.learning.rows import place
+from curricle.learning.sampling import SOFTMAX, TIED, best_of, one_of_several, softmax
+from curricle.learning.schedules import HARMONIC, at
+from curricle.tasks.draws import STRIDE, below, happens, piece, scramble
+from curricle.tasks.dynamics import first_state, transition
+
+
+@piece
+def act(q, best, greedy, row, rule, step, counter):
+    """Return the action the rule takes in a row, random bits, and the stream's counter."""
+    bits, exploring = scramble(counter), at(rule.exploring, step)
+    if rule.exploration == SOFTMAX:
+        action, counter = softmax(q, row, best[row], exploring, counter)
+        return action, scramble(counter), counter
+    if happens(bits, exploring):
+        return below(bits, q.shape[1]), bits, counter
+    action = np.uint64(greedy[row])
+    if action >= TIED:
+        action = one_of_several(q, greedy, row, bits)
+    return action, bits, counter
+
+
+@piece
+def update(q, best, greedy, row, action, rate, target, bits):
+    """Move q(row, action) towards the target, and what is kept of the row with it."""
+    old = q[row, action]
+    new = old + rate * (target - old)
+    if new != old:
+        q[row, action] = new
+        if new > best[row]:
+            best[row], greedy[row] = new, action
+        elif old == best[row] or new == best[row]:
+            best[row], greedy[row] = best_of(q, row, bits)
+
+
+def train_q_learning(
+    model, horizon, rule, table, visits, evaluation, stream, budget, every, record
+):
+    """Learn in place on `table`, fill `record`, return the steps and episodes done.
+
+    `horizon` are the discount and the time limit, `visits` (S, A) counts updates for a harmonic
+    learning rate, `stream` (1,) is the run's random stream, `budget` are the steps and episodes
+    at which to stop, `every` the steps between checkpoints (checkpoint 0 is before the first
+    step). A table without room for another state ends the run before the step that needs it.
+    """
+    # Arrays leave their tuples here: inside the loop each access would count a reference.
+    q, best, greedy = table.q, table.best, table.greedy
+    n_rows = np.uint64(q.shape[0])
+    real, limit = q.dtype.type, horizon[1]
+    discount = real(horizon[0])
+    counted = rule.learning_rate.shape == HARMONIC
+    judge = stream ^ JUDGE
+    write(record, 0, 0, 0, 0, 0.0, greedy_return(evaluation, model, table, judge))
+
+    step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 1, 0, 0.0, 0.0
+    counter = stream[0] + STRIDE
+    state, last = first_state(model, scramble(counter)), limit
+    row = place(table, state)
+    while step < budget[0] and episodes < budget[1] and row < n_rows:
+        stop = min(checkpoint * every, budget[0])
+        while step < stop:
+            counter += STRIDE
+            action, bits, counter = act(q, best, greedy, row, rule, step, counter)
+            next_state, reward, over = transition(model, state, action, scramble(bits))
+            target, next_row = real(reward), row
+            if not over:
+                next_row = place(table, next_state)
+                if next_row >= n_rows:
+                    row = next_row
+                    break
+                prefetch(q, next_row)
+                target += discount * best[next_row]
+            count = step
+            if counted:
+                count = visits[row, action]
+                visits[row, action] += 1
+            rate = real(at(rule.learning_rate, count))
+            update(q, best, greedy, row, action, rate, target, bits)
+
+            step, episode_return = step + 1, episode_return + reward
+            state, row = next_state, next_row
+            # Cutting off at the time limit is not termination: the target was bootstrapped.
+            if over or step == last:
+                ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
+                episodes, last = episodes + 1, step + limit
+                if episodes == budget[1]:
+                    break
+                counter += STRIDE
+                state = first_state(model, scramble(counter))
+                row = place(table, state)
+                if row >= n_rows:
+                    break
+        if step == checkpoint * every:
+            value = greedy_return(evaluation, model, table, judge)
+            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+    return step, episodes

@@ -1,0 +1,102 @@
+"""Potentials read from source values while learning: phi(s, a) of one state at a time, compiled.
+
+A potential over a target of a hundred million states is never an array. What is kept are the
+sources' values and, for each component of a target state, its share in the source's state.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from curricle.tasks.draws import piece
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+# How the sources' potentials become one.
+MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
+
+
+class Reading(NamedTuple):
+    """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources, each read through C components.
+
+    The source pair of (s, a) starts at ``first[n]`` and adds up from ``shares``: component c of
+    the target state, ``s // divisor % modulus``, is looked up from ``shares_at[n, c]`` on, and
+    the action adds ``action[n, a]``. A negative entry has no counterpart.
+    """
+
+    values: FloatArray  # (V,) of all sources, flat, scaled and shifted
+    first: IntArray  # (N,)
+    unmapped: FloatArray  # (N,) what a pair without counterpart is worth
+    divisor: IntArray  # (N, C)
+    modulus: IntArray  # (N, C)
+    shares_at: IntArray  # (N, C)
+    shares: IntArray  # (L,)
+    action: IntArray  # (N, A)
+    combine: int
+    initial: float  # the learner's own initial value, added to phi
+
+
+def nothing(n_actions: int, initial: float) -> Reading:
+    """Return the reading of no source: every pair is worth the initial value.
+
+    Examples
+    --------
+    >>> nothing(5, -1.0).first.size
+    0
+    """
+    none, pairs = np.zeros(0, np.int64), np.zeros((0, 1), np.int64)
+    actions = np.zeros((0, n_actions), np.int64)
+    empty = np.zeros(0)
+    return Reading(empty, none, empty, pairs, pairs, pairs, none, actions, MEAN, float(initial))
+
+
+@piece
+def source_pair(reading, n, state):
+    """Return where the n-th source's values for a target state start, negative if nowhere."""
+    pair = reading.first[n]
+    for c in range(reading.divisor.shape[1]):
+        value = state // np.uint64(reading.divisor[n, c]) % np.uint64(reading.modulus[n, c])
+        share = reading.shares[np.uint64(reading.shares_at[n, c]) + value]
+        if share < 0:
+            return np.int64(-1)
+        pair += share
+    return pair
+
+
+@piece
+def read_row(reading, state, out):
+    """Write initial value + phi(state, a) into `out`, (A,) float64."""
+    n_sources, n_actions = reading.action.shape
+    for action in range(n_actions):
+        out[action] = 0.0
+    for n in range(n_sources):
+        pair = source_pair(reading, n, state)
+        for action in range(n_actions):
+            value, move = reading.unmapped[n], reading.action[n, action]
+            if pair >= 0 and move >= 0:
+                value = reading.values[pair + move]
+            if n == 0:
+                out[action] = value
+            elif reading.combine == MINIMUM:
+                out[action] = min(out[action], value)
+            elif reading.combine == MAXIMUM:
+                out[action] = max(out[action], value)
+            else:
+                out[action] += value
+    for action in range(n_actions):
+        if reading.combine == MEAN and n_sources > 0:
+            out[action] /= n_sources
+        out[action] += reading.initial
+
+
+@njit(cache=True, nogil=True)
+def read_all(reading, q):
+    """Write initial value + phi into every row of a table, (S, A)."""
+    row = np.empty(q.shape[1])
+    for state in range(np.uint64(q.shape[0])):
+        read_row(reading, state, row)
+        for action in range(row.shape[0]):
+            q[state, action] = row[action]

@@ -1,0 +1,146 @@
+"""The table a Q-learner fills, with each row's best value and greedy action kept at hand.
+
+Two kinds, which a loop reads alike: :class:`Dense` has a row for every state, :class:`Sparse` for
+the states met so far, each made from the potential when its state is first met.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from curricle.learning.reading import Reading, read_row
+from curricle.learning.sampling import TIED, best_of
+from curricle.tasks.dispatch import ByType
+from curricle.tasks.draws import piece, scramble
+
+FloatTable = npt.NDArray[np.floating[Any]]
+
+
+class Dense(NamedTuple):
+    """A row for every state: a state's row is the state."""
+
+    q: FloatTable  # (S, A)
+    best: FloatTable  # (S,) max_a q(s, a)
+    greedy: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
+
+
+class Sparse(NamedTuple):
+    """Rows for the states met so far, found by hashing; R rows at most."""
+
+    q: FloatTable  # (R, A)
+    best: FloatTable  # (R,)
+    greedy: npt.NDArray[np.uint16]  # (R,)
+    phi: npt.NDArray[np.float64]  # (A,) room for a potential's row
+    row: FloatTable  # (1, A) room for a table's row
+    states: npt.NDArray[np.uint64]  # (R,) the state of each row
+    slots: npt.NDArray[np.int32]  # (2^h,) row + 1, or 0 where empty; open addressing
+    used: npt.NDArray[np.int64]  # (1,) rows made so far
+    reading: Reading
+    key: np.uint64  # of the ties in fresh rows
+
+
+def place(table, state):
+    """Return the row of a state, made if need be; R where no room is left."""
+
+
+def greedy_of(view, state, bits):
+    """Return a greedy action, drawn afresh among several and then flagged; changes nothing."""
+
+
+def acting_row(view, state, out):
+    """Write the values that the policy acts on in a state into `out`, (1, A)."""
+
+
+places, greedies, acting_rows = ByType(place), ByType(greedy_of), ByType(acting_row)
+
+
+@piece
+def first_choice(key, state):
+    """Return the bits that break the ties of a fresh row; the same in either kind of table."""
+    return scramble(key ^ scramble(state))
+
+
+# -- dense ---------------------------------------------------------------------------------------
+
+
+@njit(cache=True, nogil=True)
+def look_through(table, key):
+    """Fill `best` and `greedy` of a dense table from its values."""
+    for state in range(np.uint64(table.q.shape[0])):
+        bits = first_choice(key, state)
+        table.best[state], table.greedy[state] = best_of(table.q, state, bits)
+
+
+@places.body(Dense)
+def _dense_place(table, state):
+    return state
+
+
+@greedies.body(Dense)
+def _dense_greedy(view, state, bits):
+    greedy = np.uint64(view.greedy[state])
+    if greedy >= TIED:
+        greedy = best_of(view.q, state, bits)[1]
+    return greedy
+
+
+@acting_rows.body(Dense)
+def _dense_row(view, state, out):
+    for action in range(out.shape[1]):
+        out[0, action] = view.q[state, action]
+
+
+# -- sparse --------------------------------------------------------------------------------------
+
+
+@piece
+def find(table, state):
+    """Return the slot where a state's row is, or where it would go."""
+    last = np.uint64(table.slots.shape[0] - 1)
+    slot = scramble(state) & last
+    while table.slots[slot] != 0:
+        if table.states[np.uint64(table.slots[slot] - 1)] == state:
+            break
+        slot = (slot + np.uint64(1)) & last
+    return slot
+
+
+@njit(nogil=True)
+def make_row(table, state, slot):
+    """Make the row of a state out of the potential, and return it; R where no room is left."""
+    row = np.uint64(table.used[0])
+    if row < table.q.shape[0]:
+        read_row(table.reading, state, table.phi)
+        for action in range(table.q.shape[1]):
+            table.q[row, action] = table.phi[action]
+        bits = first_choice(table.key, state)
+        table.best[row], table.greedy[row] = best_of(table.q, row, bits)
+        table.states[row] = state
+        table.slots[slot] = np.int32(row + np.uint64(1))
+        table.used[0] += 1
+    return row
+
+
+@places.body(Sparse)
+def _sparse_place(table, state):
+    slot = find(table, state)
+    if table.slots[slot] != 0:
+        return np.uint64(table.slots[slot] - 1)
+    return make_row(table, state, slot)
+
+
+@greedies.body(Sparse)
+def _sparse_greedy(view, state, bits):
+    found = view.slots[find(view, state)]
+    if found == 0:  # the row as it would be made
+        read_row(view.reading, state, view.phi)
+        for action in range(view.row.shape[1]):
+            view.row[0, action] = view.phi[action]
+        return best_of(view.row, 0, bits)[1]
+    row = np.uint64(found - 1)
+    greedy = np.uint64(view.greedy[row])
+    if greedy >= TIED:
+        greedy = best_of(view.q, row, bits)[1]
+    return greedy

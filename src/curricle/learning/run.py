@@ -1,0 +1,260 @@
+"""One seed's training: its table, its loop, what it leaves behind."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from curricle.errors import SettingError
+from curricle.learning import kernels
+from curricle.learning.judging import Exact, Rollouts
+from curricle.learning.learners import Learner
+from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.q_learning import train_q_learning
+from curricle.learning.reading import nothing, read_all
+from curricle.learning.rows import Dense, Sparse, look_through
+from curricle.learning.schedules import HARMONIC, constant
+from curricle.learning.storage import SparseValues, Storage
+from curricle.tasks.draws import scramble_number
+from curricle.tasks.dynamics import Functions
+from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Dynamics
+
+FloatTable = npt.NDArray[np.floating[Any]]
+Potential = StatePotential | StateActionPotential | MappedPotential
+
+WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
+AS_VALUES = ("initialise", "look_ahead")
+"""Ways that write the potential into the table, after which learning is plain."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one seed leaves: its record, its values if kept, what it spent."""
+
+    record: kernels.Record
+    values: FloatTable | SparseValues | None
+    steps: int
+    episodes: int
+    out_of_memory: bool
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the seeds of one call of :func:`learn` share.
+
+    `rows` are those that a sparse table may have; 0 means a dense table. `longest` are the steps
+    that a run can take at most.
+    """
+
+    task: Dynamics
+    learner: Learner
+    how: str
+    steps: int
+    episodes: int
+    every: int
+    longest: int
+    evaluation: Exact | Rollouts
+    storage: Storage
+    rows: int
+
+    def train(
+        self, start: int, potential: Potential | None, out: FloatTable | None = None
+    ) -> Outcome:
+        """Return what one seed learns, its random stream starting at `start`.
+
+        `out`, (S, A), is where dense values are to go; they are dropped without it.
+        """
+        size = self.longest // self.every + 1
+        record = kernels.Record(
+            np.full(size, np.nan), np.full(size, np.nan), np.zeros(size, int), np.zeros(size, int)
+        )
+        stream = np.array([start], dtype=np.uint64)
+        if self.plain:
+            return self._train_plainly(stream, potential, out, record)
+        return self._train_shaped(stream, potential, out, record)
+
+    @property
+    def plain(self) -> bool:
+        """Whether this is Q-learning on unshaped rewards, which has a loop of its own."""
+        return self.learner.update == kernels.Q_LEARNING and self.how in AS_VALUES
+
+    def _train_plainly(
+        self,
+        stream: npt.NDArray[np.uint64],
+        potential: Any,
+        out: FloatTable | None,
+        record: kernels.Record,
+    ) -> Outcome:
+        key = np.uint64(scramble_number(int(stream[0])))
+        table: Dense | Sparse
+        if self.rows:
+            table = self._sparse(potential, key)
+        else:
+            q = self._empty() if out is None else out
+            self._fill(q, potential)
+            table = self._dense(q, key)
+        steps, episodes = compiled(train_q_learning, isinstance(self.task.model, Functions))(
+            self.task.model,
+            self._horizon,
+            self.learner.rule(),
+            table,
+            self._visits(table.q.shape),
+            self.evaluation,
+            stream,
+            (np.int64(self.steps), np.int64(self.episodes)),
+            self.every,
+            record,
+        )
+        values: FloatTable | SparseValues | None = out
+        if isinstance(table, Sparse) and self.storage.keep:
+            used = int(table.used[0])
+            states = table.states[:used].astype(np.int64)
+            values = SparseValues(frozen(states), frozen(table.q[:used]))
+        spent = steps < self.steps and episodes < self.episodes
+        return Outcome(record, values, steps, episodes, spent)
+
+    def _train_shaped(
+        self,
+        stream: npt.NDArray[np.uint64],
+        potential: Any,
+        out: FloatTable | None,
+        record: kernels.Record,
+    ) -> Outcome:
+        if isinstance(potential, MappedPotential) and self.how not in AS_VALUES:
+            potential = StateActionPotential(potential.task, potential.values)
+        q = np.stack([self._empty() for _ in range(self.learner.tables)])
+        for table in q:
+            self._fill(table, potential if self.how in AS_VALUES else None)
+        steps, episodes = compiled(kernels.train, isinstance(self.task.model, Functions))(
+            self.task.model,
+            self._horizon,
+            self.learner.rule(),
+            shaping(potential, self.how),
+            q,
+            self._visits(q.shape[1:]),
+            self.evaluation,
+            stream,
+            (np.int64(self.steps), np.int64(self.episodes)),
+            self.every,
+            record,
+        )
+        if out is not None:
+            out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
+        return Outcome(record, out, steps, episodes, False)
+
+    @property
+    def _horizon(self) -> tuple[float, np.int64]:
+        limit = self.task.time_limit
+        return self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)
+
+    def _visits(self, shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
+        """Return room to count updates in, where the learning rate asks for it."""
+        counted = self.learner.rule().learning_rate.shape == HARMONIC
+        return np.zeros(shape if counted else (1, 1), dtype=np.int64)
+
+    def _empty(self) -> FloatTable:
+        return np.empty((self.task.states.size, self.task.actions.size), self.storage.dtype)
+
+    def _fill(self, q: FloatTable, potential: Any) -> None:
+        """Write the initial value, and the potential if there is one, into a table."""
+        initial = float(self.learner.initial_value)
+        if isinstance(potential, MappedPotential):
+            read_all(potential.reading._replace(initial=initial), q)
+        elif potential is None:
+            q[...] = initial
+        else:
+            np.add(potential.values, initial, out=q, casting="same_kind")
+        if self.task.terminal is not None:
+            q[self.task.terminal] = 0.0
+
+    def _dense(self, q: FloatTable, key: np.uint64) -> Dense:
+        table = Dense(q, np.empty(len(q), q.dtype), np.empty(len(q), np.uint16))
+        look_through(table, key)
+        return table
+
+    def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> Sparse:
+        # Pages of np.empty and np.zeros take no memory before they are written to.
+        n_actions, rows, dtype = self.task.actions.size, self.rows, self.storage.dtype
+        initial = float(self.learner.initial_value)
+        reading = nothing(n_actions, initial)
+        if potential is not None:
+            reading = potential.reading._replace(initial=initial)
+        return Sparse(
+            np.empty((rows, n_actions), dtype),
+            np.empty(rows, dtype),
+            np.empty(rows, np.uint16),
+            np.empty(n_actions),
+            np.empty((1, n_actions), dtype),
+            np.empty(rows, np.uint64),
+            np.zeros(2 ** (2 * rows - 1).bit_length(), np.int32),
+            np.zeros(1, np.int64),
+            reading,
+            key,
+        )
+
+
+@cache
+def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
+    """Return a loop compiled; cached on disk unless a user's functions are compiled into it."""
+    return njit(nogil=True, cache=not users_code)(loop)
+
+
+def shaping(potential: Potential | None, how: str) -> kernels.Shaping:
+    """Return what the general loop is to add; nothing where phi is written into the table."""
+    # Read-only like every potential: another kind of array would be another compilation.
+    none = frozen(np.zeros((1, 1)))
+    nothing_added = kernels.Shaping(
+        kernels.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
+    )
+    if isinstance(potential, StatePotential):
+        return nothing_added._replace(
+            way=kernels.STATE,
+            weight=potential.weight,
+            frame_steps=potential.frame_steps,
+            state_values=potential.values,
+        )
+    if potential is None or how not in WAYS:
+        return nothing_added
+    return nothing_added._replace(
+        way=WAYS[how], weight=potential.weight, pair_values=potential.values
+    )
+
+
+def taken_off(potential: Potential | None, how: str, step: int) -> Any:
+    """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
+    if isinstance(potential, StatePotential):
+        return potential.at(step)[:, None]
+    if potential is not None and how == "advice":
+        return potential.weight(step) * potential.values
+    return 0.0
+
+
+def rows_allowed(
+    task: Dynamics, learner: Learner, storage: Storage, seeds: int, at_once: int, steps: int
+) -> int:
+    """Return the rows a sparse table may have, or 0 if tables are dense.
+
+    Raises
+    ------
+    SettingError
+        Before anything is allocated, when the tables do not fit the memory.
+    """
+    n_states, n_actions = task.states.size, task.actions.size
+    held = seeds if storage.keep else min(at_once, seeds)
+    needed = held * storage.dense_bytes(n_states, n_actions, learner.tables)
+    if storage.kind == "dense" or (storage.kind == "auto" and needed <= storage.limit):
+        if needed > storage.limit:
+            raise SettingError(
+                f"the values of {held} seeds must fit the memory allowed, "
+                f"{storage.limit / 1e9:.3g} GB: {n_states:,} states x {n_actions:,} actions in "
+                f"{storage.dtype} take {needed / 1e9:.3g} GB (Storage: memory, dtype, keep, kind)"
+            )
+        return 0
+    fitting = storage.rows_within(storage.limit // held, n_actions)
+    # A step meets one state, and another when it starts an episode.
+    return max(1, min(fitting, n_states, 2 * steps + 1, 2**31 - 2))

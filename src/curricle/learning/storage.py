@@ -1,0 +1,124 @@
+"""How learnt values are held: precision, dense or sparse tables, the memory they may take."""
+
+import os
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, one_of, whole_number
+from curricle.errors import SettingError
+
+UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
+UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
+ROW_EXTRAS = 4 + 8 + 4 * 4
+"""Bytes of a sparse row beside its values and their best: greedy action, state, slots."""
+
+
+@dataclass(frozen=True)
+class Storage:
+    """How the values that :func:`learn` fills are stored.
+
+    Neither the kind of table nor the memory changes a result, as long as it suffices.
+
+    Parameters
+    ----------
+    kind : {"auto", "dense", "sparse"}
+        A row for every state, or for the states met, made from the potential when its state is
+        first met. "auto" is dense where that fits the memory. Only Q-learning that is not shaped
+        by rewards (``how`` "initialise" or "look_ahead") can be sparse.
+    dtype : {"float64", "float32"}
+        Precision of the values; sums are in double precision.
+    memory : int or str, optional
+        Bytes that all tables of a call of :func:`learn` may take, ``"4 GiB"``. Half of the
+        machine's by default. A sparse run ends where the next state would not fit, with all that
+        it has learnt (:attr:`LearningResult.out_of_memory`).
+    keep : bool
+        Whether the result holds the values; without, memory is only needed for the seeds that are
+        trained at the same time.
+
+    Raises
+    ------
+    SettingError
+        On an unknown kind or precision, or a size that is none.
+
+    Examples
+    --------
+    >>> Storage(dtype="float32", memory="1.5 GiB").limit
+    1610612736
+    """
+
+    kind: Literal["auto", "dense", "sparse"] = "auto"
+    dtype: Literal["float64", "float32"] = "float64"
+    memory: int | str | None = None
+    keep: bool = True
+
+    def __post_init__(self) -> None:
+        one_of("kind of storage", self.kind, ("auto", "dense", "sparse"), SettingError)
+        one_of("dtype", self.dtype, ("float64", "float32"), SettingError)
+        instance("keep", self.keep, bool, SettingError)
+        _ = self.limit
+
+    @property
+    def limit(self) -> int:
+        """The memory that the tables may take, in bytes."""
+        if self.memory is None:
+            return _physical_memory() // 2
+        if not isinstance(self.memory, str):
+            return whole_number("memory in bytes", self.memory, 1, SettingError)
+        match = re.fullmatch(r"\s*([0-9.]+)\s*([A-Za-z]+)\s*", self.memory)
+        if not match or match[2] not in UNITS:
+            raise SettingError(
+                f"memory must be bytes or a number with one of {', '.join(UNITS)}: got "
+                f"{self.memory!r}"
+            )
+        return int(float(match[1]) * UNITS[match[2]])
+
+    def dense_bytes(self, n_states: int, n_actions: int, tables: int) -> int:
+        """Return the bytes of one seed's dense table."""
+        size = np.dtype(self.dtype).itemsize
+        return n_states * (tables * n_actions * size + size + 4)
+
+    def rows_within(self, limit: int, n_actions: int) -> int:
+        """Return how many rows of a sparse table fit."""
+        return limit // ((n_actions + 1) * np.dtype(self.dtype).itemsize + ROW_EXTRAS)
+
+
+@dataclass(frozen=True, eq=False)
+class SparseValues:
+    """Values of the states that learning met; R of them.
+
+    Attributes
+    ----------
+    states : (R,) int64
+        Ascending.
+    values : (R, A) float64 or float32
+        Q of each.
+
+    Examples
+    --------
+    >>> SparseValues(np.array([3, 8]), np.array([[1.0, 2.0], [3.0, 4.0]])).at([8])
+    array([[3., 4.]])
+    """
+
+    states: npt.NDArray[np.int64]
+    values: npt.NDArray[np.floating[Any]]
+
+    def at(self, states: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
+        """Return the values of these states, (..., A); SettingError where one was not met."""
+        wanted = np.asarray(states)
+        place = np.minimum(np.searchsorted(self.states, wanted), len(self.states) - 1)
+        if (self.states[place] != wanted).any():
+            missing = wanted[self.states[place] != wanted].flat[0]
+            raise SettingError(f"values are held of the states met only: {missing} was not")
+        return self.values[place]
+
+
+def _physical_memory() -> int:
+    """Return the machine's memory in bytes, 8 GiB where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 8 * 2**30

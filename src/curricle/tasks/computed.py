@@ -1,0 +1,105 @@
+"""Tasks given by compiled functions instead of tables."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from numba import njit
+from numba.core.dispatcher import Dispatcher
+
+from curricle.checks import instance
+from curricle.errors import TaskError
+from curricle.tasks.dynamics import Functions
+from curricle.tasks.horizon import check_horizon
+from curricle.tasks.spaces import Space
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedMDP:
+    """An MDP whose successors are computed by a function, for tasks no table can hold.
+
+    It can be learnt and transferred into and from, not solved: there is nothing to look up.
+
+    Parameters
+    ----------
+    states, actions : Space
+        S states and A actions; their numbers are what the functions take and return.
+    start : callable
+        ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
+        bits, a uint64; :func:`unit`, :func:`below` and :func:`scramble` make numbers of them.
+    step : callable
+        ``step(data, state, action, bits) -> (next state, reward, over)``. `over` says that the
+        episode has ended; it must depend on the next state alone.
+        Both are written in the Python that numba compiles (``numba.njit`` applied or not), take
+        state and action as uint64, and must not write into `data`.
+    data : Any
+        What the functions read: a number, an array, a NamedTuple of such.
+    discount, time_limit
+        As in :class:`FiniteMDP`.
+
+    Raises
+    ------
+    TaskError
+        When a space, a function or the horizon is none.
+
+    Notes
+    -----
+    The functions are compiled into the learning loop when a task is first learnt, which takes 1 to
+    3 seconds in each process: code of one's own is not cached on disk.
+
+    Examples
+    --------
+    A walk on a ring of n places, home is 0; a step goes astray with probability 0.1.
+
+    >>> import curricle as cr
+    >>> def start(n, bits):
+    ...     return 1 + cr.below(bits, n - 1)
+    >>> def step(n, state, action, bits):
+    ...     right = (action == 1) != (cr.unit(bits) < 0.1)
+    ...     place = (state + (1 if right else n - 1)) % n
+    ...     return place, -1.0, place == 0
+    >>> ring = ComputedMDP(
+    ...     Space([Component("place", 1000)]), Space([Component("move", 2)]),
+    ...     start, step, data=1000, discount=0.99)
+    >>> q = cr.learn(ring, budget=200_000).values[0]
+    >>> q[3].argmax(), q[997].argmax()  # home is near
+    (0, 1)
+    """
+
+    states: Space
+    actions: Space
+    start: Callable[..., Any]
+    step: Callable[..., Any]
+    data: Any = 0
+    discount: float = 0.99
+    time_limit: int | None = 200
+
+    def __post_init__(self) -> None:
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        for name in ("start", "step"):
+            if not callable(getattr(self, name)):
+                raise TaskError(f"{name} must be a function: got {getattr(self, name)!r}")
+        check_horizon(self)
+        if self.discount == 1 and self.time_limit is None:
+            raise TaskError("a computed task with discount 1 needs a time limit: none set")
+
+    @property
+    def terminal(self) -> None:
+        """Unknown: which states end an episode is the step function's secret."""
+
+    @cached_property
+    def model(self) -> Functions:
+        """The task as compiled loops read it."""
+        return Functions(_compiled(self.start), _compiled(self.step), self.data)
+
+    def __repr__(self) -> str:
+        return (
+            f"ComputedMDP({self.states.size:,} states, {self.actions.size} actions, discount "
+            f"{self.discount:g})"
+        )
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
+    return function if isinstance(function, Dispatcher) else njit(nogil=True)(function)

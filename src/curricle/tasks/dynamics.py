@@ -1,0 +1,104 @@
+"""How tasks move, for compiled loops: by tables, or by compiled functions.
+
+A *model* is a NamedTuple that a loop is handed; :func:`first_state` and :func:`transition` read it.
+A domain that computes its successors adds a model of its own (``pursuit_model.py``).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.tasks.dispatch import ByType
+from curricle.tasks.draws import first_above, unit
+from curricle.tasks.spaces import frozen
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def first_state(model, bits):
+    """Return the state an episode starts in, uint64, drawn with 64 random bits."""
+
+
+def transition(model, state, action, bits):
+    """Return next state (uint64), reward and whether the episode is over; 64 random bits."""
+
+
+starts, moves = ByType(first_state), ByType(transition)
+
+
+class Tables(NamedTuple):
+    """The tables of a :class:`FiniteMDP`."""
+
+    direct: bool  # whether pair (s, a) has row s * A + a, so that `outcome_row` need not be read
+    outcome_row: npt.NDArray[np.integer[Any]]  # (S, A) int32
+    probability: FloatArray  # (Y, O)
+    cumulative: FloatArray  # (Y, O)
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O) int32
+    reward: FloatArray  # (Y, O)
+    terminal: npt.NDArray[np.bool_]  # (S,)
+    start_states: npt.NDArray[np.int64]  # (n,)
+    start_cumulative: FloatArray  # (n,)
+
+
+@starts.body(Tables)
+def _table_start(model, bits):
+    place = first_above(model.start_cumulative, unit(bits))
+    return np.uint64(model.start_states[place])
+
+
+@moves.body(Tables)
+def _table_step(model, state, action, bits):
+    if model.direct:
+        row = state * np.uint64(model.outcome_row.shape[1]) + action
+    else:
+        row = np.uint64(model.outcome_row[state, action])
+    outcome, last = np.uint64(0), np.uint64(model.cumulative.shape[1] - 1)
+    if last > np.uint64(0):
+        chance = unit(bits)
+        for i in range(last):  # to the end: leaving early would be mispredicted half the time
+            outcome += np.uint64(chance >= model.cumulative[row, i])
+    next_state = np.uint64(model.next_state[row, outcome])
+    return next_state, model.reward[row, outcome], model.terminal[next_state]
+
+
+DIRECT = 100_000
+"""Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
+
+
+def table_model(mdp: Any) -> Tables:
+    """Return the model of a :class:`FiniteMDP`."""
+    rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
+    direct = mdp.outcome_row.size * mdp.probability.shape[1] <= DIRECT
+    if direct:
+        row = mdp.outcome_row.ravel()
+        own = np.arange(row.size, dtype=np.int32).reshape(mdp.outcome_row.shape)
+        rows = (frozen(own), *(frozen(array[row]) for array in rows[1:]))
+    return Tables(direct, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
+
+
+def cumulated(probability: FloatArray) -> FloatArray:
+    """Return cumulative probabilities along each row; the last possible outcome gets 1."""
+    total = np.cumsum(probability, axis=1)
+    remaining = np.cumsum(probability[:, ::-1], axis=1)[:, ::-1]
+    after = np.concatenate([remaining[:, 1:], np.zeros((len(remaining), 1))], axis=1)
+    return frozen(np.where(after == 0, 1.0, total))
+
+
+class Functions(NamedTuple):
+    """The compiled functions of a :class:`ComputedMDP` and the data they read."""
+
+    start: Any  # (data, bits) -> state
+    step: Any  # (data, state, action, bits) -> (next state, reward, over)
+    data: Any
+
+
+@starts.body(Functions)
+def _computed_start(model, bits):
+    return np.uint64(model.start(model.data, bits))
+
+
+@moves.body(Functions)
+def _computed_step(model, state, action, bits):
+    next_state, reward, over = model.step(model.data, state, action, bits)
+    return np.uint64(next_state), np.float64(reward), bool(over)
