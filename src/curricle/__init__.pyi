@@ -30,6 +30,7 @@ from .learning.planning import (
     solve as solve,
 )
 from .learning.potential import (
+    MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
@@ -41,6 +42,7 @@ from .learning.schedules import (
     harmonic as harmonic,
     linear as linear,
 )
+from .learning.storage import SparseValues as SparseValues, Storage as Storage
 from .study.metrics import (
     Curve as Curve,
     Times as Times,
@@ -61,6 +63,8 @@ from .study.statistics import (
     interquartile_mean as interquartile_mean,
     paired_difference as paired_difference,
 )
+from .tasks.computed import ComputedMDP as ComputedMDP
+from .tasks.draws import below as below, scramble as scramble, unit as unit
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.pursuit import Pursuit as Pursuit
@@ -72,6 +76,7 @@ from .transfer.aggregation import (
     minimum as minimum,
     total as total,
 )
+from .transfer.by_name import ComponentMapping as ComponentMapping, project as project
 from .transfer.coverage import Coverage as Coverage
 from .transfer.edge import Transfer as Transfer
 from .transfer.mapping import (
@@ -81,7 +86,6 @@ from .transfer.mapping import (
     compose as compose,
     from_function as from_function,
     identity as identity,
-    project as project,
     relative_objects as relative_objects,
     same_position as same_position,
 )

@@ -19,10 +19,12 @@ from curricle.learning.learn import (
     learn,
 )
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.potential import StateActionPotential
-from curricle.tasks.task import Task, same_task, tables
+from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.storage import Storage
+from curricle.tasks.task import Task, dynamics, same_task
 from curricle.transfer.aggregation import Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
+from curricle.transfer.mapped import mapped_potential
 
 Value = TypeVar("Value")
 DEFAULT_BUDGET = 100_000
@@ -53,6 +55,7 @@ class Curriculum:
     every : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
+    storage : Storage or dict, optional
 
     Raises
     ------
@@ -85,6 +88,7 @@ class Curriculum:
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
         default_factory=GreedyEvaluation
     )
+    storage: Storage | Mapping[str, Storage] = field(default_factory=Storage)
 
     def __post_init__(self) -> None:
         instance("tasks", self.tasks, Mapping, CurriculumError)
@@ -94,11 +98,11 @@ class Curriculum:
         if not self.tasks:
             raise CurriculumError("a curriculum needs at least one task: got none")
         for task in self.tasks.values():
-            tables(task)
+            dynamics(task)
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             self._check_ends(transfer)
-        for setting in ("aggregate", "learner", "budget", "how", "every", "evaluation"):
+        for setting in ("aggregate", "learner", "budget", "how", "every", "evaluation", "storage"):
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
@@ -126,6 +130,8 @@ class Curriculum:
         instance(f"learner of {name}", learner, Learner, SettingError)
         evaluation = _pick(self.evaluation, name, GreedyEvaluation())
         instance(f"evaluation of {name}", evaluation, GreedyEvaluation, SettingError)
+        storage = _pick(self.storage, name, Storage())
+        instance(f"storage of {name}", storage, Storage, SettingError)
         function = _pick(self.aggregate, name, mean)
         if not callable(function):
             raise CurriculumError(
@@ -190,7 +196,7 @@ class Curriculum:
             instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
         results = self._checked(trained or {}, numbers)
-        potentials: dict[str, list[StateActionPotential]] = {}
+        potentials: dict[str, list[MappedPotential | StateActionPotential]] = {}
         for name in self.order:
             if name in results:
                 continue
@@ -206,6 +212,7 @@ class Curriculum:
                 how=how,
                 every=_pick(self.every, name, None),
                 evaluation=_pick(self.evaluation, name, GreedyEvaluation()),
+                storage=_pick(self.storage, name, Storage()),
                 stream=name,
                 workers=workers,
             )
@@ -215,21 +222,28 @@ class Curriculum:
 
     def _potentials(
         self, name: str, results: Mapping[str, LearningResult], n_seeds: int
-    ) -> list[StateActionPotential]:
+    ) -> list[MappedPotential | StateActionPotential]:
         """Return the aggregated potential of each seed; none for a task without sources."""
         edges = self.into(name)
         if not edges:
             return []
-        function = _pick(self.aggregate, name, mean)
-        return [
-            StateActionPotential(
-                self.tasks[name],
-                aggregate(
-                    function, np.stack([e.potential(results[e.source].values[k]) for e in edges])
-                ),
-            )
-            for k in range(n_seeds)
-        ]
+        for source in {edge.source for edge in edges}:
+            if not isinstance(results[source].values, np.ndarray):
+                raise CurriculumError(
+                    f"a source's values must be kept, in dense tables: those of {source!r}, which "
+                    f"{name!r} reads, are not (storage)"
+                )
+        task, function = self.tasks[name], _pick(self.aggregate, name, mean)
+
+        def potential(k: int) -> MappedPotential | StateActionPotential:
+            values = [results[edge.source].values[k] for edge in edges]
+            mapped = mapped_potential(task, edges, values, function)
+            if mapped is not None:
+                return mapped
+            each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
+            return StateActionPotential(task, aggregate(function, np.stack(each)))
+
+        return [potential(k) for k in range(n_seeds)]
 
     def _checked(
         self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
@@ -255,7 +269,7 @@ class CurriculumResult:
     ----------
     curriculum : Curriculum
     nodes : dict of str to LearningResult
-    potentials : dict of str to list of StateActionPotential
+    potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
 
     Examples
@@ -268,7 +282,7 @@ class CurriculumResult:
 
     curriculum: Curriculum
     nodes: Mapping[str, LearningResult]
-    potentials: Mapping[str, list[StateActionPotential]]
+    potentials: Mapping[str, list[MappedPotential | StateActionPotential]]
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)

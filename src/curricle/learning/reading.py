@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from curricle.tasks.draws import piece
+from curricle.tasks.spaces import frozen
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -47,9 +48,8 @@ def nothing(n_actions: int, initial: float) -> Reading:
     >>> nothing(5, -1.0).first.size
     0
     """
-    none, pairs = np.zeros(0, np.int64), np.zeros((0, 1), np.int64)
-    actions = np.zeros((0, n_actions), np.int64)
-    empty = np.zeros(0)
+    none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))
+    actions, empty = frozen(np.zeros((0, n_actions), np.int64)), frozen(np.zeros(0))
     return Reading(empty, none, empty, pairs, pairs, pairs, none, actions, MEAN, float(initial))
 
 

@@ -1,6 +1,6 @@
 """F4: pursuit. Two predators learn from one, as published and as stated, and why it collapsed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,7 +125,7 @@ SETTINGS = {
 }
 
 
-def mappings(setting: Setting) -> list[StateActionMapping]:
+def mappings(setting: Setting) -> Sequence[StateActionMapping]:
     """Return f_1 and f_2 (paper E7), without the shared cells where the setting says so."""
     hunt = setting.hunt
     chase = Pursuit(hunt.size, 1, discount=hunt.discount, time_limit=hunt.time_limit)

@@ -151,6 +151,11 @@ class Space:
         return records, numbers.astype(np.int64)
 
     @property
+    def is_box(self) -> bool:
+        """Whether every combination of component values is a point."""
+        return self._points is None
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The component names, in order."""
         return tuple(c.name for c in self.components)

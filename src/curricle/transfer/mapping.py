@@ -9,8 +9,8 @@ import numpy.typing as npt
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.spaces import MISSING, Decoded, Space, frozen
-from curricle.tasks.task import Task, same_task, tables
+from curricle.tasks.spaces import MISSING, Decoded, frozen
+from curricle.tasks.task import Task, dynamics, same_task
 from curricle.transfer.coverage import Coverage
 
 FloatArray = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ class StateActionMapping:
     unmapped_value: float = 0.0
 
     def __post_init__(self) -> None:
-        target, source = tables(self.target), tables(self.source)
+        target, source = dynamics(self.target), dynamics(self.source)
         numbers("a mapping", self.index, MappingError)
         index = np.array(self.index)
         shape = (target.states.size, target.actions.size)
@@ -70,7 +70,8 @@ class StateActionMapping:
                 f"{index.dtype} of shape {index.shape}"
             )
         number("unmapped_value", self.unmapped_value, MappingError)
-        index = np.where(target.terminal[:, None], ENDED, index)
+        if target.terminal is not None:
+            index = np.where(target.terminal[:, None], ENDED, index)
         bad = np.argwhere((index < ENDED) | (index >= n_pairs))
         if len(bad):
             s, a = bad[0]
@@ -78,8 +79,8 @@ class StateActionMapping:
                 f"a mapping's entries must lie in 0..{n_pairs - 1}, or be UNMAPPED or ENDED: "
                 f"target state {s}, action {a} has {index[s, a]}"
             )
-        onto_terminal = (index >= 0) & source.terminal[index // source.actions.size]
-        bad = np.argwhere(onto_terminal)
+        ends = ends_of(self.source)
+        bad = np.argwhere((index >= 0) & ends[index // source.actions.size])
         if len(bad):
             s, a = bad[0]
             raise MappingError(
@@ -113,10 +114,9 @@ class StateActionMapping:
 
     def coverage(self) -> Coverage:
         """Return how much of the target is reached, and of the source used."""
-        source = self.source.mdp
-        index = self.index[~self.target.mdp.terminal]
-        readers = np.bincount(index[index >= 0], minlength=source.outcome_row.size)
-        available = np.repeat(~source.terminal, source.actions.size)
+        index = self.index[~ends_of(self.target)]
+        available = np.repeat(~ends_of(self.source), self.source.actions.size)
+        readers = np.bincount(index[index >= 0], minlength=available.size)
         used = readers[readers > 0]
         return Coverage(
             target_pairs=index.size,
@@ -142,9 +142,8 @@ def identity(task: Task) -> StateActionMapping:
     >>> identity(GridWorld("S.T")).index[0]
     array([0, 1, 2, 3])
     """
-    mdp = tables(task)
-    n_states, n_actions = mdp.states.size, mdp.actions.size
-    return from_parts(task, task, np.arange(n_states)[:, None], np.arange(n_actions)[None, :], 0.0)
+    states, actions = np.arange(task.states.size), np.arange(task.actions.size)
+    return from_parts(task, task, states[:, None], actions[None, :], 0.0)
 
 
 def same_position(
@@ -168,50 +167,6 @@ def same_position(
     state = source.states_at(target.cells[:, 0], target.cells[:, 1])
     moves = np.arange(target.actions.size)[None, :]
     return from_parts(target, source, state[:, None], moves, unmapped_value)
-
-
-def project(
-    target: Task, source: Task, *, unmapped_value: float = 0.0, **renaming: str
-) -> StateActionMapping:
-    """Return the mapping that reads the source's components off the target's by name (paper E7).
-
-    Each component of the source's states and actions takes its value from the target component
-    of the same name, or the one named in `renaming`. Components with labels correspond label by
-    label, so that (1,2) on a 5x5 grid is (1,2) on a 4x4 grid; a value the source does not have
-    leaves the pair unmapped.
-
-    Parameters
-    ----------
-    target, source : Task
-    unmapped_value : float
-    **renaming : str
-        ``source_component="target_component"``.
-
-    Raises
-    ------
-    MappingError
-        On an unknown component, listing the valid ones.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> hunt, chase = Pursuit(size=4, predators=2), Pursuit(size=4, predators=1)
-    >>> f1 = project(hunt, chase, predator="predator_1")
-    >>> pair = f1.index[hunt.states.encode(prey=9, predator_1=3, predator_2=5),
-    ...                 hunt.actions.encode(predator_1=2, predator_2=0)]
-    >>> chase.states.label(pair // 5), chase.actions.label(pair % 5)
-    ('prey=(2,1) predator=(0,3)', 'predator=east')
-    """
-    known = {*source.states.names, *source.actions.names}
-    for name in renaming:
-        if name not in known:
-            raise MappingError(
-                f"renaming must start from a source component ({', '.join(sorted(known))}): got "
-                f"{name!r}"
-            )
-    state = source.states.encode(**read_components(target.states, source.states, renaming))
-    action = source.actions.encode(**read_components(target.actions, source.actions, renaming))
-    return from_parts(target, source, state[:, None], action[None, :], unmapped_value)
 
 
 def relative_objects(
@@ -323,26 +278,10 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)
 
 
-def read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
-    """Return the source's components as values of the target's points."""
-    values = target.decode()
-    read = {}
-    for component in source.components:
-        name = renaming.get(component.name, component.name)
-        if name not in target.names:
-            raise MappingError(
-                f"source component {component.name!r} must be read from a target component "
-                f"({', '.join(target.names)}): got {name!r}"
-            )
-        origin = target.component(name)
-        column = values[name]
-        if component.labels is not None and origin.labels is not None:
-            place = {label: component.low + i for i, label in enumerate(component.labels)}
-            nowhere = component.low - 1
-            table = np.array([place.get(label, nowhere) for label in origin.labels])
-            column = table[column - origin.low]
-        read[component.name] = column
-    return read
+def ends_of(task: Task) -> npt.NDArray[np.bool_]:
+    """Return which states are known to be terminal, (S,) bool."""
+    ends = dynamics(task).terminal
+    return np.zeros(task.states.size, dtype=bool) if ends is None else ends
 
 
 def from_parts(
@@ -351,7 +290,7 @@ def from_parts(
     """Put source states and actions (broadcast to (S, A), MISSING where none) together."""
     state, action = np.broadcast_arrays(state, action)
     missing = (state == MISSING) | (action == MISSING)
-    ended = source.mdp.terminal[np.maximum(state, 0)]
+    ended = ends_of(source)[np.maximum(state, 0)]
     pair = np.where(ended, ENDED, state * source.actions.size + action)
     index = np.where(missing, UNMAPPED, pair)
     return StateActionMapping(target, source, index, unmapped_value)

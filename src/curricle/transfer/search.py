@@ -17,7 +17,8 @@ from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task
-from curricle.transfer.mapping import StateActionMapping, from_parts, read_components
+from curricle.transfer.by_name import read_components
+from curricle.transfer.mapping import StateActionMapping, from_parts
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

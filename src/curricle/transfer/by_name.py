@@ -1,0 +1,183 @@
+"""Mappings by name: the source's components are read off the target's (paper E7)."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import number
+from curricle.errors import MappingError
+from curricle.tasks.spaces import MISSING, Component, Decoded, Space
+from curricle.tasks.task import Task, dynamics
+from curricle.transfer.mapping import StateActionMapping, from_parts
+
+IntArray = npt.NDArray[np.int64]
+
+
+class ComponentMapping(StateActionMapping):
+    """A mapping that is kept as what it says, component by component; made by :func:`project`.
+
+    The index array is only made when asked for, so that the mapping serves targets of any size:
+    learning reads the source through :meth:`lookups`.
+
+    Parameters
+    ----------
+    target, source : Task
+    renaming : dict of str to str
+        Source component -> target component, where the names differ.
+    unmapped_value : float
+
+    Raises
+    ------
+    MappingError
+        On an unknown component, listing the valid ones.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> far, near = Pursuit(size=10, predators=4), Pursuit(size=10, predators=1)
+    >>> project(far, near, predator="predator_4")  # ten thousand million target states
+    ComponentMapping(prey=prey, predator=predator_4)
+    """
+
+    def __init__(
+        self, target: Task, source: Task, renaming: dict[str, str], unmapped_value: float = 0.0
+    ):
+        dynamics(target), dynamics(source)
+        number("unmapped_value", unmapped_value, MappingError)
+        known = {*source.states.names, *source.actions.names}
+        for name in renaming:
+            if name not in known:
+                raise MappingError(
+                    "renaming must start from a source component "
+                    f"({', '.join(sorted(known))}): got {name!r}"
+                )
+        for mine, theirs in ((target.states, source.states), (target.actions, source.actions)):
+            for component in theirs.components:
+                _origin(mine, component, renaming)
+        settings: dict[str, Any] = {
+            "target": target,
+            "source": source,
+            "renaming": dict(renaming),
+            "unmapped_value": unmapped_value,
+        }
+        for name, value in settings.items():
+            object.__setattr__(self, name, value)
+
+    renaming: dict[str, str]
+
+    @cached_property
+    def index(self) -> IntArray:
+        """The index array after all, (S, A) int64."""
+        state = self.source.states.encode(
+            **read_components(self.target.states, self.source.states, self.renaming)
+        )
+        whole = from_parts(
+            self.target, self.source, state[:, None], self.actions[None, :], self.unmapped_value
+        )
+        return whole.index
+
+    @cached_property
+    def actions(self) -> IntArray:
+        """The source's action for each of the target's, `MISSING` where none, (A,) int64."""
+        return self.source.actions.encode(
+            **read_components(self.target.actions, self.source.actions, self.renaming)
+        )
+
+    def lookups(self) -> list[tuple[int, int, IntArray]] | None:
+        """Return how to find a source state without arrays over the target's states.
+
+        For each component of the source's states: divisor, modulus and shares, so that the source
+        state is the sum of ``shares[s // divisor % modulus]``, with no counterpart where a share
+        is `MISSING`. None where a space is not a whole box.
+        """
+        target, source = self.target.states, self.source.states
+        if not (target.is_box and source.is_box):
+            return None
+        divisors = dict(zip(target.names, _strides(target), strict=True))
+        found = []
+        for component, stride in zip(source.components, _strides(source), strict=True):
+            origin = _origin(target, component, self.renaming)
+            offset = _values_of(origin, component) - component.low
+            inside = (offset >= 0) & (offset < component.size)
+            shares = np.where(inside, offset * stride, MISSING)
+            found.append((divisors[origin.name], origin.size, shares))
+        return found
+
+    def __repr__(self) -> str:
+        names = (*self.source.states.names, *self.source.actions.names)
+        read = {name: self.renaming.get(name, name) for name in names}
+        return f"ComponentMapping({', '.join(f'{k}={v}' for k, v in read.items())})"
+
+
+def project(
+    target: Task, source: Task, *, unmapped_value: float = 0.0, **renaming: str
+) -> "ComponentMapping":
+    """Return the mapping that reads the source's components off the target's by name (paper E7).
+
+    Each component of the source's states and actions takes its value from the target component
+    of the same name, or the one named in `renaming`. Components with labels correspond label by
+    label, so that (1,2) on a 5x5 grid is (1,2) on a 4x4 grid; a value the source does not have
+    leaves the pair unmapped.
+
+    Parameters
+    ----------
+    target, source : Task
+    unmapped_value : float
+    **renaming : str
+        ``source_component="target_component"``.
+
+    Raises
+    ------
+    MappingError
+        On an unknown component, listing the valid ones.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=4, predators=2), Pursuit(size=4, predators=1)
+    >>> f1 = project(hunt, chase, predator="predator_1")
+    >>> pair = f1.index[hunt.states.encode(prey=9, predator_1=3, predator_2=5),
+    ...                 hunt.actions.encode(predator_1=2, predator_2=0)]
+    >>> chase.states.label(pair // 5), chase.actions.label(pair % 5)
+    ('prey=(2,1) predator=(0,3)', 'predator=east')
+    """
+    return ComponentMapping(target, source, renaming, unmapped_value)
+
+
+def read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
+    """Return the source's components as values of the target's points."""
+    values, read = target.decode(), {}
+    for component in source.components:
+        origin = _origin(target, component, renaming)
+        read[component.name] = _values_of(origin, component)[values[origin.name] - origin.low]
+    return read
+
+
+def _origin(target: Space, component: Component, renaming: dict[str, str]) -> Component:
+    """Return the target component that a source component is read off."""
+    name = renaming.get(component.name, component.name)
+    if name not in target.names:
+        raise MappingError(
+            f"source component {component.name!r} must be read from a target component "
+            f"({', '.join(target.names)}): got {name!r}"
+        )
+    return target.component(name)
+
+
+def _values_of(origin: Component, component: Component) -> IntArray:
+    """Return the source's value for each value of the target's component, by label if both do."""
+    if component.labels is None or origin.labels is None:
+        return np.arange(origin.size) + origin.low
+    place = {label: component.low + i for i, label in enumerate(component.labels)}
+    return np.array([place.get(label, component.low - 1) for label in origin.labels])
+
+
+def _strides(space: Space) -> list[int]:
+    """Return by how much the number of a box's point grows with each component."""
+    strides, size = list[int](), 1
+    for component in reversed(space.components):
+        strides.append(size)
+        size *= component.size
+    return strides[::-1]
