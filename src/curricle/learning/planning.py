@@ -9,7 +9,8 @@ from numba import njit
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.tasks.endless import endless_states
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, tables
+from curricle.tasks.mdp import FiniteMDP, Task, tables
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
