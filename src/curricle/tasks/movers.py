@@ -57,7 +57,7 @@ class Movers(NamedTuple):
     @property
     def size(self) -> int:
         """The number of states, C^(1 + k)."""
-        return len(self.landing) ** (1 + self.agents)
+        return int(len(self.landing) ** (1 + self.agents))
 
     def terminal(self) -> npt.NDArray[np.bool_]:
         """Return which states end an episode, (S,) bool."""
