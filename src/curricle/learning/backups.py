@@ -11,24 +11,8 @@ from numba import njit
 SWEEPS = 5
 """Sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good."""
 PATIENCE = 100
-"""Greedy backups near the limits of double precision without any progress before giving up."""
-
-
-@njit(cache=True, nogil=True)
-def mean_rewards(probability, reward):
-    """Return the mean reward of each outcome row, (Y,), and the largest reward's size.
-
-    Rows that only terminal states name may hold anything: what is not finite there is left out.
-    """
-    mean = np.zeros(len(probability))
-    largest = 0.0
-    for row in range(len(probability)):
-        for outcome in range(probability.shape[1]):
-            mean[row] += probability[row, outcome] * reward[row, outcome]
-            size = abs(reward[row, outcome])
-            if largest < size < np.inf:
-                largest = size
-    return mean, largest
+"""Backups without progress near the limits of double precision before giving up, plus a horizon."""
+OVER = -1
 
 
 @njit(cache=True, nogil=True)
@@ -79,23 +63,15 @@ def improve(outcome_row, terminal, rows, values, chosen):
 
 
 @njit(cache=True, nogil=True)
-def worst_reward(outcome_row, terminal, mean):
-    """Return min_s max_a of the mean reward, 0 if that is positive or no state goes on."""
-    values = np.zeros(len(terminal))
-    improve(outcome_row, terminal, mean, values, outcome_row[:, 0].copy())
-    worst = 0.0
-    for value in values:
-        worst = min(worst, value)
-    return worst
+def follow(mean, probability, next_state, terminal, discount, chosen, values, sweep):
+    """Back up the values of a policy of one row a state, in place; return the largest change.
 
-
-@njit(cache=True, nogil=True)
-def follow(mean, probability, next_state, terminal, discount, chosen, values, backwards):
-    """Back up the values of a policy of one row a state, in place; return the largest change."""
+    Odd sweeps go from the last state to the first.
+    """
     n_states = len(values)
     change = 0.0
     for index in range(n_states):
-        state = n_states - 1 - index if backwards else index
+        state = n_states - 1 - index if sweep % 2 else index
         if terminal[state]:
             continue
         row = chosen[state]
@@ -118,20 +94,24 @@ def largest_of(values):
 
 
 @njit(cache=True, nogil=True)
-def rests(change, enough, least, waited, values, unit, largest_reward, reach, horizon):
-    """Return how long the changes have been mere rounding, PATIENCE to end at once.
+def rests(change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon):
+    """Return for how many backups there has been no progress, or OVER to end.
 
-    That is where a change is `enough`, or no more than the rounding of one backup, `unit` times
-    the size of the numbers; or where, near that, the changes have long been no less than `least`.
-    No value is beyond `reach`, a sum of changes that spares looking for the largest.
+    It is over where the residual, gamma times the change and the rounding of a backup (`unit`
+    times the size of the numbers), is `enough`; where the change is well below that rounding; or
+    where, near it, changes have long been no less than `least`. No value is beyond `reach`, a sum
+    of changes that spares looking for the largest.
     """
-    if change <= enough or not change < np.inf:
-        return PATIENCE
-    if change > 64 * horizon * unit * (largest_reward + reach):
+    if not change < np.inf:
+        return OVER
+    if discount * change > enough and change > 64 * horizon * unit * (largest_reward + reach):
         return 0
-    if change <= 2 * unit * (largest_reward + largest_of(values)):
-        return PATIENCE
-    return 0 if change < least else waited + 1
+    rounding = unit * (largest_reward + largest_of(values))
+    if discount * change + rounding <= enough or 2 * change <= rounding:
+        return OVER
+    if change < least:
+        return 0
+    return waited + 1 if waited < PATIENCE + horizon else OVER
 
 
 @njit(cache=True, nogil=True)
@@ -148,21 +128,31 @@ def optimal_values(
     largest_reward,
     horizon,
 ):
-    """Bring `values` to the optimum by modified policy iteration, in place.
+    """Turn `values`, bounds of the lengths of episodes, into the optimum by policy iteration.
 
-    A greedy backup of all states, then a few sweeps of the greedy policy, which cost a backup of
-    one row a state. Ends after the greedy backup that changes no value by more than `enough`, or
-    by no more than its rounding, `unit` times the size of the numbers. Returns that change.
+    Modified, that is: a greedy backup of all states, then a few sweeps of the greedy policy, which
+    cost a backup of one row a state. It starts at the lengths times the mean reward of the
+    best-paid action where that is worst, and ends after a greedy backup, as `rests` says. Returns
+    its largest change.
     """
     rows = np.empty(len(probability))
     chosen = outcome_row[:, 0].copy()
-    least, waited, reach = np.inf, 0, largest_of(values)
+    paid = np.zeros(len(values))
+    improve(outcome_row, terminal, mean, paid, chosen)
+    worst = 0.0
+    for value in paid:
+        worst = min(worst, value)
+    for state in range(len(values)):
+        values[state] = 0.0 if terminal[state] else worst * values[state]
+    least, waited, reach = np.inf, np.int64(0), largest_of(values)
     while True:
         back_up_rows(mean, probability, next_state, discount, values, rows)
         change = improve(outcome_row, terminal, rows, values, chosen)
         reach += change
-        waited = rests(change, enough, least, waited, values, unit, largest_reward, reach, horizon)
-        if waited >= PATIENCE:
+        waited = rests(
+            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
+        )
+        if waited == OVER:
             return change
         least = min(least, change)
         for sweep in range(SWEEPS):
@@ -174,7 +164,7 @@ def optimal_values(
                 discount,
                 chosen,
                 values,
-                sweep % 2 == 1,
+                sweep,
             )
             if moved <= 0.5 * enough:
                 break
@@ -187,25 +177,23 @@ def optimal_values(
 def policy_entries(policy, terminal, row_of):
     """Return the rows a policy takes: state s has entries first[s] to first[s + 1] of the others.
 
-    `row_of` names the row of each pair, for all states or, repeating, for a part of them.
+    A terminal state has one entry, of weight 0. `row_of` names the row of each pair, for all
+    states or, repeating, for a part of them.
     """
     n_states, n_actions = policy.shape
     first = np.zeros(n_states + 1, dtype=np.int64)
     for state in range(n_states):
-        first[state + 1] = first[state]
-        if not terminal[state]:
-            for action in range(n_actions):
-                first[state + 1] += policy[state, action] > 0
-    row = np.empty(first[-1], dtype=np.uint32)
-    weight = np.empty(first[-1])
-    entry = 0
+        taken = 1 if terminal[state] else np.count_nonzero(policy[state] > 0)
+        first[state + 1] = first[state] + taken
+    row = np.zeros(first[-1], dtype=np.uint32)
+    weight = np.zeros(first[-1])
     for state in range(n_states):
-        if not terminal[state]:
-            for action in range(n_actions):
-                if policy[state, action] > 0:
-                    row[entry] = row_of[state % len(row_of), action]
-                    weight[entry] = policy[state, action]
-                    entry += 1
+        entry = first[state]
+        for action in range(0 if terminal[state] else n_actions):
+            if policy[state, action] > 0:
+                row[entry] = row_of[state % len(row_of), action]
+                weight[entry] = policy[state, action]
+                entry += 1
     return first, row, weight
 
 
@@ -223,6 +211,13 @@ def mix(first, row, weight, terminal, rows, values, start):
         change = max(change, abs(new - values[index]))
         values[index] = new
     return change
+
+
+@njit(cache=True, nogil=True)
+def copy(values, target):
+    """Copy: the assignment of slices takes seconds to compile."""
+    for state in range(len(values)):
+        target[state] = values[state]
 
 
 @njit(cache=True, nogil=True)
@@ -277,20 +272,28 @@ def policy_values(
     """Bring `values` to those of a policy, in place; ends and returns as `optimal_values` does."""
     rows = np.empty(len(probability))
     step, last = np.zeros(len(values)), np.zeros(len(values))
-    single = len(row) == len(values)  # one row a state: backed up in place, which needs fewer
-    least, waited, reach, pairs = np.inf, 0, 0.0, 0
+    same_way = np.int64(0)
+    single = True  # one row a state: backed up in place, which takes fewer sweeps
+    for state in range(len(values)):
+        one = first[state + 1] - first[state] == 1
+        single &= one and (terminal[state] or weight[first[state]] == 1.0)
+    least, waited, reach, pairs = np.inf, np.int64(0), 0.0, 0
     while True:
         last, step = step, last
-        step[:] = values
+        copy(values, step)
         if single:
-            change = follow(mean, probability, next_state, terminal, discount, row, values, False)
+            change = follow(
+                mean, probability, next_state, terminal, discount, row, values, same_way
+            )
         else:
             back_up_rows(mean, probability, next_state, discount, values, rows)
             change = mix(first, row, weight, terminal, rows, values, 0)
         since(step, values)
         reach += change
-        waited = rests(change, enough, least, waited, values, unit, largest_reward, reach, horizon)
-        if waited >= PATIENCE:
+        waited = rests(
+            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
+        )
+        if waited == OVER:
             return change
         least = min(least, change)
         pairs += 1

@@ -28,7 +28,7 @@ class Precision(NamedTuple):
     Attributes
     ----------
     enough : float
-        The change of a sweep at which to end.
+        The residual, rounding included, at which to end.
     unit : float
         The relative rounding error of one backup.
     largest_reward : float
@@ -65,15 +65,11 @@ class Model(Protocol):
     def largest_reward(self) -> float:
         """No reward is larger in size than this."""
 
-    @property
-    def worst_reward(self) -> float:
-        """At most 0, and at most the mean reward of the best-paid action in any state."""
-
     def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to the optimum in place; return the last sweep's change."""
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
 
     def follow(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last sweep's change."""
+        """Bring `values` to those of a policy in place; return the last change."""
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -89,9 +85,8 @@ class TableModel:
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> model = TableModel.of(GridWorld("S.T").mdp)
-    >>> model.worst_reward, model.largest_reward
-    (-1.0, 199.0)
+    >>> TableModel.of(GridWorld("S.T").mdp).largest_reward
+    199.0
     """
 
     mdp: FiniteMDP
@@ -102,7 +97,10 @@ class TableModel:
     @classmethod
     def of(cls, mdp: FiniteMDP) -> Self:
         """Return the model of a FiniteMDP."""
-        mean, largest = backups.mean_rewards(mdp.probability, mdp.reward)
+        mean = np.einsum("yo,yo->y", mdp.probability, mdp.reward)
+        largest = max(mdp.reward.max(initial=0.0), -mdp.reward.min(initial=0.0))
+        if not np.isfinite(largest):  # in a row that only terminal states name, hence no reward
+            largest = abs(mdp.reward[np.isfinite(mdp.reward)]).max(initial=0.0)
         return cls(mdp, mean, float(largest), mdp.discount)
 
     @property
@@ -121,11 +119,6 @@ class TableModel:
         return int(self.mdp.probability.shape[1])
 
     @property
-    def worst_reward(self) -> float:
-        """At most 0, and at most the mean reward of the best-paid action in any state."""
-        return float(backups.worst_reward(self._rows, self.terminal, self.mean_reward))
-
-    @property
     def _rows(self) -> npt.NDArray[np.uint32]:
         return self.mdp.outcome_row.view(np.uint32)
 
@@ -135,11 +128,11 @@ class TableModel:
         return self.mdp.probability, successor, self.mean_reward, self.terminal, self.discount
 
     def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to the optimum in place; return the last sweep's change."""
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
         return float(backups.optimal_values(self._rows, *self._dynamics, values, *precision))
 
     def follow(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last sweep's change."""
+        """Bring `values` to those of a policy in place; return the last change."""
         entries = policy_entries(policy, self.terminal, self._rows)
         return float(backups.policy_values(*entries, *self._dynamics, values, *precision))
 
@@ -186,8 +179,8 @@ class MoverModel:
     Examples
     --------
     >>> from curricle import Pursuit
-    >>> MoverModel.of(Pursuit(size=2, predators=1).movers).worst_reward
-    -1.0
+    >>> MoverModel.of(Pursuit(size=2, predators=1).movers).largest_reward
+    1.0
     """
 
     movers: Movers
@@ -197,9 +190,10 @@ class MoverModel:
     @classmethod
     def of(cls, movers: Movers) -> Self:
         """Return the model of some movers."""
-        pay = movers.pays[movers.touching()]
-        mean = mover_backups.mean_pay(movers.landing, movers.drift, movers.agents, pay)
-        return cls(movers, movers.terminal(), mean)
+        touching = movers.touching()
+        pay = movers.pays[touching]
+        mean = expected(movers, np.zeros(len(pay)), 1.0, pay)
+        return cls(movers, movers.ends[touching], mean)
 
     @property
     def n_actions(self) -> int:
@@ -222,39 +216,45 @@ class MoverModel:
         return float(abs(self.movers.pays).max())
 
     @property
-    def worst_reward(self) -> float:
-        """At most 0, and at most any reward."""
-        return min(0.0, float(self.movers.pays.min()))
-
-    @property
     def _dynamics(self) -> tuple[Any, Any, int, Any, Any, float]:
         m = self.movers
         return m.landing, m.drift, m.agents, self.mean_reward, self.terminal, m.discount
 
     def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to the optimum in place; return the last sweep's change."""
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
+        values *= min(0.0, float(self.movers.pays.min()))
+        values[self.terminal] = 0.0
         return float(mover_backups.optimal_values(*self._dynamics, values, *precision))
 
     def follow(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last sweep's change."""
+        """Bring `values` to those of a policy in place; return the last change."""
         entries = policy_entries(policy, self.terminal, self.movers.landed().view(np.uint32))
         return float(mover_backups.policy_values(*entries, *self._dynamics, values, *precision))
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
-        return float(self.movers.start() @ values)
+        return float(values[~self.terminal].mean())
 
     def action_values(self, values: FloatArray) -> FloatArray:
         """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
         m = self.movers
-        blocks = values.reshape(len(m.landing), -1)
-        rows = self.mean_reward.reshape(blocks.shape).copy()
-        for move in range(m.landing.shape[1]):
-            chance = m.discount * m.drift[:, move, None]
-            rows += chance * blocks[m.landing[:, move]]
-        q = rows[:, m.landed()].reshape(len(values), self.n_actions)
+        rows = expected(m, self.mean_reward, m.discount, values.copy())
+        q = np.take(rows.reshape(len(m.landing), -1), m.landed(), axis=1)
+        q = q.reshape(len(values), self.n_actions)
         q[self.terminal] = 0.0
         return q
+
+
+def expected(
+    movers: Movers, mean_reward: FloatArray, discount: float, values: FloatArray
+) -> FloatArray:
+    """Return r + gamma times the mean of `values` over the drifter's moves, (S,)."""
+    rows = np.empty((len(movers.landing), len(values) // len(movers.landing)))
+    for cell, plane in enumerate(rows):
+        mover_backups.expect(
+            values, mean_reward, movers.landing, movers.drift, discount, cell, plane
+        )
+    return rows.ravel()
 
 
 def policy_entries(

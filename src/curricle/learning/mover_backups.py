@@ -11,7 +11,7 @@ What a sweep's change proves is said in ``backups.py``.
 import numpy as np
 from numba import njit
 
-from curricle.learning.backups import PATIENCE, extrapolate, largest_of, mix, rests, since
+from curricle.learning.backups import OVER, copy, extrapolate, largest_of, mix, rests, since
 
 
 @njit(cache=True, nogil=True)
@@ -54,10 +54,10 @@ def best_of_moves(plane, landing, best):
 def next_agent_first(plane, n_cells, turned):
     """Write the plane with its first axis made its last into `turned`."""
     n = len(plane) // n_cells
-    source, target = plane.reshape(n_cells, n), turned.reshape(n, n_cells)
     for cell in range(n_cells):
+        source, target = plane[cell * n : (cell + 1) * n], turned[cell:]
         for index in range(n):
-            target[index, cell] = source[cell, index]
+            target[index * n_cells] = source[index]
 
 
 @njit(cache=True, nogil=True)
@@ -73,32 +73,21 @@ def keep(best, terminal, values, start, worst):
 
 
 @njit(cache=True, nogil=True)
-def mean_pay(landing, drift, agents, pay):
-    """Return the mean of `pay`, given by the state reached, over the drifter's moves, (S,)."""
-    n = len(landing) ** agents
-    mean, nothing, plane = np.empty(len(pay)), np.zeros(len(pay)), np.empty(n)
-    for cell in range(len(landing)):
-        expect(pay, nothing, landing, drift, 1.0, cell, plane)
-        mean[cell * n : (cell + 1) * n] = plane
-    return mean
-
-
-@njit(cache=True, nogil=True)
 def optimal_values(
     landing, drift, agents, mean, terminal, discount, values, enough, unit, largest_reward, horizon
 ):
-    """Bring `values` to the optimum by value iteration, plane by plane, to and fro.
+    """Bring `values`, of which V <= TV, to the optimum by value iteration, plane by plane.
 
+    One sweep goes through the planes upwards, the next downwards.
     Ends and returns as `optimal_values` of ``backups.py`` does. The agents are alike, so values
     that are the same whoever stands where stay so, and the last turning back is left out.
     """
     n_cells = len(landing)
-    n = n_cells**agents
-    plane, best = np.empty(n), np.empty(n)
-    worst = np.empty(n)
-    least, waited, reach, backwards = np.inf, 0, largest_of(values), False
+    n = len(values) // n_cells
+    plane, best, worst = np.empty(n), np.empty(n), np.empty(n)
+    least, waited, reach, backwards = np.inf, np.int64(0), largest_of(values), False
     while True:
-        worst[:] = 0.0
+        worst.fill(0.0)
         for index in range(n_cells):
             cell = n_cells - 1 - index if backwards else index
             expect(values, mean, landing, drift, discount, cell, plane)
@@ -110,8 +99,10 @@ def optimal_values(
         backwards = not backwards
         change = largest_of(worst)
         reach += change
-        waited = rests(change, enough, least, waited, values, unit, largest_reward, reach, horizon)
-        if waited >= PATIENCE:
+        waited = rests(
+            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
+        )
+        if waited == OVER:
             return change
         least = min(least, change)
 
@@ -135,13 +126,13 @@ def policy_values(
 ):
     """Bring `values` to those of a policy, plane by plane; rows are numbered within a plane."""
     n_cells = len(landing)
-    n = n_cells**agents
+    n = len(values) // n_cells
     plane = np.empty(n)
     step, last = np.zeros(len(values)), np.zeros(len(values))
-    least, waited, reach, pairs = np.inf, 0, 0.0, 0
+    least, waited, reach, pairs = np.inf, np.int64(0), 0.0, 0
     while True:
         last, step = step, last
-        step[:] = values
+        copy(values, step)
         change = 0.0
         for cell in range(n_cells):
             expect(values, mean, landing, drift, discount, cell, plane)
@@ -149,8 +140,10 @@ def policy_values(
             change = max(change, mix(first, row, weight, terminal, plane, there, cell * n))
         since(step, values)
         reach += change
-        waited = rests(change, enough, least, waited, values, unit, largest_reward, reach, horizon)
-        if waited >= PATIENCE:
+        waited = rests(
+            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
+        )
+        if waited == OVER:
             return change
         least = min(least, change)
         pairs += 1

@@ -220,20 +220,18 @@ def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[Flo
     lengths = _lengths(model, policy)
     horizon = float(lengths.max()) + (model.discount == 1)
     unit = _unit(model, policy)
-    # 1/6 of the tolerance is left to rounding, and some to spare.
-    enough = 0.8 * tolerance / (horizon * max(model.discount, EPSILON))
-    precision = Precision(enough, unit, model.largest_reward, horizon)
+    precision = Precision(0.999 * tolerance / horizon, unit, model.largest_reward, horizon)
     if policy is None:
-        values = np.where(model.terminal, 0.0, model.worst_reward * lengths)
+        values = lengths
         change = model.optimise(values, precision)
     else:
-        values = np.zeros(len(model.terminal))
+        values = np.zeros_like(lengths)
         change = model.follow(policy, values, precision)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
     error = (model.discount * change + rounding) * horizon
     if not error <= tolerance:
         raise SettingError(
-            f"tolerance must be at least {max(6 * rounding * horizon, 1.1 * error):.1e} for this "
+            f"tolerance must be at least {max(2 * rounding * horizon, 1.1 * error):.1e} for this "
             f"task in double precision: got {tolerance:g}"
         )
     return values, error
