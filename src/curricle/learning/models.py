@@ -191,9 +191,9 @@ class MoverModel:
     def of(cls, movers: Movers) -> Self:
         """Return the model of some movers."""
         touching = movers.touching()
-        pay = movers.pays[touching]
+        pay = np.take(movers.pays, touching)
         mean = expected(movers, np.zeros(len(pay)), 1.0, pay)
-        return cls(movers, movers.ends[touching], mean)
+        return cls(movers, np.take(movers.ends, touching), mean)
 
     @property
     def n_actions(self) -> int:

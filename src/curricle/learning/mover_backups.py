@@ -54,10 +54,10 @@ def best_of_moves(plane, landing, best):
 def next_agent_first(plane, n_cells, turned):
     """Write the plane with its first axis made its last into `turned`."""
     n = len(plane) // n_cells
+    source, target = plane.reshape(n_cells, n), turned.reshape(n, n_cells)
     for cell in range(n_cells):
-        source, target = plane[cell * n : (cell + 1) * n], turned[cell:]
         for index in range(n):
-            target[index * n_cells] = source[index]
+            target[index, cell] = source[cell, index]
 
 
 @njit(cache=True, nogil=True)
