@@ -144,6 +144,44 @@ def test_evaluate_takes_one_action_a_state(random_mdp):
     assert abs(found.values - values_by_linear_solve(task, one_hot)).max() <= 2e-8
 
 
+def test_a_policy_of_as_many_entries_as_states_is_no_policy_of_one_action_a_state():
+    # Two actions in state 0 and none that counts in state 1, which is terminal.
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, 1.0)], [(1.0, 0, 0.0)]], [[], []]],
+        terminal=[False, True], start=0, discount=0.5,
+    )  # fmt: skip
+    found = cr.evaluate(task, [[0.5, 0.5], [0.0, 0.0]])
+    assert found.values[0] == pytest.approx(2 / 3, abs=1e-8)
+
+
+@pytest.mark.parametrize("junk", [np.nan, np.inf, -np.inf])
+def test_rows_of_terminal_states_play_no_part(junk):
+    maze = cr.GridWorld("S.T", discount=0.9).mdp
+    tables = {n: getattr(maze, n) for n in vars(maze) if n in maze.__dataclass_fields__}
+    row, reward = maze.outcome_row.copy(), np.append(maze.reward, [[junk]], axis=0)
+    row[2] = len(maze.reward)
+    tables |= {"outcome_row": row, "reward": reward}
+    tables["probability"] = np.append(maze.probability, [[1.0]], axis=0)
+    tables["next_state"] = np.append(maze.next_state, [[0]], axis=0)
+    task = cr.FiniteMDP(**tables)
+    np.testing.assert_array_equal(cr.solve(task).values, cr.solve(maze).values)
+    assert cr.evaluate(task, [1, 1, 0]).error_bound <= 1e-8
+
+
+@pytest.mark.parametrize("discount", [0.99, 1 - 1e-4, 1 - 1e-6])
+@pytest.mark.parametrize("reward", [-1.0, 1.0])
+def test_a_ring_without_end_pays_for_ever(reward, discount):
+    ring = [[[(1.0, (s + 1) % 5, reward)]] for s in range(5)]
+    task = cr.FiniteMDP.from_outcomes(ring, terminal=[False] * 5, start=0, discount=discount)
+    horizon = 1 / (1 - discount)
+    for found in (
+        cr.evaluate(task, [0] * 5, tolerance=1e-8 * horizon),
+        cr.solve(task, tolerance=1e-8 * horizon),
+    ):
+        assert found.error_bound <= 1e-8 * horizon
+        assert abs(found.values - reward * horizon).max() <= found.error_bound
+
+
 def test_discount_1_refuses_a_policy_that_never_ends():
     maze = cr.GridWorld("S.T", discount=1.0)
     assert cr.evaluate(maze, [1, 1, 0]).values.tolist() == [198.0, 199.0, 0.0]

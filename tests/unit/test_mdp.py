@@ -102,6 +102,19 @@ def test_an_mdp_does_not_change_with_the_callers_arrays():
     assert expand(mdp)[1][0, 0] == 1
 
 
+def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
+    mdp = GridWorld("S.T").mdp
+    fields = {n: getattr(mdp, n) for n in mdp.__dataclass_fields__}
+    assert all(getattr(FiniteMDP(**fields), n) is fields[n] for n in ("reward", "outcome_row"))
+    mine = mdp.reward.copy()
+    view = mine[:]
+    view.flags.writeable = False  # yet its owner can still be written to
+    for given in (mine, view):
+        copied = FiniteMDP(**(fields | {"reward": given})).reward
+        assert not np.shares_memory(copied, mine)
+        assert not copied.flags.writeable
+
+
 def test_an_mdp_is_a_task():
     mdp = dense(np.zeros(3))
     assert mdp.mdp is mdp

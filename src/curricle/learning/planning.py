@@ -1,17 +1,18 @@
 """Exact planning: optimal values, the value of a given policy, each with a proven error bound."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
-from curricle.tasks.endless import endless_states
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.learning.models import Model, Policy, Precision, TableModel, model_of
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, tables
+from curricle.tasks.task import Task
 
 FloatArray = npt.NDArray[np.float64]
 EPSILON = float(np.finfo(np.float64).eps)
@@ -25,8 +26,6 @@ class PolicyValues:
     ----------
     values : (S,) float64
         V(s), discounted return; 0 in terminal states.
-    action_values : (S, A) float64
-        Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')); 0 in terminal states.
     start_value : float
         V averaged over the start distribution.
     error_bound : float
@@ -40,20 +39,22 @@ class PolicyValues:
     """
 
     values: FloatArray
-    action_values: FloatArray
     start_value: float
     error_bound: float
+    _model: Model = field(repr=False)
+
+    @cached_property
+    def action_values(self) -> FloatArray:
+        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
+
+        Computed when first asked for.
+        """
+        return frozen(self._model.action_values(self.values))
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(PolicyValues):
     """Optimal values, and which actions attain them.
-
-    Attributes
-    ----------
-    optimal : (S, A) bool
-        Actions whose Q(s, a) is within twice the error bound of the best: those that the bound
-        cannot tell from optimal. Ties are so kept, not broken by index.
 
     Examples
     --------
@@ -62,7 +63,15 @@ class Solution(PolicyValues):
     array([False,  True,  True, False])
     """
 
-    optimal: npt.NDArray[np.bool_]
+    @cached_property
+    def optimal(self) -> npt.NDArray[np.bool_]:
+        """Actions that the error bound cannot tell from optimal, (S, A) bool.
+
+        Those whose Q(s, a) is within twice the bound of the best. Ties are so kept, not broken by
+        index.
+        """
+        best = self.action_values.max(axis=1, keepdims=True)
+        return frozen(np.asarray(self.action_values >= best - 2 * self.error_bound))
 
     @property
     def policy(self) -> FloatArray:
@@ -71,12 +80,15 @@ class Solution(PolicyValues):
 
 
 def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
-    """Return the optimal values V* and Q* by value iteration, with a guaranteed error bound.
+    """Return the optimal values V* and Q*, with a guaranteed error bound.
 
-    V_{k+1}(s) = max_a sum_s' P(s' | s, a) (r + gamma V_k(s')), until
-    ``gamma / (1 - gamma) max |V_{k+1} - V_k|`` (Puterman 1994, theorem 6.3.1) plus rounding is at
-    most `tolerance`. At discount 1 the longest expected episode takes the place of
-    1 / (1 - gamma). The time limit plays no part: it is a limit of learning, not of the task.
+    By modified policy iteration on the tables, or by value iteration, mover by mover, where the
+    task has :class:`Movers`; from a V <= TV, so that values only rise (Puterman 1994, theorem
+    6.5.5), where TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs up each
+    V(s) from values within ``d`` of those returned, so that |TV - V| <= gamma d, and
+    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
+    the longest expected episode takes the place of 1 / (1 - gamma). The time limit plays no part:
+    it is a limit of learning, not of the task.
 
     Parameters
     ----------
@@ -97,24 +109,16 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     >>> solution.values, solution.optimal[0]
     (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
     """
-    mdp = tables(task)
-    everything = np.ones((mdp.states.size, mdp.actions.size))
-    values, error = _iterate(mdp, everything, tolerance, greedy=True)
-    action_values = back_up(mdp, values)
-    best = action_values.max(axis=1, keepdims=True)
-    return Solution(
-        values=frozen(values),
-        action_values=frozen(action_values),
-        start_value=float(mdp.start @ values),
-        error_bound=error,
-        optimal=frozen(action_values >= best - 2 * error),
-    )
+    model = model_of(task)
+    values, error = _iterate(model, None, tolerance)
+    return Solution(frozen(values), model.start_value(values), error, model)
 
 
 def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
-    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')).
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with a step along the
+    error that is left now and then (Anderson 1965); the bound is that of :func:`solve`.
 
     Parameters
     ----------
@@ -136,15 +140,10 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> P
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
     array([ -2., 199.,   0.])
     """
-    mdp = tables(task)
-    probabilities = policy_table(mdp, policy)
-    values, error = _iterate(mdp, probabilities, tolerance, greedy=False)
-    return PolicyValues(
-        values=frozen(values),
-        action_values=frozen(back_up(mdp, values)),
-        start_value=float(mdp.start @ values),
-        error_bound=error,
-    )
+    model = model_of(task)
+    followed = checked_policy(policy, model.terminal, model.n_actions)
+    values, error = _iterate(model, followed, tolerance)
+    return PolicyValues(frozen(values), model.start_value(values), error, model)
 
 
 def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> FloatArray:
@@ -169,17 +168,21 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
 
 
-def back_up(mdp: FiniteMDP, values: FloatArray) -> FloatArray:
-    """Return Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
-    rows = (mdp.probability * (mdp.reward + mdp.discount * values[mdp.next_state])).sum(axis=1)
-    return np.where(mdp.terminal[:, None], 0.0, rows[mdp.outcome_row])
-
-
 def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
     """Return a policy as (S, A) probabilities, or raise SettingError naming the bad state."""
-    numbers("a policy", policy, SettingError)
-    given = np.asarray(policy)
-    n_states, n_actions = mdp.states.size, mdp.actions.size
+    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
+    if checked.ndim == 1:
+        checked = np.eye(mdp.actions.size)[checked]
+    return checked.astype(np.float64, copy=False)
+
+
+def checked_policy(
+    policy: npt.ArrayLike, terminal: npt.NDArray[np.bool_], n_actions: int
+) -> Policy:
+    """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
+    if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
+        numbers("a policy", policy, SettingError)
+    given, n_states = np.asarray(policy), len(terminal)
     if given.shape == (n_states,):
         if not np.issubdtype(given.dtype, np.integer):
             raise SettingError(
@@ -191,15 +194,15 @@ def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
                 f"a policy's actions must lie in 0..{n_actions - 1}: state {bad[0]} has "
                 f"{given[bad[0]]}"
             )
-        return np.asarray(np.eye(n_actions)[given])
+        return given
     if given.shape != (n_states, n_actions):
         raise SettingError(
             f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
             f"{given.shape}"
         )
-    table = given.astype(np.float64)
+    table = given.astype(np.float64, copy=False)
     good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
-    bad = np.flatnonzero(~good & ~mdp.terminal)
+    bad = np.flatnonzero(~good & ~terminal)
     if bad.size:
         raise SettingError(
             f"a policy's probabilities must sum to 1: state {bad[0]} has {table[bad[0]].tolist()}"
@@ -207,116 +210,56 @@ def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
     return table
 
 
-def _iterate(
-    mdp: FiniteMDP, policy: FloatArray, tolerance: float, *, greedy: bool
-) -> tuple[FloatArray, float]:
-    """Return the fixed point's values and error bound; `greedy` over the actions with weight."""
+def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[FloatArray, float]:
+    """Return the values of a policy, the best if None, and their error bound.
+
+    If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
+    horizon gamma d of the fixed point, and likewise with rounding added to gamma d.
+    """
     if not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
-    horizon = _horizon(mdp, policy, greedy)
-    terms = mdp.probability.shape[1] + 2 + (0 if greedy else mdp.actions.size)
-    unit = terms * EPSILON  # relative rounding error of one backup
-    values = np.zeros(mdp.states.size)
-    change = sweeps(
-        mdp.outcome_row,
-        mdp.probability,
-        mdp.next_state,
-        mdp.reward,
-        mdp.terminal,
-        mdp.discount,
-        policy,
-        greedy,
-        values,
-        tolerance / (2 * horizon),
-        unit,
-    )
-    rounding = unit * (float(abs(mdp.reward).max()) + float(abs(values).max()))
-    error = (change + rounding) * horizon
-    if error > tolerance:
+    lengths = _lengths(model, policy)
+    horizon = float(lengths.max()) + (model.discount == 1)
+    unit = _unit(model, policy)
+    precision = Precision(0.999 * tolerance / horizon, unit, model.largest_reward, horizon)
+    if policy is None:
+        values = lengths
+        change = model.optimise(values, precision)
+    else:
+        values = np.zeros_like(lengths)
+        change = model.follow(policy, values, precision)
+    rounding = unit * (model.largest_reward + float(abs(values).max()))
+    error = (model.discount * change + rounding) * horizon
+    if not error <= tolerance:
         raise SettingError(
-            f"tolerance must be at least {6 * rounding * horizon:.1e} for this task in double "
-            f"precision: got {tolerance:g}"
+            f"tolerance must be at least {max(2 * rounding * horizon, 1.1 * error):.1e} for this "
+            f"task in double precision: got {tolerance:g}"
         )
     return values, error
 
 
-def _horizon(mdp: FiniteMDP, policy: FloatArray, greedy: bool) -> float:
-    """Return the factor by which a Bellman residual bounds the error of the values.
+def _unit(model: Model, policy: Policy | None) -> float:
+    """Return the relative rounding error of one backup, which adds up that many products."""
+    mixed = model.n_actions if policy is not None else 0
+    return (model.outcomes + 3 + mixed) * EPSILON
 
-    1 / (1 - gamma), or at discount 1 the longest expected episode: if w >= 0 satisfies
-    w >= (1 - d) (1 + max_a P w), then w / (1 - d) bounds every policy's expected length.
+
+def _lengths(model: Model, policy: Policy | None) -> FloatArray:
+    """Return a bound w of the expected (discounted) length of an episode from each state.
+
+    It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
+    best mean reward is below. 1 / (1 - gamma), or at discount 1 lengths computed up to a residual
+    of at most 1/2: if |1 + P w - w| <= d then w / (1 - d) has the property.
     """
-    if mdp.discount < 1:
-        return 1 / (1 - mdp.discount)
-    endless = endless_states(
-        mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state, policy > 0
-    )
-    if endless.size:
-        raise SettingError(
-            "discount 1 needs every policy considered to end: from state "
-            f"{endless[0]} an episode can go on for ever"
-        )
-    length = np.zeros(mdp.states.size)
-    growth = sweeps(
-        mdp.outcome_row,
-        mdp.probability,
-        mdp.next_state,
-        np.ones_like(mdp.reward),
-        mdp.terminal,
-        1.0,
-        policy,
-        greedy,
-        length,
-        0.5,
-        EPSILON,
-    )
-    return float(length.max() / (1 - growth)) + 1
-
-
-@njit(cache=True, nogil=True)
-def sweeps(
-    outcome_row,
-    probability,
-    next_state,
-    reward,
-    terminal,
-    discount,
-    policy,
-    greedy,
-    values,
-    enough,
-    unit,
-):
-    """Back up `values` in place, whole sweeps, until no value changes by more than `enough`.
-
-    Or until the changes are mere rounding, `unit` times the size of the numbers. Returns the
-    largest change of the last sweep. The outcome rows are backed up first; the pairs then only
-    look theirs up.
-    """
-    n_states, n_actions = outcome_row.shape
-    n_rows, n_outcomes = probability.shape
-    rows = np.empty(n_rows)
-    largest_reward = np.abs(reward).max()
-    while True:
-        for row in range(n_rows):
-            total = 0.0
-            for outcome in range(n_outcomes):
-                total += probability[row, outcome] * (
-                    reward[row, outcome] + discount * values[next_state[row, outcome]]
-                )
-            rows[row] = total
-        change, largest = 0.0, largest_reward
-        for state in range(n_states):
-            if terminal[state]:
-                continue
-            new = -np.inf if greedy else 0.0
-            for action in range(n_actions):
-                if greedy:
-                    new = max(new, rows[outcome_row[state, action]])
-                else:
-                    new += policy[state, action] * rows[outcome_row[state, action]]
-            change = max(change, abs(new - values[state]))
-            values[state] = new
-            largest = max(largest, largest_reward + abs(new))
-        if change <= enough or change <= 2 * unit * largest:
-            return change
+    n_states = len(model.terminal)
+    if model.discount < 1:
+        return np.full(n_states, 1 / (1 - model.discount))
+    assert isinstance(model, TableModel), "model_of takes the tables at discount 1"
+    model.check_ends(policy)
+    steps, lengths = model.counting_steps(), np.zeros(n_states)
+    precision = Precision(0.5, EPSILON, 1.0, n_states)
+    if policy is None:
+        change = steps.optimise(lengths, precision)
+    else:
+        change = steps.follow(policy, lengths, precision)
+    return np.asarray(lengths / (1 - change))

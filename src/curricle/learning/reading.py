@@ -67,29 +67,38 @@ def source_pair(reading, n, state):
 
 
 @piece
+def source_value(reading, n, pair, action):
+    """Return what the n-th source makes of an action, its values for the state found at `pair`."""
+    move = reading.action[n, action]
+    if pair < 0 or move < 0:
+        return reading.unmapped[n]
+    return reading.values[np.uint64(pair + move)]
+
+
+@piece
 def read_row(reading, state, out):
     """Write initial value + phi(state, a) into `out`, (A,) float64."""
     n_sources, n_actions = reading.action.shape
-    for action in range(n_actions):
+    for action in range(np.uint64(n_actions)):
         out[action] = 0.0
-    for n in range(n_sources):
+    for n in range(np.uint64(n_sources)):
         pair = source_pair(reading, n, state)
-        for action in range(n_actions):
-            value, move = reading.unmapped[n], reading.action[n, action]
-            if pair >= 0 and move >= 0:
-                value = reading.values[pair + move]
-            if n == 0:
-                out[action] = value
-            elif reading.combine == MINIMUM:
-                out[action] = min(out[action], value)
-            elif reading.combine == MAXIMUM:
-                out[action] = max(out[action], value)
-            else:
-                out[action] += value
-    for action in range(n_actions):
-        if reading.combine == MEAN and n_sources > 0:
-            out[action] /= n_sources
-        out[action] += reading.initial
+        # One loop for each way of combining: a choice inside the loop would be made A times.
+        if n == np.uint64(0):
+            for action in range(np.uint64(n_actions)):
+                out[action] = source_value(reading, n, pair, action)
+        elif reading.combine == MINIMUM:
+            for action in range(np.uint64(n_actions)):
+                out[action] = min(out[action], source_value(reading, n, pair, action))
+        elif reading.combine == MAXIMUM:
+            for action in range(np.uint64(n_actions)):
+                out[action] = max(out[action], source_value(reading, n, pair, action))
+        else:
+            for action in range(np.uint64(n_actions)):
+                out[action] += source_value(reading, n, pair, action)
+    parts = float(n_sources) if reading.combine == MEAN and n_sources > 0 else 1.0
+    for action in range(np.uint64(n_actions)):
+        out[action] = out[action] / parts + reading.initial
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,6 @@
 """What figure 4 shows: the claims of the pursuit experiment, decided on intervals over seeds."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ TAIL = 4
 def claims(
     results: Mapping[str, Arms],
     settings: Mapping[str, Any],
-    mappings: Callable[[Any], list[StateActionMapping]],
+    mappings: Callable[[Any], Sequence[StateActionMapping]],
 ) -> Iterator[Claim]:
     """Yield figure 4's claims from the trainings of each setting."""
     yield _exact_values()
@@ -169,7 +169,7 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
 
 
 def _collapse(
-    arms: Arms, setting: Any, mappings: Callable[[Any], list[StateActionMapping]]
+    arms: Arms, setting: Any, mappings: Callable[[Any], Sequence[StateActionMapping]]
 ) -> Iterator[Claim]:
     """Answer whether the collapse is optimism, and whether scaling cures it."""
     change = {
@@ -212,7 +212,7 @@ def _collapse(
 
 
 def _why_max(
-    settings: Mapping[str, Any], mappings: Callable[[Any], list[StateActionMapping]]
+    settings: Mapping[str, Any], mappings: Callable[[Any], Sequence[StateActionMapping]]
 ) -> Claim:
     """Compare the greedy policies of the exact aggregates in both readings of the task."""
     found = {}
@@ -242,7 +242,7 @@ def _why_max(
     )
 
 
-def _without_a_hand(hand_made: list[StateActionMapping]) -> Claim:
+def _without_a_hand(hand_made: Sequence[StateActionMapping]) -> Claim:
     """Search for the mappings instead of writing them."""
     found = find_projections(hand_made[0].target, hand_made[0].source)
     exact = [one for one in found if one.error < 1e-9]

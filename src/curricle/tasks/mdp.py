@@ -18,11 +18,10 @@ from curricle.errors import TaskError
 from curricle.tasks.dynamics import Tables, cumulated, table_model
 from curricle.tasks.endless import endless_states
 from curricle.tasks.horizon import check_horizon
-from curricle.tasks.outcomes import outcome_tables
-from curricle.tasks.spaces import Component, Space, frozen, whole
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_rows, outcome_tables
+from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
 
 FloatArray = npt.NDArray[np.float64]
-PROBABILITY_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +80,9 @@ class FiniteMDP:
     def __post_init__(self) -> None:
         self._check_ranges()
         for name, dtype in _ARRAYS.items():
-            array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype, order="C")
-            object.__setattr__(self, name, frozen(array))
+            object.__setattr__(self, name, adopted(getattr(self, name), dtype))
         self._check_shapes()
-        self._check_outcomes()
+        check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         self._check_start()
         self._check_discount()
 
@@ -229,7 +227,7 @@ class FiniteMDP:
             ("outcome_row", "outcome_row", len(self.probability)),
             ("next_state", "next states", self.states.size),
         ):
-            given = whole(getattr(self, name), what)
+            given = whole_by_type(getattr(self, name), what)
             if given.size and (given.min() < 0 or given.max() >= size):
                 raise TaskError(
                     f"{what} must lie in 0..{size - 1}: got {given.min()}..{given.max()}"
@@ -248,27 +246,6 @@ class FiniteMDP:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise TaskError(f"{name} must have shape {shape}: got {getattr(self, name).shape}")
-
-    def _check_outcomes(self) -> None:
-        used = np.zeros(len(self.probability), dtype=bool)
-        used[self.outcome_row[~self.terminal]] = True
-        sums = self.probability.sum(axis=1)
-        rules = (
-            ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE),
-            ("transition probabilities must not be negative", (self.probability >= 0).all(axis=1)),
-            ("rewards must be finite", np.isfinite(self.reward).all(axis=1)),
-        )
-        for rule, holds in rules:
-            bad = np.flatnonzero(used & ~holds)
-            if bad.size:
-                owner = (self.outcome_row == bad[0]) & ~self.terminal[:, None]
-                state, action = np.argwhere(owner)[0]
-                if "sum" in rule:
-                    value = f"sums to {sums[bad[0]]:.10g}"
-                else:
-                    table = self.reward if "reward" in rule else self.probability
-                    value = f"has {table[bad[0]].tolist()}"
-                raise TaskError(f"{rule}: state {state}, action {action} {value}")
 
     def _check_start(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from curricle.errors import TaskError
 
 FloatArray = npt.NDArray[np.float64]
+PROBABILITY_TOLERANCE = 1e-8
 
 
 def outcome_tables(
@@ -100,3 +101,42 @@ def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.b
                     seen.add(reached)
                     waiting.append(reached)
     return np.array([flags.get(s, False) for s in range(len(lists))])
+
+
+def check_rows(
+    probability: FloatArray,
+    reward: FloatArray,
+    outcome_row: npt.NDArray[np.integer[Any]],
+    terminal: npt.NDArray[np.bool_],
+) -> None:
+    """Raise TaskError naming the first pair whose outcome row breaks a rule.
+
+    Rows that only terminal states name may hold anything; which those are is looked up only if
+    there is a row to complain about.
+
+    Parameters
+    ----------
+    probability, reward, outcome_row, terminal
+        Tables of a :class:`FiniteMDP`.
+    """
+    sums = probability.sum(axis=1)
+    rules = (
+        ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE),
+        ("transition probabilities must not be negative", probability >= 0),
+        ("rewards must be finite", np.isfinite(reward)),
+    )
+    for rule, holds in rules:
+        if holds.all():
+            continue
+        used = np.zeros(len(probability), dtype=bool)
+        used[outcome_row[~terminal]] = True
+        bad = np.flatnonzero(used & ~holds.reshape(len(used), -1).all(axis=1))
+        if bad.size:
+            owner = (outcome_row == bad[0]) & ~terminal[:, None]
+            state, action = np.argwhere(owner)[0]
+            if "sum" in rule:
+                value = f"sums to {sums[bad[0]]:.10g}"
+            else:
+                table = reward if "reward" in rule else probability
+                value = f"has {table[bad[0]].tolist()}"
+            raise TaskError(f"{rule}: state {state}, action {action} {value}")

@@ -12,15 +12,19 @@ from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.dynamics import cumulated
 from curricle.tasks.horizon import check_horizon
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.movers import Movers, agents_touching, joint_landing
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.pursuit_model import Chase
-from curricle.tasks.spaces import Component, Decoded, Space, frozen
+from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 LARGEST = 1e100
 """Rewards are at most this large, so that no return overflows."""
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
+LARGEST_SPACE = 50_000_000
+"""States above which a task is not solved without tables either (two numbers a state: 0.8 GB)."""
 
 Capture = Literal["all", "any", "as_published"] | int
 
@@ -162,7 +166,30 @@ class Pursuit:
     @cached_property
     def terminal(self) -> npt.NDArray[np.bool_]:
         """States in which the prey is caught and the episode over, (S,) bool."""
-        return frozen(self._touching() >= self._enough_to_end)
+        return frozen(agents_touching(self.cells, self.predators) >= self._enough_to_end)
+
+    @cached_property
+    def movers(self) -> Movers | None:
+        """The rules without tables, for exact planning; None where they do not come apart.
+
+        That is where the prey looks at the predators (its policy is given by state), or where
+        even one number a state would be too much.
+        """
+        if self.states.size > LARGEST_SPACE:
+            return None
+        policy = self._prey_policy()
+        if len(policy) != self.cells:
+            return None
+        touching = np.arange(self.predators + 1)
+        caught = touching >= self._enough_to_catch
+        return Movers(
+            landing=frozen(self.landing.astype(np.int32)),
+            drift=adopted(policy, np.float64),
+            agents=self.predators,
+            pays=frozen(np.where(caught, float(self.capture_reward), float(self.step_reward))),
+            ends=frozen(touching >= self._enough_to_end),
+            discount=self.discount,
+        )
 
     @cached_property
     def mdp(self) -> FiniteMDP:
@@ -179,42 +206,44 @@ class Pursuit:
                 f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
                 f"pursuit has {n_states:,} states x {n_actions} actions"
             )
-        where, move = self.states.decode(), self.actions.decode()
-        moved = {
-            name: self.landing[where[name][:, None], move[name][None, :]]
-            for name in self.predator_names
-        }
-        after_predators = self.states.encode(prey=where["prey"][:, None], **moved)
-        prey_after = self.landing[where["prey"]]
-        predators = {name: where[name][:, None] for name in self.predator_names}
-        next_state = self.states.encode(prey=prey_after, **predators)
-        touching = self._touching()
-        ended, caught = touching >= self._enough_to_end, touching >= self._enough_to_catch
         policy = self._prey_policy()
+        others = self.cells**self.predators
+        landing = self.landing.astype(np.int32)
+        # States are (prey, predators): a block of `others` for each cell of the prey.
+        block = np.arange(self.cells, dtype=np.int32) * np.int32(others)
+        outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
+        np.add(
+            block[:, None, None],
+            joint_landing(landing, self.predators),
+            out=outcome_row.reshape(self.cells, others, n_actions),
+        )
+        next_state = np.empty((n_states, self.moves), dtype=np.int32)
+        np.add(
+            block[landing][:, None, :],
+            np.arange(others, dtype=np.int32)[:, None],
+            out=next_state.reshape(self.cells, others, self.moves),
+        )
         if len(policy) == self.cells:
-            outcome_row, probability = after_predators, policy[where["prey"]]
+            probability = np.repeat(policy, others, axis=0)
         else:  # the prey looks at the predators: every pair has a row of its own
-            outcome_row = np.arange(n_states * n_actions).reshape(n_states, n_actions)
             probability = np.repeat(policy, n_actions, axis=0)
-            next_state = next_state[after_predators.ravel()]
+            next_state = next_state[outcome_row.ravel()]
+            outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
+            outcome_row.ravel()[:] = np.arange(n_states * n_actions)
+        touching = agents_touching(self.cells, self.predators)
+        ended, caught = touching >= self._enough_to_end, touching >= self._enough_to_catch
+        pays = np.where(caught, float(self.capture_reward), float(self.step_reward))
         return FiniteMDP(
             states=self.states,
             actions=self.actions,
-            outcome_row=outcome_row,
-            probability=probability,
-            next_state=next_state,
-            reward=np.where(caught[next_state], self.capture_reward, self.step_reward),
+            outcome_row=frozen(outcome_row),
+            probability=frozen(probability),
+            next_state=frozen(next_state),
+            reward=frozen(pays[next_state]),
             terminal=ended,
             start=~ended / np.count_nonzero(~ended),
             discount=self.discount,
             time_limit=self.time_limit,
-        )
-
-    def _touching(self) -> npt.NDArray[np.int64]:
-        """The number of predators on the prey's cell in each state, (S,)."""
-        where = self.states.decode()
-        return np.asarray(
-            np.sum([where[name] == where["prey"] for name in self.predator_names], axis=0)
         )
 
     @property

@@ -30,15 +30,38 @@ def frozen(array: Array) -> Array:
     return array
 
 
+def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return `values` as a frozen array of this type: itself if nobody can write to it any more.
+
+    Examples
+    --------
+    >>> mine = np.arange(3.0)
+    >>> adopted(mine, np.float64) is mine, adopted(frozen(mine), np.float64) is mine
+    (False, True)
+    """
+    if type(values) is np.ndarray and values.dtype == dtype and values.flags.c_contiguous:
+        owner: Any = values
+        while type(owner) is np.ndarray and not owner.flags.writeable:
+            owner = owner.base
+        if owner is None:
+            return values
+    return frozen(np.array(values, dtype=dtype, order="C"))
+
+
 def whole(values: npt.ArrayLike, what: str) -> IntArray:
     """Return values as int64, or raise TaskError where they are not whole numbers by type."""
+    return whole_by_type(values, what).astype(np.int64)
+
+
+def whole_by_type(values: npt.ArrayLike, what: str) -> npt.NDArray[Any]:
+    """Return values as an array, or raise TaskError where they are not whole numbers by type."""
     try:
         array = np.asarray(values)
     except ValueError:
         raise TaskError(f"{what} must be an array of whole numbers: got {values!r}") from None
     if array.dtype.kind not in "iu" and array.size:
         raise TaskError(f"{what} must be whole numbers: got {array.dtype}")
-    return array.astype(np.int64)
+    return array
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class StateActionMapping:
 
     Examples
     --------
-    >>> from curricle import Pursuit
+    >>> from curricle import Pursuit, project
     >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
     >>> print(project(hunt, chase, predator="predator_1").coverage())
     90.0% of 18,000 target pairs mapped, 10.0% at the source's end, 0.0% unmapped; ...
@@ -142,6 +142,7 @@ def identity(task: Task) -> StateActionMapping:
     >>> identity(GridWorld("S.T")).index[0]
     array([0, 1, 2, 3])
     """
+    dynamics(task)
     states, actions = np.arange(task.states.size), np.arange(task.actions.size)
     return from_parts(task, task, states[:, None], actions[None, :], 0.0)
 

@@ -1,0 +1,121 @@
+"""Planning without tables against planning on them, on random pursuits of independent movers.
+
+Two exact solutions must agree within the sum of their proven error bounds.
+"""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import curricle as cr
+from curricle.tasks.movers import joint_landing
+
+
+@st.composite
+def pursuits(draw, discounts=(0.0, 0.5, 0.9, 0.99)):
+    size = draw(st.integers(2, 4))
+    predators = draw(st.integers(1, {2: 3, 3: 2, 4: 2}[size]))
+    moves = draw(st.sampled_from([4, 5]))
+    prey = "uniform"
+    if draw(st.booleans()):
+        rng = np.random.default_rng(draw(st.integers(0, 99)))
+        prey = rng.dirichlet(np.full(moves, 0.5), size=size**2)
+    return cr.Pursuit(
+        size=size,
+        predators=predators,
+        moves=moves,
+        torus=draw(st.booleans()),
+        capture=draw(st.sampled_from(["all", "any", "as_published", *range(1, predators + 1)])),
+        prey=prey,
+        step_reward=draw(st.sampled_from([-1.0, 0.0, 2.0])),
+        capture_reward=draw(st.sampled_from([0.0, 10.0, -3.0])),
+        discount=draw(st.sampled_from(discounts)),
+    )
+
+
+@settings(max_examples=30)
+@given(pursuits(), st.sampled_from([1e-3, 1e-9]))
+def test_movers_and_tables_have_the_same_optimum(game, tolerance):
+    one, other = cr.solve(game, tolerance=tolerance), cr.solve(game.mdp, tolerance=tolerance)
+    assert max(one.error_bound, other.error_bound) <= tolerance
+    bound = one.error_bound + other.error_bound + 1e-12
+    assert abs(one.values - other.values).max() <= bound
+    assert abs(one.action_values - other.action_values).max() <= bound
+    assert one.start_value == pytest.approx(other.start_value, abs=bound)
+    gap = one.action_values.max(axis=1, keepdims=True) - one.action_values
+    differ = one.optimal != other.optimal
+    assert (gap[differ] <= 2 * bound).all()
+    assert not one.action_values[game.mdp.terminal].any()
+
+
+@settings(max_examples=30)
+@given(pursuits(), st.integers(0, 99), st.sampled_from(["actions", "mixed", "some", "greedy"]))
+def test_movers_and_tables_evaluate_alike(game, seed, kind):
+    rng = np.random.default_rng(seed)
+    shape = game.states.size, game.actions.size
+    policy = {
+        "actions": lambda: rng.integers(shape[1], size=shape[0]),
+        "mixed": lambda: rng.dirichlet(np.ones(shape[1]), size=shape[0]),
+        "some": lambda: cr.greedy_policy(rng.integers(2, size=shape)),
+        "greedy": lambda: cr.solve(game, tolerance=1e-3).policy,
+    }[kind]()
+    one, other = cr.evaluate(game, policy), cr.evaluate(game.mdp, policy)
+    bound = one.error_bound + other.error_bound + 1e-12
+    assert abs(one.values - other.values).max() <= bound
+    assert abs(one.action_values - other.action_values).max() <= bound
+
+
+@given(pursuits())
+def test_movers_say_what_the_tables_say(game):
+    movers, mdp = game.movers, game.mdp
+    assert movers.size == mdp.states.size
+    np.testing.assert_array_equal(movers.terminal(), mdp.terminal)
+    np.testing.assert_array_equal(movers.start(), mdp.start)
+    assert movers.discount == mdp.discount
+
+
+def test_joint_landing_is_numbered_like_states_and_actions():
+    game = cr.Pursuit(size=2, predators=2)
+    landed = joint_landing(game.movers.landing, 2)
+    for (p, q), (a, b) in itertools.product(
+        itertools.product(range(4), repeat=2), itertools.product(range(5), repeat=2)
+    ):
+        place, action = p * 4 + q, game.actions.encode(predator_1=a, predator_2=b)
+        assert landed[place, action] == game.landing[p, a] * 4 + game.landing[q, b]
+
+
+def test_a_prey_that_looks_has_no_movers():
+    by_cell = np.full((4, 5), 0.2)
+    assert cr.Pursuit(size=2, predators=1, prey=by_cell).movers is not None
+    assert cr.Pursuit(size=2, predators=1, prey=np.repeat(by_cell, 4, axis=0)).movers is None
+    assert cr.Pursuit(size=10, predators=3).movers is None  # 10^8 states
+
+
+def test_what_a_prey_returned_stays_its_own():
+    own = np.full((4, 5), 0.2)
+    game = cr.Pursuit(size=2, predators=1, prey=lambda where: own)
+    assert game.movers is not None
+    own[:] = 0.0  # would fail, had it been frozen
+    assert game.movers.drift.min() == 0.2
+
+
+def test_planning_builds_no_table_and_no_action_values():
+    game = cr.Pursuit(size=5, predators=2, discount=0.9)
+    cr.solve(cr.Pursuit(size=2, discount=0.9))  # compiled
+    tracemalloc.start()
+    solution = cr.solve(game)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "mdp" not in vars(game)
+    assert peak < 3 * game.states.size * game.actions.size  # bytes; the table takes 4 a pair
+    assert solution.action_values is solution.action_values
+    assert solution.optimal is solution.optimal
+
+
+def test_discount_1_is_planned_on_the_tables():
+    # Only there can one look for policies that never end, such as staying away from the prey.
+    with pytest.raises(cr.SettingError, match="an episode can go on for ever"):
+        cr.solve(cr.Pursuit(size=2, predators=1, discount=1.0))
