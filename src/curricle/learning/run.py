@@ -184,14 +184,18 @@ class Run:
         reading = nothing(n_actions, initial)
         if potential is not None:
             reading = potential.reading._replace(initial=initial)
+        # What is read together lies together: a miss of the caches costs as much as all else.
+        heads = np.empty(
+            rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)
+        )
         return Sparse(
             np.empty((rows, n_actions), dtype),
-            np.empty(rows, dtype),
-            np.empty(rows, np.uint16),
+            heads["best"],
+            heads["greedy"],
             np.empty(n_actions),
             np.empty((1, n_actions), dtype),
-            np.empty(rows, np.uint64),
-            np.zeros(2 ** (2 * rows - 1).bit_length(), np.int32),
+            heads["state"],
+            np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
             np.zeros(1, np.int64),
             reading,
             key,
