@@ -13,6 +13,7 @@ import pytest
 
 from curricle import FiniteMDP, StateActionPotential, StatePotential
 from curricle.learning.learn import stream_start
+from curricle.learning.schedules import schedule
 
 
 def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
@@ -78,6 +79,13 @@ def value_of(schedule, n):
     return last + (first - last) / (1.0 + n / span)
 
 
+def exploring(learner):
+    """Return the schedule of epsilon or of the inverse temperature."""
+    if learner.inverse_temperature is not None:
+        return schedule(learner.inverse_temperature)
+    return schedule(0.1 if learner.epsilon is None else learner.epsilon)
+
+
 def plain_sum(numbers):
     """Add from left to right; the built-in compensates for rounding since Python 3.12."""
     total = 0.0
@@ -134,10 +142,10 @@ def pick_action(values, learner, step, draw, take=None):
     n = len(values)
     if learner.inverse_temperature is None:
         bits = next(draw)
-        if (bits >> 32) / 2**32 < value_of(learner.rule().exploring, step):
+        if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
             return below(bits, n), bits
         return (take(bits) if take else draw_best(values, bits)[0]), bits
-    beta = value_of(learner.rule().exploring, step)
+    beta = value_of(exploring(learner), step)
     weights = [math.exp(beta * (v - max(values))) for v in values]
     for _ in range(n):  # rejection first, the full row after n failures
         bits = next(draw)
@@ -153,7 +161,7 @@ def pick_action(values, learner, step, draw, take=None):
 
 def policy_mean(row, acting, learner, step):
     """Return sum_a pi(a) row[a] for the policy followed on the acting values."""
-    parameter, best = value_of(learner.rule().exploring, step), max(acting)
+    parameter, best = value_of(exploring(learner), step), max(acting)
     if learner.inverse_temperature is None:
         weights = [1.0 if v == best else 0.0 for v in acting]
     else:
@@ -178,7 +186,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
     chance, successor = mdp.probability.tolist(), mdp.next_state.tolist()
     pay = mdp.reward.tolist()
     n_states, n_actions = mdp.outcome_row.shape
-    kind, rule = type(learner).__name__, learner.rule()
+    kind, rates = type(learner).__name__, schedule(learner.learning_rate)
     phi = None if potential is None else potential.values.tolist()
     literal = how == "literal_look_ahead"
     start = stream_start(seed, stream)
@@ -262,8 +270,8 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
             else:
                 worth = tables[1 - which][after][draw_best(q[after], coin)[0]]
             target += gamma * worth
-        counts = rule.learning_rate.shape == 3
-        rate = value_of(rule.learning_rate, visits[state][action] if counts else step)
+        counts = rates.shape == 3
+        rate = value_of(rates, visits[state][action] if counts else step)
         visits[state][action] += 1
         shown = acting(state, step)
         q[state][action] += rate * (target - q[state][action])

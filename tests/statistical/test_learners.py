@@ -30,9 +30,9 @@ def assert_frequencies(actions, probabilities):
 
 
 @njit
-def _choose_often(row, rule, step, counter, out):
+def _choose_often(row, exploration, step, counter, out):
     for i in range(out.size):
-        out[i], _, counter = choose(row, rule, step, counter)
+        out[i], _, counter = choose(exploration, row, step, counter)
 
 
 @njit
@@ -52,7 +52,7 @@ def _units(counter, out):
 def chosen(values, learner, *, seed=0, step=0):
     """Return the actions the compiled `choose` takes on these values."""
     row, out = np.array([values], dtype=np.float64), np.zeros(DRAWS, dtype=np.int64)
-    _choose_often(row, learner.rule(), step, np.uint64(seed), out)
+    _choose_often(row, learner.rule().exploration, step, np.uint64(seed), out)
     return out
 
 

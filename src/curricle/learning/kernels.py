@@ -19,7 +19,7 @@ from curricle.learning.sampling import (
     expected_value,
     highest,
 )
-from curricle.learning.schedules import HARMONIC, Schedule, at
+from curricle.learning.schedules import Schedule, at
 from curricle.tasks.draws import STRIDE, first_above, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
 
@@ -101,7 +101,7 @@ def bootstrap(q, table, state, next_action, values, rule, step, bits):
     if rule.update == SARSA:
         return np.float64(q[0, state, next_action])
     if rule.update == EXPECTED_SARSA:
-        return expected_value(q, state, values, rule, step)
+        return expected_value(rule.exploration, q, state, values, step)
     if rule.update == DOUBLE_Q_LEARNING:
         return np.float64(q[1 - table, state, best_of(q[table], state, bits)[1] & ACTION])
     return np.float64(highest(q[0], state))
@@ -149,17 +149,21 @@ def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, 
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.way == ADVICE else 0]
-    n_actions, counted = q.shape[2], rule.learning_rate.shape == HARMONIC
+    n_actions = q.shape[2]
     values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
     room = np.empty((1, n_actions))
     judge = stream ^ JUDGE
-    view = Acting(q, advice, at(weight, 0), room)
-    write(record, 0, 0, 0, 0, 0.0, greedy_return(evaluation, model, view, judge))
-
-    step, episodes, checkpoint, ended, ended_return = 0, 0, 1, 0, 0.0
+    step, episodes, checkpoint, ended, ended_return = 0, 0, 0, 0, 0.0
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
-    while step < budget[0] and episodes < budget[1]:
+    while True:
+        if step == checkpoint * every:
+            view = Acting(q, advice, at(weight, step), room)
+            value = greedy_return(evaluation, model, view, judge)
+            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+        if step >= budget[0] or episodes >= budget[1]:
+            return step, episodes
         if fresh:
             state = first_state(model, scramble(counter))
             counter += STRIDE
@@ -168,7 +172,7 @@ def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, 
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), room), state, values)
-            action, bits, counter = choose(values, rule, step, counter)
+            action, bits, counter = choose(rule.exploration, values, step, counter)
         next_state, target, terminated = transition(model, state, action, bits)
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
@@ -184,12 +188,12 @@ def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, 
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), room), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = choose(next_values, rule, step, counter)
+                next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
             target += discount * bootstrap(
                 q, table, next_state, next_action, next_values, rule, step, coin
             )
         count = step - 1
-        if counted:
+        if rule.counted:
             count = visits[state, action]
             visits[state, action] += 1
         old = np.float64(q[table, state, action])
@@ -199,9 +203,3 @@ def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, 
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action
-        if step == checkpoint * every:
-            view = Acting(q, advice, at(weight, step), room)
-            value = greedy_return(evaluation, model, view, judge)
-            write(record, checkpoint, step, episodes, ended, ended_return, value)
-            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-    return step, episodes

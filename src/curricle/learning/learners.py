@@ -6,8 +6,8 @@ from typing import ClassVar
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import kernels
-from curricle.learning.sampling import EPSILON_GREEDY, SOFTMAX, Rule
-from curricle.learning.schedules import Schedule, within
+from curricle.learning.sampling import EpsilonGreedy, Rule, Softmax
+from curricle.learning.schedules import HARMONIC, Schedule, within
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,12 @@ class Learner:
     def rule(self) -> Rule:
         """Return the learner as the compiled loops read it."""
         rate = within("learning_rate", self.learning_rate, 0.0, 1.0)
+        counted = rate.shape == HARMONIC
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
-            return Rule(self.update, rate, SOFTMAX, beta)
+            return Rule(self.update, rate.lowered, counted, Softmax(beta.lowered))
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
-        return Rule(self.update, rate, EPSILON_GREEDY, epsilon)
+        return Rule(self.update, rate.lowered, counted, EpsilonGreedy(epsilon.lowered))
 
 
 @dataclass(frozen=True)

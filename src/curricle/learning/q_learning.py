@@ -10,25 +10,10 @@ from curricle.learning.judging import greedy_return
 from curricle.learning.kernels import JUDGE, write
 from curricle.learning.machine import prefetch
 from curricle.learning.rows import place
-from curricle.learning.sampling import SOFTMAX, TIED, best_of, one_of_several, softmax
-from curricle.learning.schedules import HARMONIC, at
-from curricle.tasks.draws import STRIDE, below, happens, piece, scramble
+from curricle.learning.sampling import act, best_of
+from curricle.learning.schedules import at
+from curricle.tasks.draws import STRIDE, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
-
-
-@piece
-def act(q, best, greedy, row, rule, step, counter):
-    """Return the action the rule takes in a row, random bits, and the stream's counter."""
-    bits, exploring = scramble(counter), at(rule.exploring, step)
-    if rule.exploration == SOFTMAX:
-        action, counter = softmax(q, row, best[row], exploring, counter)
-        return action, scramble(counter), counter
-    if happens(bits, exploring):
-        return below(bits, q.shape[1]), bits, counter
-    action = np.uint64(greedy[row])
-    if action >= TIED:
-        action = one_of_several(q, greedy, row, bits)
-    return action, bits, counter
 
 
 @piece
@@ -59,19 +44,21 @@ def train_q_learning(
     n_rows = np.uint64(q.shape[0])
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
-    counted = rule.learning_rate.shape == HARMONIC
     judge = stream ^ JUDGE
-    write(record, 0, 0, 0, 0, 0.0, greedy_return(evaluation, model, table, judge))
-
-    step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 1, 0, 0.0, 0.0
+    step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
     counter = stream[0] + STRIDE
-    state, last = first_state(model, scramble(counter)), limit
+    state, last, counter = first_state(model, scramble(counter)), limit, counter + STRIDE
     row = place(table, state)
-    while step < budget[0] and episodes < budget[1] and row < n_rows:
+    while True:
+        if step == checkpoint * every:
+            value = greedy_return(evaluation, model, table, judge)
+            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+        if step >= budget[0] or episodes >= budget[1] or row >= n_rows:
+            return step, episodes
         stop = min(checkpoint * every, budget[0])
         while step < stop:
-            counter += STRIDE
-            action, bits, counter = act(q, best, greedy, row, rule, step, counter)
+            action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, over = transition(model, state, action, scramble(bits))
             target, next_row = real(reward), row
             if not over:
@@ -82,7 +69,7 @@ def train_q_learning(
                 prefetch(q, next_row)
                 target += discount * best[next_row]
             count = step
-            if counted:
+            if rule.counted:
                 count = visits[row, action]
                 visits[row, action] += 1
             rate = real(at(rule.learning_rate, count))
@@ -96,13 +83,7 @@ def train_q_learning(
                 episodes, last = episodes + 1, step + limit
                 if episodes == budget[1]:
                     break
-                counter += STRIDE
-                state = first_state(model, scramble(counter))
+                state, counter = first_state(model, scramble(counter)), counter + STRIDE
                 row = place(table, state)
                 if row >= n_rows:
                     break
-        if step == checkpoint * every:
-            value = greedy_return(evaluation, model, table, judge)
-            write(record, checkpoint, step, episodes, ended, ended_return, value)
-            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-    return step, episodes

@@ -17,7 +17,7 @@ from curricle.learning.potential import MappedPotential, StateActionPotential, S
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.reading import nothing, read_all
 from curricle.learning.rows import Dense, Sparse, look_through
-from curricle.learning.schedules import HARMONIC, constant
+from curricle.learning.schedules import constant
 from curricle.learning.storage import SparseValues, Storage
 from curricle.tasks.draws import scramble_number
 from curricle.tasks.dynamics import Functions
@@ -154,8 +154,7 @@ class Run:
 
     def _visits(self, shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
         """Return room to count updates in, where the learning rate asks for it."""
-        counted = self.learner.rule().learning_rate.shape == HARMONIC
-        return np.zeros(shape if counted else (1, 1), dtype=np.int64)
+        return np.zeros(shape if self.learner.rule().counted else (1, 1), dtype=np.int64)
 
     def _empty(self) -> FloatTable:
         return np.empty((self.task.states.size, self.task.actions.size), self.storage.dtype)

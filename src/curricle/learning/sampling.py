@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.learning.machine import larger
-from curricle.learning.schedules import Schedule, at
+from curricle.learning.schedules import Constant, Schedule, at
+from curricle.tasks.dispatch import ByType
 from curricle.tasks.draws import HALF, STRIDE, below, happens, piece, scramble, unit
-
-# Exploration.
-EPSILON_GREEDY, SOFTMAX = range(2)
 
 TIED = np.uint64(1 << 15)
 """Flag of an action that was drawn among several of the same value."""
@@ -25,13 +23,25 @@ MULTIPLIER = np.uint64(0xD1342543DE82EF95)
 """Of a linear congruential generator whose upper bits are good enough to propose actions with."""
 
 
+class EpsilonGreedy(NamedTuple):
+    """A uniform action with probability epsilon, else a greedy one."""
+
+    epsilon: Constant | Schedule
+
+
+class Softmax(NamedTuple):
+    """P(a) proportional to exp(beta Q(s, a))."""
+
+    inverse_temperature: Constant | Schedule
+
+
 class Rule(NamedTuple):
-    """A learner."""
+    """A learner; exploration and schedules are types, so that a loop only has code for its own."""
 
     update: int
-    learning_rate: Schedule
-    exploration: int
-    exploring: Schedule  # epsilon, or the softmax's inverse temperature
+    learning_rate: Constant | Schedule
+    counted: bool  # whether the learning rate goes by the updates of each pair, not by steps
+    exploration: EpsilonGreedy | Softmax
 
 
 @piece
@@ -125,38 +135,76 @@ def accepted(exponent, bits):
     return chance < np.exp(exponent)
 
 
-@piece
-def choose(values, rule, step, counter):
-    """Return the action that `rule` takes on these acting values, (1, A), and bits for its outcome.
+def choose(exploration, values, step, counter):
+    """Return the action taken on these acting values, (1, A), and 64 random bits for its outcome.
 
     Also the stream's counter for the next draw. One draw serves the exploration, the action or
     tie, and (scrambled once more) the outcome.
     """
-    parameter, bits = at(rule.exploring, step), scramble(counter)
-    if rule.exploration == SOFTMAX:
-        action, counter = softmax(values, 0, highest(values, 0), parameter, counter)
-        return action, scramble(scramble(counter)), counter + STRIDE
-    if happens(bits, parameter):
-        action = below(bits, values.shape[1])
-    else:
-        action = best_of(values, 0, bits)[1] & ACTION
-    return action, scramble(bits), counter + STRIDE
 
 
-@piece
-def expected_value(q, state, values, rule, step):
-    """Return sum_a pi(a) q(state, a) for the policy that `rule` follows on these acting values."""
-    parameter = at(rule.exploring, step)
-    best = highest(values, 0)
-    total, weight, mean = 0.0, 0.0, 0.0
+def act(exploration, q, best, greedy, row, step, counter):
+    """Do what :func:`choose` does on a row whose best value and greedy action are at hand."""
+
+
+def expected_value(exploration, q, state, values, step):
+    """Return sum_a pi(a) q(state, a) for the policy followed on these acting values, (1, A)."""
+
+
+choices, acts, expectations = ByType(choose), ByType(act), ByType(expected_value)
+
+
+@choices.body(EpsilonGreedy)
+def _choose_greedy(exploration, values, step, counter):
+    bits = scramble(counter)
+    if happens(bits, at(exploration.epsilon, step)):
+        return below(bits, values.shape[1]), scramble(bits), counter + STRIDE
+    return best_of(values, 0, bits)[1] & ACTION, scramble(bits), counter + STRIDE
+
+
+@acts.body(EpsilonGreedy)
+def _act_greedy(exploration, q, best, greedy, row, step, counter):
+    bits = scramble(counter)
+    if happens(bits, at(exploration.epsilon, step)):
+        return below(bits, q.shape[1]), bits, counter + STRIDE
+    action = np.uint64(greedy[row])
+    if action >= TIED:
+        action = one_of_several(q, greedy, row, bits)
+    return action, bits, counter + STRIDE
+
+
+@expectations.body(EpsilonGreedy)
+def _expect_greedy(exploration, q, state, values, step):
+    epsilon, best = at(exploration.epsilon, step), highest(values, 0)
+    total, ties, mean = 0.0, 0.0, 0.0
     for action in range(values.shape[1]):
-        if rule.exploration == SOFTMAX:
-            w = np.exp(parameter * (values[0, action] - best))
-        else:
-            w = 1.0 if values[0, action] == best else 0.0
+        if values[0, action] == best:
+            total += q[0, state, action]
+            ties += 1.0
+        mean += q[0, state, action] / values.shape[1]
+    return (1.0 - epsilon) * total / ties + epsilon * mean
+
+
+@choices.body(Softmax)
+def _choose_softly(exploration, values, step, counter):
+    beta = at(exploration.inverse_temperature, step)
+    action, counter = softmax(values, 0, highest(values, 0), beta, counter)
+    return action, scramble(scramble(counter)), counter + STRIDE
+
+
+@acts.body(Softmax)
+def _act_softly(exploration, q, best, greedy, row, step, counter):
+    beta = at(exploration.inverse_temperature, step)
+    action, counter = softmax(q, row, best[row], beta, counter)
+    return action, scramble(counter), counter + STRIDE
+
+
+@expectations.body(Softmax)
+def _expect_softly(exploration, q, state, values, step):
+    beta, best = at(exploration.inverse_temperature, step), highest(values, 0)
+    total, weight = 0.0, 0.0
+    for action in range(values.shape[1]):
+        w = np.exp(beta * (values[0, action] - best))
         total += w * q[0, state, action]
         weight += w
-        mean += q[0, state, action] / values.shape[1]
-    if rule.exploration == SOFTMAX:
-        return total / weight
-    return (1.0 - parameter) * total / weight + parameter * mean
+    return total / weight

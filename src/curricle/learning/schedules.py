@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-from numba import njit
-
 from curricle.checks import number
 from curricle.errors import SettingError
+from curricle.tasks.dispatch import ByType
 
 # Shapes of a schedule.
 CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)
@@ -30,7 +29,12 @@ class Schedule(NamedTuple):
 
     def __call__(self, step: int) -> float:
         """Return the value after `step` steps (visits)."""
-        return float(at(self, step))
+        return float(_schedule_at(self, step))
+
+    @property
+    def lowered(self) -> "Constant | Schedule":
+        """The schedule as compiled loops read it: a constant has a type of its own."""
+        return Constant(self.first) if self.shape == CONSTANT else self
 
 
 def constant(value: float) -> Schedule:
@@ -107,9 +111,26 @@ def _span(name: str, value: float) -> float:
     return float(value)
 
 
-@njit(cache=True, nogil=True)
+class Constant(NamedTuple):
+    """A schedule that never changes, as compiled loops read it."""
+
+    value: float
+
+
 def at(schedule, step):
-    """Return the value of a schedule after `step` steps."""
+    """Return the value of a schedule after `step` steps, in compiled code."""
+
+
+values_at = ByType(at)
+
+
+@values_at.body(Constant)
+def _constant_at(schedule, step):
+    return schedule.value
+
+
+@values_at.body(Schedule)
+def _schedule_at(schedule, step):
     if schedule.shape == CONSTANT:
         return schedule.first
     if schedule.shape == LINEAR:
