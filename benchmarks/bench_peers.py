@@ -13,7 +13,7 @@ from functools import partial
 import gymnasium_loop
 import numpy as np
 import peers
-from timing import GLIMPSE, LEARNER, Board, arguments, in_turns, stored
+from timing import GLIMPSE, LEARNER, Board, arguments, in_turns
 
 import curricle as cr
 from curricle.paper.settings import maze
@@ -30,6 +30,7 @@ ONE_THREAD = (
     ("bettermdptools", 80_000, 1000),
 )
 SEEDS = 30
+SINGLE = cr.Storage(dtype="float32")
 
 
 def curricle(mdp, steps, seeds=1):
@@ -42,11 +43,11 @@ def curricle(mdp, steps, seeds=1):
             every=10_000,
             evaluation=GLIMPSE,
             workers=1 if seeds == 1 else None,
-            **stored(dtype="float32"),
+            storage=SINGLE,
         )
         return result.values[0], steps * seeds
 
-    cr.learn(mdp, LEARNER, 1000, evaluation=GLIMPSE, **stored(dtype="float32"))  # compiles
+    cr.learn(mdp, LEARNER, 1000, evaluation=GLIMPSE, storage=SINGLE)  # compiles
     return run
 
 

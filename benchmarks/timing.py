@@ -102,9 +102,3 @@ def arguments(doc: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="a tenth of the steps, fewer turns")
     parser.add_argument("--turns", type=int, help="turns a side")
     return parser
-
-
-# To be removed when `Storage` is part of the library: until then tables are float64.
-def stored(**kinds: str) -> dict[str, object]:
-    """Return the arguments that make a table `float32` or sparse, where there is a choice."""
-    return {"storage": cr.Storage(**kinds)} if hasattr(cr, "Storage") else {}

@@ -60,10 +60,11 @@ def _followed_return(evaluation, model, view, stream):
     n_states, n_actions = tables.outcome_row.shape
     n_outcomes = tables.probability.shape[1]
     values = np.empty((1, n_actions))
-    unknown = TIED | ACTION
-    greedy = np.full(n_states, unknown, np.uint32)
     mass, next_mass = np.zeros(n_states), np.zeros(n_states)
     alive, next_alive = np.empty(n_states, np.int64), np.empty(n_states, np.int64)
+    greedy = np.empty(n_states, np.int64)  # -1 where not yet asked for
+    for state in range(n_states):
+        greedy[state] = -1
     before = 0.0
     n_alive = tables.start_states.shape[0]
     for i in range(n_alive):
@@ -76,13 +77,12 @@ def _followed_return(evaluation, model, view, stream):
         n_next, in_play = 0, 0.0
         for i in range(n_alive):
             state = alive[i]
-            if greedy[state] == unknown:
+            if greedy[state] < 0:
                 greedy[state] = greedy_of(view, np.uint64(state), np.uint64(0))
-            first, ties = np.int64(greedy[state]), 1
-            last = first + 1
-            if greedy[state] >= TIED:
+            first, last, ties = greedy[state], greedy[state] + 1, 1
+            if first >= TIED:
                 acting_row(view, np.uint64(state), values)
-                best = values[0, np.int64(greedy[state] & ACTION)]
+                best = values[0, np.uint64(first) & ACTION]
                 first, last, ties = 0, n_actions, 0
                 for action in range(n_actions):
                     ties += values[0, action] == best

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.learning.judging import greedy_return
 from curricle.learning.rows import acting_rows, greedies
@@ -129,7 +128,7 @@ def shaping_reward(shaping, phi, discount, state, action, next_state, terminated
     return 0.0, 0.0
 
 
-@njit(cache=True, nogil=True)
+@piece
 def write(record, checkpoint, step, episodes, ended, ended_return, value):
     """Fill one checkpoint of a record."""
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan

@@ -4,16 +4,17 @@ Each row's best value and a greedy action are kept at hand, and looked for again
 value was lowered, so that a step scans no row: several times faster than the general loop.
 """
 
-import numpy as np
-
 from curricle.learning.judging import greedy_return
 from curricle.learning.kernels import JUDGE, write
 from curricle.learning.machine import prefetch
-from curricle.learning.rows import place
+from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import act, best_of
 from curricle.learning.schedules import at
 from curricle.tasks.draws import STRIDE, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
+
+FITS = 32_768
+"""Bytes of a table that stays in the processor's nearest cache, so that fetching ahead is idle."""
 
 
 @piece
@@ -41,10 +42,11 @@ def train_q_learning(
     """
     # Arrays leave their tuples here: inside the loop each access would count a reference.
     q, best, greedy = table.q, table.best, table.greedy
-    n_rows = np.uint64(q.shape[0])
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
+    large = q.nbytes > FITS
     judge = stream ^ JUDGE
+    prepare(table)
     step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
     counter = stream[0] + STRIDE
     state, last, counter = first_state(model, scramble(counter)), limit, counter + STRIDE
@@ -54,7 +56,7 @@ def train_q_learning(
             value = greedy_return(evaluation, model, table, judge)
             write(record, checkpoint, step, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget[0] or episodes >= budget[1] or row >= n_rows:
+        if step >= budget[0] or episodes >= budget[1] or is_full(table, row):
             return step, episodes
         stop = min(checkpoint * every, budget[0])
         while step < stop:
@@ -63,10 +65,11 @@ def train_q_learning(
             target, next_row = real(reward), row
             if not over:
                 next_row = place(table, next_state)
-                if next_row >= n_rows:
+                if is_full(table, next_row):
                     row = next_row
                     break
-                prefetch(q, next_row)
+                if large:
+                    prefetch(q, next_row)
                 target += discount * best[next_row]
             count = step
             if rule.counted:
@@ -85,5 +88,5 @@ def train_q_learning(
                     break
                 state, counter = first_state(model, scramble(counter)), counter + STRIDE
                 row = place(table, state)
-                if row >= n_rows:
+                if is_full(table, row):
                     break

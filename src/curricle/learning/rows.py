@@ -24,6 +24,7 @@ class Dense(NamedTuple):
     q: FloatTable  # (S, A)
     best: FloatTable  # (S,) max_a q(s, a)
     greedy: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
+    key: np.uint64  # of the ties before learning
 
 
 class Sparse(NamedTuple):
@@ -41,8 +42,16 @@ class Sparse(NamedTuple):
     key: np.uint64  # of the ties in fresh rows
 
 
+def prepare(table):
+    """Fill in what is kept of the rows that there are before learning."""
+
+
 def place(table, state):
     """Return the row of a state, made if need be; R where no room is left."""
+
+
+def is_full(table, row):
+    """Return whether a row is out of range because no room was left for it."""
 
 
 def greedy_of(view, state, bits):
@@ -53,7 +62,8 @@ def acting_row(view, state, out):
     """Write the values that the policy acts on in a state into `out`, (1, A)."""
 
 
-places, greedies, acting_rows = ByType(place), ByType(greedy_of), ByType(acting_row)
+preparations, places, limits = ByType(prepare), ByType(place), ByType(is_full)
+greedies, acting_rows = ByType(greedy_of), ByType(acting_row)
 
 
 @piece
@@ -65,17 +75,21 @@ def first_choice(key, state):
 # -- dense ---------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
-def look_through(table, key):
-    """Fill `best` and `greedy` of a dense table from its values."""
+@preparations.body(Dense)
+def _look_through(table):
     for state in range(np.uint64(table.q.shape[0])):
-        bits = first_choice(key, state)
+        bits = first_choice(table.key, state)
         table.best[state], table.greedy[state] = best_of(table.q, state, bits)
 
 
 @places.body(Dense)
 def _dense_place(table, state):
     return state
+
+
+@limits.body(Dense)
+def _never(table, row):
+    return False
 
 
 @greedies.body(Dense)
@@ -123,12 +137,22 @@ def make_row(table, state, slot):
     return row
 
 
+@preparations.body(Sparse)
+def _nothing_yet(table):
+    pass
+
+
 @places.body(Sparse)
 def _sparse_place(table, state):
     slot = find(table, state)
     if table.slots[slot] != 0:
         return np.uint64(table.slots[slot] - 1)
     return make_row(table, state, slot)
+
+
+@limits.body(Sparse)
+def _when_spent(table, row):
+    return row >= np.uint64(table.q.shape[0])
 
 
 @greedies.body(Sparse)

@@ -16,7 +16,7 @@ from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.reading import nothing, read_all
-from curricle.learning.rows import Dense, Sparse, look_through
+from curricle.learning.rows import Dense, Sparse
 from curricle.learning.schedules import constant
 from curricle.learning.storage import SparseValues, Storage
 from curricle.tasks.draws import scramble_number
@@ -172,9 +172,7 @@ class Run:
             q[self.task.terminal] = 0.0
 
     def _dense(self, q: FloatTable, key: np.uint64) -> Dense:
-        table = Dense(q, np.empty(len(q), q.dtype), np.empty(len(q), np.uint16))
-        look_through(table, key)
-        return table
+        return Dense(q, np.empty(len(q), q.dtype), np.empty(len(q), np.uint16), key)
 
     def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> Sparse:
         # Pages of np.empty and np.zeros take no memory before they are written to.

@@ -77,6 +77,40 @@ def table_model(mdp: Any) -> Tables:
     return Tables(direct, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
 
 
+class Moves(NamedTuple):
+    """The tables of a :class:`FiniteMDP` without chance: a pair's row is the pair."""
+
+    n_actions: np.uint64
+    next_state: npt.NDArray[np.integer[Any]]  # (S * A,) int32
+    reward: FloatArray  # (S * A,)
+    terminal: npt.NDArray[np.bool_]  # (S,)
+    start_states: npt.NDArray[np.int64]  # (n,)
+    start_cumulative: FloatArray  # (n,)
+
+
+starts.body(Moves)(_table_start)
+
+
+@moves.body(Moves)
+def _sure_step(model, state, action, bits):
+    pair = state * model.n_actions + action
+    next_state = np.uint64(model.next_state[pair])
+    return next_state, model.reward[pair], model.terminal[next_state]
+
+
+def learning_model(mdp: Any) -> Tables | Moves:
+    """Return the model that learning on a :class:`FiniteMDP` runs on."""
+    tables = table_model(mdp)
+    if not tables.direct or tables.next_state.shape[1] > 1:
+        return tables
+    return Moves(
+        np.uint64(mdp.actions.size),
+        frozen(tables.next_state.ravel()),
+        frozen(tables.reward.ravel()),
+        *tables[-3:],
+    )
+
+
 def cumulated(probability: FloatArray) -> FloatArray:
     """Return cumulative probabilities along each row; the last possible outcome gets 1."""
     total = np.cumsum(probability, axis=1)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, numbers
 from curricle.errors import TaskError
-from curricle.tasks.dynamics import Tables, cumulated, table_model
+from curricle.tasks.dynamics import Moves, Tables, cumulated, learning_model
 from curricle.tasks.endless import endless_states
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_rows, outcome_tables
@@ -283,9 +283,9 @@ class FiniteMDP:
         return self
 
     @cached_property
-    def model(self) -> Tables:
-        """The tables as compiled loops read them."""
-        return table_model(self)
+    def model(self) -> Tables | Moves:
+        """The tables as learning reads them."""
+        return learning_model(self)
 
     @cached_property
     def cumulative(self) -> FloatArray:
