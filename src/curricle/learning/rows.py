@@ -131,16 +131,34 @@ def _sparse_place(table, state):
     return make_row(table, state, slot)
 
 
+@piece
+def unmade_row(view, state):
+    """Write the row of a state not met as it would be made into the room for it."""
+    read_row(view.reading, state, view.phi)
+    for action in range(view.row.shape[1]):
+        view.row[0, action] = view.phi[action]
+
+
 @greedies.body(Sparse)
 def _sparse_greedy(view, state, bits):
     found = view.slots[find(view, state)]
-    if found == 0:  # the row as it would be made
-        read_row(view.reading, state, view.phi)
-        for action in range(view.row.shape[1]):
-            view.row[0, action] = view.phi[action]
+    if found == 0:
+        unmade_row(view, state)
         return best_of(view.row, 0, bits)[1]
     row = np.uint64(found - 1)
     greedy = np.uint64(view.greedy[row])
     if greedy >= TIED:
         greedy = best_of(view.q, row, bits)[1]
     return greedy
+
+
+@acting_rows.body(Sparse)
+def _sparse_row(view, state, out):
+    found = view.slots[find(view, state)]
+    if found == 0:
+        unmade_row(view, state)
+    for action in range(out.shape[1]):
+        if found == 0:
+            out[0, action] = view.row[0, action]
+        else:
+            out[0, action] = view.q[np.uint64(found - 1), action]
