@@ -162,3 +162,17 @@ def _sparse_row(view, state, out):
             out[0, action] = view.row[0, action]
         else:
             out[0, action] = view.q[np.uint64(found - 1), action]
+
+
+@njit(cache=True, nogil=True)
+def reorder(table, order):
+    """Put the rows of a table, in place, so that row i is what row order[i] was; uses up `order`."""
+    room = np.empty(table.shape[1], table.dtype)
+    for first in range(order.shape[0]):
+        here = first
+        room[:] = table[first]
+        while order[here] >= 0:  # along one cycle of the permutation
+            there = order[here]
+            order[here] = -1
+            table[here] = room if there == first else table[there]
+            here = there
