@@ -208,7 +208,7 @@ def _potentials(
     if how == "look_back" and (not isinstance(learner, SARSA) or dynamics(task).discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
-            f"{type(learner).__name__} at discount {task.mdp.discount:g}"
+            f"{type(learner).__name__} at discount {dynamics(task).discount:g}"
         )
     if potential is None:
         return [None] * n_seeds
