@@ -166,7 +166,10 @@ def _sparse_row(view, state, out):
 
 @njit(cache=True, nogil=True)
 def reorder(table, order):
-    """Put the rows of a table, in place, so that row i is what row order[i] was; uses up `order`."""
+    """Put the rows of a table in order, in place: row i becomes what row order[i] was.
+
+    `order` is used up.
+    """
     room = np.empty(table.shape[1], table.dtype)
     for first in range(order.shape[0]):
         here = first
