@@ -17,6 +17,7 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.run import Outcome, Potential, Run, rows_allowed
+from curricle.learning.sampling import ACTION
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
 from curricle.tasks.spaces import frozen
@@ -27,6 +28,8 @@ IntArray = npt.NDArray[np.int64]
 
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
+MOST_ACTIONS = int(ACTION)
+"""Actions that 15 bits can tell apart, one number being taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +163,11 @@ def learn(
     learner = QLearning() if learner is None else learner
     instance("learner", learner, Learner, SettingError)
     moving = dynamics(task)
+    if moving.actions.size > MOST_ACTIONS:
+        raise SettingError(
+            f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
+            f"{moving.actions.size:,}"
+        )
     seeds = seed_tuple(seeds)
     steps, episodes = limits(budget)
     every = spacing(every, budget)
@@ -208,7 +216,7 @@ def _potentials(
     if how == "look_back" and (not isinstance(learner, SARSA) or dynamics(task).discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
-            f"{type(learner).__name__} at discount {task.mdp.discount:g}"
+            f"{type(learner).__name__} at discount {dynamics(task).discount:g}"
         )
     if potential is None:
         return [None] * n_seeds

@@ -155,16 +155,51 @@ def _when_spent(table, row):
     return row >= np.uint64(table.q.shape[0])
 
 
+@piece
+def unmade_row(view, state):
+    """Write the row of a state not met as it would be made into the room for it."""
+    read_row(view.reading, state, view.phi)
+    for action in range(view.row.shape[1]):
+        view.row[0, action] = view.phi[action]
+
+
 @greedies.body(Sparse)
 def _sparse_greedy(view, state, bits):
     found = view.slots[find(view, state)]
-    if found == 0:  # the row as it would be made
-        read_row(view.reading, state, view.phi)
-        for action in range(view.row.shape[1]):
-            view.row[0, action] = view.phi[action]
+    if found == 0:
+        unmade_row(view, state)
         return best_of(view.row, 0, bits)[1]
     row = np.uint64(found - 1)
     greedy = np.uint64(view.greedy[row])
     if greedy >= TIED:
         greedy = best_of(view.q, row, bits)[1]
     return greedy
+
+
+@acting_rows.body(Sparse)
+def _sparse_row(view, state, out):
+    found = view.slots[find(view, state)]
+    if found == 0:
+        unmade_row(view, state)
+    for action in range(out.shape[1]):
+        if found == 0:
+            out[0, action] = view.row[0, action]
+        else:
+            out[0, action] = view.q[np.uint64(found - 1), action]
+
+
+@njit(cache=True, nogil=True)
+def reorder(table, order):
+    """Put the rows of a table in order, in place: row i becomes what row order[i] was.
+
+    `order` is used up.
+    """
+    room = np.empty(table.shape[1], table.dtype)
+    for first in range(order.shape[0]):
+        here = first
+        room[:] = table[first]
+        while order[here] >= 0:  # along one cycle of the permutation
+            there = order[here]
+            order[here] = -1
+            table[here] = room if there == first else table[there]
+            here = there

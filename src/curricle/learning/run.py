@@ -16,7 +16,7 @@ from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.reading import nothing, read_all
-from curricle.learning.rows import Dense, Sparse
+from curricle.learning.rows import Dense, Sparse, reorder
 from curricle.learning.schedules import constant
 from curricle.learning.storage import SparseValues, Storage
 from curricle.tasks.draws import scramble_number
@@ -113,7 +113,9 @@ class Run:
         values: FloatTable | SparseValues | None = out
         if isinstance(table, Sparse) and self.storage.keep:
             used = int(table.used[0])
-            states = table.states[:used].astype(np.int64)
+            order = np.argsort(table.states[:used])
+            states = table.states[order].astype(np.int64)
+            reorder(table.q, order)
             values = SparseValues(frozen(states), frozen(table.q[:used]))
         spent = steps < self.steps and episodes < self.episodes
         return Outcome(record, values, steps, episodes, spent)

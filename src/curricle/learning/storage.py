@@ -68,10 +68,10 @@ class Storage:
             return _physical_memory() // 2
         if not isinstance(self.memory, str):
             return whole_number("memory in bytes", self.memory, 1, SettingError)
-        match = re.fullmatch(r"\s*([0-9.]+)\s*([A-Za-z]+)\s*", self.memory)
-        if not match or match[2] not in UNITS:
+        match = re.fullmatch(r"\s*([0-9]{1,18}(?:\.[0-9]*)?)\s*([A-Za-z]+)\s*", self.memory)
+        if not match or match[2] not in UNITS or float(match[1]) * UNITS[match[2]] < 1:
             raise SettingError(
-                f"memory must be bytes or a number with one of {', '.join(UNITS)}: got "
+                f"memory must be 1 byte or more, or a number with one of {', '.join(UNITS)}: got "
                 f"{self.memory!r}"
             )
         return int(float(match[1]) * UNITS[match[2]])

@@ -14,6 +14,9 @@ from curricle.tasks.dynamics import Functions
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.spaces import Space
 
+LARGEST = 2**62
+"""States above which their numbers do not fit the arrays that list them."""
+
 
 @dataclass(frozen=True, eq=False)
 class ComputedMDP:
@@ -81,6 +84,10 @@ class ComputedMDP:
         for name in ("start", "step"):
             if not callable(getattr(self, name)):
                 raise TaskError(f"{name} must be a function: got {getattr(self, name)!r}")
+        if self.states.size > LARGEST:
+            raise TaskError(
+                f"a computed task may have at most 2^62 states: got {self.states.size:,}"
+            )
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
             raise TaskError("a computed task with discount 1 needs a time limit: none set")

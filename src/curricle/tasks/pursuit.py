@@ -23,6 +23,8 @@ LARGEST = 1e100
 """Rewards are at most this large, so that no return overflows."""
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
+LARGEST_MODEL = 2**50
+"""States above which a task is not learnt either: their numbers are divided in double precision."""
 LARGEST_SPACE = 50_000_000
 """States above which a task is not solved without tables either (two numbers a state: 0.8 GB)."""
 
@@ -149,6 +151,10 @@ class Pursuit:
     @cached_property
     def model(self) -> Chase:
         """The rules as compiled loops read them; learning needs no tables."""
+        if self.states.size > LARGEST_MODEL:
+            raise TaskError(
+                f"a pursuit may have at most 2^50 states: this one has {self.states.size:,}"
+            )
         joint = self.actions.decode()
         shares = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
         return Chase(

@@ -80,7 +80,7 @@ class StateActionMapping:
                 f"target state {s}, action {a} has {index[s, a]}"
             )
         ends = ends_of(self.source)
-        bad = np.argwhere((index >= 0) & ends[index // source.actions.size])
+        bad = np.argwhere((index >= 0) & ends[np.maximum(index, 0) // source.actions.size])
         if len(bad):
             s, a = bad[0]
             raise MappingError(

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
-from curricle.tasks.task import Task
+from curricle.tasks.task import Task, tables
 from curricle.transfer.by_name import read_components
 from curricle.transfer.mapping import StateActionMapping, from_parts
 
@@ -102,7 +102,7 @@ def find_projections(
             f"a search may try at most {MOST_ASSIGNMENTS:,} assignments of components: these "
             f"tasks have {number:,}"
         )
-    mdp = target.mdp
+    mdp, source_mdp = tables(target), tables(source)
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
@@ -117,7 +117,7 @@ def find_projections(
         action = source.actions.encode(
             **read_components(target.actions, source.actions, chosen["actions"])
         )
-        error = _disagreement(mdp, source.mdp, state, action, drawn)
+        error = _disagreement(mdp, source_mdp, state, action, drawn)
         mapping = from_parts(target, source, state[:, None], action[None, :], unmapped_value)
         found.append(Projection(**chosen, error=error, mapping=mapping))
     return tuple(sorted(found, key=lambda one: (np.isnan(one.error), one.error)))

@@ -1,0 +1,201 @@
+"""What loops read of a pursuit, computed successors and starts, against its tables."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numba import njit
+from scipy.stats import chisquare
+
+import curricle as cr
+from curricle.tasks.dynamics import first_state, table_model, transition
+from curricle.tasks.pursuit_model import quotient
+
+FRACTION = 2**53
+
+
+@njit
+def moved(model, state, action, bits, next_state, reward, over):
+    """Take each (state, action) with its random bits."""
+    for i in range(state.shape[0]):
+        next_state[i], reward[i], over[i] = transition(model, state[i], action[i], bits[i])
+
+
+@njit
+def started(model, bits, state):
+    for i in range(state.shape[0]):
+        state[i] = first_state(model, bits[i])
+
+
+@njit
+def quotients(numbers, inverse, out):
+    for i in range(numbers.shape[0]):
+        out[i] = quotient(numbers[i], inverse)
+
+
+def step_all(model, state, action, bits):
+    """Return next states, rewards and ends, as three lists."""
+    pairs = (np.asarray(x, dtype=np.uint64) for x in (state, action, bits))
+    found = np.zeros(len(state), np.uint64), np.zeros(len(state)), np.zeros(len(state), bool)
+    moved(model, *pairs, *found)
+    return [x.tolist() for x in found]
+
+
+def random_bits(n, seed=0):
+    return np.random.default_rng(seed).integers(2**64, size=n, dtype=np.uint64)
+
+
+def by_state(decoded):
+    """A prey that never enters some cells and looks at where the predators are."""
+    near = sum(decoded.values()) % 3
+    weights = np.stack([np.ones_like(near), near, near == 1, near == 2], axis=1)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+@st.composite
+def pursuits(draw):
+    size = draw(st.integers(2, 4))
+    predators = draw(st.integers(1, {2: 3, 3: 2, 4: 1}[size]))
+    moves, cells = draw(st.sampled_from([4, 5])), size**2
+    kind = draw(st.sampled_from(["uniform", "cell", "state", "function"]))
+    prey = "uniform"
+    if kind in ("cell", "state"):
+        rng = np.random.default_rng(draw(st.integers(0, 99)))
+        rows = cells if kind == "cell" else cells ** (predators + 1)
+        prey = rng.integers(0, 3, size=(rows, moves)) * rng.random((rows, moves))
+        prey[:, rng.integers(moves)] += 0.1
+        prey /= prey.sum(axis=1, keepdims=True)
+    elif kind == "function":
+        moves, prey = 4, by_state
+    return cr.Pursuit(
+        size=size,
+        predators=predators,
+        moves=moves,
+        torus=draw(st.booleans()),
+        capture=draw(st.sampled_from(["all", "any", "as_published", *range(1, predators + 1)])),
+        prey=prey,
+        step_reward=draw(st.sampled_from([-1.0, 0.25])),
+        capture_reward=draw(st.sampled_from([0.0, 10.0])),
+    )
+
+
+def alive_pairs(mdp, most=3000):
+    """Return non-terminal states and actions, (n,) each; a sample of them where there are many."""
+    pairs = np.argwhere(np.repeat(~mdp.terminal[:, None], mdp.actions.size, axis=1))
+    if len(pairs) > most:
+        pairs = pairs[np.random.default_rng(0).choice(len(pairs), most, replace=False)]
+    return pairs.T
+
+
+@settings(max_examples=40)
+@given(pursuits())
+def test_the_middle_of_a_prey_moves_interval_gives_that_moves_outcome(game):
+    mdp = game.mdp
+    state, action = alive_pairs(mdp)
+    row = mdp.outcome_row[state, action]
+    below = np.zeros(len(row))
+    for move in range(game.moves):
+        chance = mdp.probability[row, move]
+        bits = ((below + chance / 2) * FRACTION).astype(np.uint64) << np.uint64(11)
+        below += chance
+        able = chance > 0
+        found = step_all(game.model, state[able], action[able], bits[able])
+        after = mdp.next_state[row[able], move]
+        expected = after, mdp.reward[row[able], move], mdp.terminal[after]
+        assert found == [x.tolist() for x in expected]
+
+
+@settings(max_examples=40)
+@given(pursuits(), st.integers(0, 999))
+def test_any_random_bits_give_a_possible_outcome_and_the_one_that_tables_give(game, seed):
+    mdp = game.mdp
+    state, action = np.repeat(alive_pairs(mdp, most=500), 8, axis=1)
+    bits = random_bits(len(state), seed)
+    bits[:2] = 0, 2**64 - 1
+    found = step_all(game.model, state, action, bits)
+    assert found == step_all(table_model(mdp), state, action, bits)
+    row = mdp.outcome_row[state, action]
+    here = mdp.next_state[row] == np.array(found[0])[:, None]
+    here &= mdp.reward[row] == np.array(found[1])[:, None]
+    assert (here & (mdp.probability[row] > 0)).any(axis=1).all()
+    assert found[2] == mdp.terminal[found[0]].tolist()
+
+
+def test_both_kinds_of_tables_are_read_alike():
+    # Small tables give each pair a row of its own, large ones share rows.
+    small, large = cr.Pursuit(2, 2), cr.Pursuit(4, 2, torus=True)
+    assert table_model(small.mdp).direct
+    assert not table_model(large.mdp).direct
+    for game in (small, large):
+        state, action = alive_pairs(game.mdp)
+        bits = random_bits(len(state))
+        tables = step_all(table_model(game.mdp), state, action, bits)
+        assert step_all(game.model, state, action, bits) == tables
+
+
+@pytest.mark.parametrize("capture", ["all", "any", 2])
+@pytest.mark.parametrize("size", [2, 3])
+def test_episodes_start_uniformly_where_the_prey_is_not_caught(size, capture):
+    game = cr.Pursuit(size, 2, capture=capture)
+    possible = np.flatnonzero(game.mdp.start)
+    found = np.empty(200 * len(possible), np.uint64)
+    started(game.model, random_bits(len(found), size), found)
+    counts = np.bincount(found.astype(int), minlength=game.states.size)
+    assert counts.sum() == counts[possible].sum()
+    assert chisquare(counts[possible]).pvalue > 1e-4
+
+
+def test_a_start_is_drawn_again_until_it_is_one():
+    # Any of three predators on four cells touches the prey in 37 of 64 cases.
+    game = cr.Pursuit(2, 3, capture="any")
+    found = np.empty(50_000, np.uint64)
+    started(game.model, random_bits(len(found)), found)
+    assert not game.mdp.terminal[found.astype(int)].any()
+    assert set(found.tolist()) == set(np.flatnonzero(game.mdp.start).tolist())
+
+
+def test_quotients_are_exact_around_the_multiples_of_a_divisor():
+    rng, largest = np.random.default_rng(0), 2**45
+    divisors = {*range(1, 200), *(2**k for k in range(20)), 999_999, 10**6}
+    divisors |= set(rng.integers(2, 10**6, size=800).tolist())
+    for d in sorted(divisors):
+        k = np.concatenate([np.arange(1, 50), rng.integers(1, largest // d, size=100)])
+        k = np.append(k, [largest // d, largest // d - 1])
+        numbers = (k[:, None] * d + np.array([-1, 0, 1])).ravel().astype(np.uint64)
+        found = np.empty(len(numbers), np.uint64)
+        quotients(numbers, 1 / d, found)
+        np.testing.assert_array_equal(found, numbers // np.uint64(d))
+
+
+def test_quotients_are_exact_for_every_small_number():
+    for d in range(1, 60):
+        found = np.empty(3000, np.uint64)
+        quotients(np.arange(3000, dtype=np.uint64), 1 / d, found)
+        assert found.tolist() == [n // d for n in range(3000)]
+
+
+def test_divisors_of_the_largest_pursuits_are_exact():
+    # cells^i as floating-point powers, up to the 2^50 states that are allowed.
+    for size, predators in itertools.product([2, 3, 4, 5, 7, 10, 31], range(1, 12)):
+        cells = size**2
+        if cells ** (predators + 1) > 2**50:
+            continue
+        for i in range(predators + 1):
+            d = cells**i
+            k = [1, 2, cells ** (predators + 1 - i) - 1, cells ** (predators + 1 - i)]
+            numbers = np.array([n * d + e for n in k for e in (-1, 0, 1)], dtype=np.uint64)
+            found = np.empty(len(numbers), np.uint64)
+            quotients(numbers, cells**-i, found)
+            np.testing.assert_array_equal(found, numbers // np.uint64(d))
+
+
+def test_a_pursuit_too_large_to_number_is_refused():
+    with pytest.raises(cr.TaskError, match=r"at most 2\^50 states: .* 531,441,000"):
+        cr.learn(cr.Pursuit(30, 5), budget=10)
+
+
+def test_learning_builds_no_tables():
+    game = cr.Pursuit(4, 2)
+    cr.learn(game, budget=100, every=100)
+    assert "mdp" not in vars(game)

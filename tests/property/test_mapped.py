@@ -1,0 +1,236 @@
+"""Potentials read on the fly against the same potentials as arrays, on random mappings by name."""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+import curricle as cr
+from curricle.learning.potential import MappedPotential
+from curricle.transfer.aggregation import aggregate
+from curricle.transfer.mapped import mapped_potential
+
+AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
+NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
+
+
+def values_of(task, rng):
+    return rng.normal(size=(task.states.size, task.actions.size))
+
+
+def random_task(states, actions, rng):
+    """Return an MDP on these spaces, a third of it terminal, each action leading anywhere."""
+    n_states, n_actions = states.size, actions.size
+    terminal = rng.random(n_states) < 0.3
+    terminal[rng.integers(n_states)] = False
+    alive = np.flatnonzero(~terminal)
+    rows = np.arange(n_states * n_actions).reshape(n_states, n_actions)
+    return cr.FiniteMDP(
+        states=states,
+        actions=actions,
+        outcome_row=rows,
+        probability=np.ones((rows.size, 1)),
+        next_state=rng.integers(n_states, size=(rows.size, 1)),
+        reward=rng.normal(size=(rows.size, 1)),
+        terminal=terminal,
+        start=np.bincount(alive, minlength=n_states) / len(alive),
+        discount=0.9,
+        time_limit=20,
+    )
+
+
+@st.composite
+def spaces(draw, prefix):
+    """Spaces whose components overlap in part: by number from different lows, or by labels."""
+    parts = []
+    for i in range(draw(st.integers(1, 3))):
+        size, low = draw(st.integers(1, 4)), draw(st.integers(-2, 2))
+        labels = None
+        if draw(st.booleans()):
+            chosen = draw(st.permutations(["n", "e", "s", "w", "x"]))
+            labels = tuple(chosen[:size])
+        parts.append(cr.Component(f"{prefix}{i}", size, low, labels))
+    return cr.Space(parts)
+
+
+@st.composite
+def pursuit_transfers(draw):
+    """A pursuit and transfers into it from smaller, larger and equal ones."""
+    game = cr.Pursuit(draw(st.integers(2, 3)), 2, capture=draw(st.sampled_from(["all", "any"])))
+    edges = []
+    for _ in range(draw(st.integers(1, 3))):
+        source = cr.Pursuit(draw(st.integers(2, 4)), draw(st.integers(1, 2)))
+        offered = ("prey", *game.predator_names)
+        renaming = {"prey": draw(st.sampled_from(offered))}
+        renaming |= {n: draw(st.sampled_from(game.predator_names)) for n in source.predator_names}
+        mapping = cr.project(game, source, unmapped_value=draw(NUMBERS), **renaming)
+        edges.append(cr.Transfer("source", "game", mapping, draw(NUMBERS), draw(NUMBERS)))
+    return game, edges
+
+
+@st.composite
+def space_transfers(draw):
+    """Random MDPs whose spaces have several components, read by any component of the target."""
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    task = random_task(draw(spaces("s")), draw(spaces("a")), rng)
+    edges = []
+    for _ in range(draw(st.integers(1, 3))):
+        source = random_task(draw(spaces("x")), draw(spaces("y")), rng)
+        renaming = {n: draw(st.sampled_from(task.states.names)) for n in source.states.names}
+        renaming |= {n: draw(st.sampled_from(task.actions.names)) for n in source.actions.names}
+        mapping = cr.project(task, source, unmapped_value=draw(NUMBERS), **renaming)
+        edges.append(cr.Transfer("source", "task", mapping, draw(NUMBERS), draw(NUMBERS)))
+    return task, edges
+
+
+def on_arrays(task, edges, values, function):
+    each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
+    return cr.StateActionPotential(task, aggregate(function, np.stack(each)))
+
+
+@given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
+def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
+    task, edges = transfers
+    rng = np.random.default_rng(seed)
+    values = [values_of(edge.mapping.source, rng) for edge in edges]
+    mapped = mapped_potential(task, edges, values, function)
+    expected = on_arrays(task, edges, values, function)
+    np.testing.assert_array_equal(mapped.values, expected.values)
+    np.testing.assert_array_equal(mapped.to_state().values, expected.to_state().values)
+
+
+@settings(max_examples=15)
+@given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
+def test_learning_through_either_is_the_same(transfers, function, seed):
+    task, edges = transfers
+    rng = np.random.default_rng(seed)
+    values = [values_of(edge.mapping.source, rng) for edge in edges]
+    judge = cr.GreedyEvaluation("rollouts", 3)
+    potentials = [make(task, edges, values, function) for make in (mapped_potential, on_arrays)]
+    learnt = [
+        cr.learn(task, budget=300, potential=phi, every=50, evaluation=judge) for phi in potentials
+    ]
+    np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
+    np.testing.assert_array_equal(learnt[0].greedy_return, learnt[1].greedy_return)
+
+
+def index_point_by_point(mapping):
+    """Return the index array of a mapping by name, component by component of each pair."""
+    target, source, renaming = mapping.target, mapping.source, mapping.renaming
+
+    def counterpart(mine, theirs, number):
+        place = {}
+        for component in theirs.components:
+            origin = mine.component(renaming.get(component.name, component.name))
+            value = int(mine.decode(number)[origin.name])
+            if component.labels is not None and origin.labels is not None:
+                label = origin.labels[value - origin.low]
+                if label not in component.labels:
+                    return None
+                value = component.low + component.labels.index(label)
+            place[component.name] = value
+        found = int(theirs.encode(**place))
+        return None if found < 0 else found
+
+    index = np.full((target.states.size, target.actions.size), cr.UNMAPPED)
+    for s, a in itertools.product(range(target.states.size), range(target.actions.size)):
+        state = counterpart(target.states, source.states, s)
+        action = counterpart(target.actions, source.actions, a)
+        if state is not None and action is not None:
+            index[s, a] = state * source.actions.size + action
+            if source.mdp.terminal[state]:
+                index[s, a] = cr.ENDED
+        if target.mdp.terminal[s]:
+            index[s, a] = cr.ENDED
+    return index
+
+
+@settings(max_examples=25)
+@given(space_transfers())
+def test_the_index_is_that_of_reading_each_point(transfers):
+    _, edges = transfers
+    for edge in edges:
+        index = edge.mapping.index
+        assert index.tolist() == index_point_by_point(edge.mapping).tolist()
+        kept = cr.StateActionMapping(edge.mapping.target, edge.mapping.source, index)
+        assert edge.mapping.coverage() == kept.coverage()
+
+
+def test_the_index_between_pursuits_is_that_of_reading_each_point():
+    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
+    cases = [
+        cr.project(hunt, chase, predator="predator_2"),
+        cr.project(hunt, wide, predator="predator_1"),
+        cr.project(wide, chase),
+        cr.project(hunt, hunt, predator_1="predator_2", predator_2="predator_1"),
+    ]
+    for mapping in cases:
+        assert mapping.index.tolist() == index_point_by_point(mapping).tolist()
+
+
+def line_by_points(points, n_actions=2, seed=0):
+    rng = np.random.default_rng(seed)
+    box = [cr.Component("row", 3), cr.Component("column", 3)]
+    return random_task(cr.Space(box, points), cr.Space([cr.Component("move", n_actions)]), rng)
+
+
+def test_spaces_that_are_no_boxes_fall_back_to_arrays():
+    everywhere = list(itertools.product(range(3), repeat=2))
+    listed, box = line_by_points(everywhere[::2]), line_by_points(None, seed=1)
+    for target, source in ((listed, box), (box, listed), (listed, listed)):
+        edge = cr.Transfer("source", "target", cr.project(target, source, unmapped_value=-3), 2, 1)
+        values = values_of(source, np.random.default_rng(0))
+        assert edge.mapping.lookups() is None
+        assert mapped_potential(target, [edge], [values], cr.mean) is None
+        assert edge.mapping.index.tolist() == index_point_by_point(edge.mapping).tolist()
+        curriculum = cr.Curriculum({"source": source, "target": target}, [edge], budget=500)
+        result = curriculum.train(2)
+        for phi, q in zip(result.potentials["target"], result["source"].values, strict=True):
+            assert isinstance(phi, cr.StateActionPotential)
+            expected = on_arrays(target, [edge], [q], cr.mean)
+            np.testing.assert_array_equal(phi.values, expected.values)
+
+
+def test_a_curriculum_reads_its_sources_as_arrays_would():
+    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
+    for function in AGGREGATES:
+        edges = [
+            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"), 1.5),
+            cr.Transfer("wide", "hunt", cr.project(hunt, wide, predator="predator_2"), shift=-2),
+        ]
+        tasks = {"chase": chase, "wide": wide, "hunt": hunt}
+        curriculum = cr.Curriculum(tasks, edges, function, budget=2000)
+        result = curriculum.train(2)
+        assert all(isinstance(p, MappedPotential) for p in result.potentials["hunt"])
+        arrays = [
+            on_arrays(hunt, edges, [result[edge.source].values[k] for edge in edges], function)
+            for k in range(2)
+        ]
+        again = cr.learn(hunt, budget=2000, seeds=2, potential=arrays, stream="hunt")
+        np.testing.assert_array_equal(result["hunt"].values, again.values)
+        np.testing.assert_array_equal(result["hunt"].greedy_return, again.greedy_return)
+        np.testing.assert_array_equal(result["hunt"].training_return, again.training_return)
+
+
+def test_an_aggregate_of_ones_own_goes_through_arrays():
+    hunt, chase = cr.Pursuit(2, 2), cr.Pursuit(2, 1)
+    edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
+    for function in (lambda phi: phi[0], np.median):
+        assert mapped_potential(hunt, [edge], [np.zeros((16, 5))], function) is None
+
+
+def test_mappings_and_potentials_of_huge_targets_take_no_memory():
+    near = cr.Pursuit(10, 1)
+    q = np.zeros((near.states.size, near.actions.size))
+    tracemalloc.start()
+    huge = cr.Pursuit(10, 4)
+    edges = [
+        cr.Transfer("near", "huge", cr.project(huge, near, predator=name))
+        for name in huge.predator_names
+    ]
+    phi = mapped_potential(huge, edges, [q] * 4, cr.minimum)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert phi is not None
+    assert peak < 20 * q.nbytes

@@ -1,0 +1,319 @@
+"""Storage: dense and sparse tables say the same, memory that ends, single precision."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import GreedyEvaluation, QLearning, SettingError, SparseValues, Storage
+from curricle.transfer.mapped import mapped_potential
+
+CHASE, HUNT = cr.Pursuit(3, 1), cr.Pursuit(3, 2, time_limit=40)
+FAR = cr.Pursuit(4, 2, time_limit=40)
+ROLLED, EXACT = GreedyEvaluation("rollouts", episodes=5), GreedyEvaluation("exact")
+CURVES = ("training_return", "greedy_return", "episodes", "steps", "steps_used", "episodes_used")
+AGGREGATES = {"min": cr.minimum, "max": cr.maximum, "mean": cr.mean, "total": cr.total}
+LEARNERS = {
+    "greedy": QLearning(learning_rate=0.3, epsilon=0.2, initial_value=-1.5),
+    "softmax": QLearning(learning_rate=0.3, inverse_temperature=1.0),
+    "harmonic": QLearning(learning_rate=cr.harmonic(0.9, 0.05, half=5)),
+}
+
+
+def potential(task, function=cr.minimum, seed=0):
+    """Return random values of two sources read through mappings; some pairs end or have none."""
+    rng = np.random.default_rng(seed)
+    edges = [
+        cr.Transfer("chase", "hunt", cr.project(task, CHASE, predator=name, unmapped_value=u), x, y)
+        for name, u, x, y in (("predator_1", -7.0, 2.0, 0.5), ("predator_2", -5.0, -1.0, 0.0))
+    ]
+    return mapped_potential(task, edges, rng.normal(-8, 3, size=(2, 81, 5)), function)
+
+
+def same_curves(one, other):
+    for name in CURVES:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def both(task, learner, budget=3000, *, dtype="float64", **settings):
+    """Learn with dense and with sparse tables, hold them equal and return both."""
+    kinds = (Storage(kind, dtype) for kind in ("dense", "sparse"))
+    dense, sparse = (cr.learn(task, learner, budget, storage=s, **settings) for s in kinds)
+    same_curves(dense, sparse)
+    for q, met in zip(dense.values, sparse.values, strict=True):
+        assert (np.diff(met.states) > 0).all()
+        assert met.values.dtype == q.dtype == dtype
+        np.testing.assert_array_equal(q[met.states], met.values)
+        assert not dense.task.terminal[met.states].any()
+    assert not sparse.out_of_memory.any()
+    return dense, sparse
+
+
+# -- dense and sparse ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("name", LEARNERS)
+def test_sparse_and_dense_tables_learn_the_same(name, dtype):
+    both(HUNT, LEARNERS[name], dtype=dtype, evaluation=ROLLED, seeds=2)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("name", LEARNERS)
+def test_so_they_do_from_a_potential(name, aggregate, dtype):
+    phi = [potential(FAR, AGGREGATES[aggregate], seed) for seed in range(2)]
+    both(FAR, LEARNERS[name], dtype=dtype, evaluation=ROLLED, seeds=2, potential=phi)
+
+
+def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
+    phi, asleep = potential(FAR), QLearning(learning_rate=0, initial_value=0.25)
+    met = cr.learn(FAR, asleep, 500, potential=phi, storage=Storage("sparse")).values[0]
+    np.testing.assert_array_equal(met.values, phi.values[met.states] + 0.25)
+    assert {-7.0 + 0.25, -5.0 + 0.25} & set(met.values.ravel().tolist())  # some are unmapped
+
+
+def test_states_not_met_are_judged_as_they_would_be_made():
+    # Hardly any learning: nearly all states that an evaluation visits have no row yet.
+    both(FAR, QLearning(), 3, potential=potential(FAR), evaluation=ROLLED, every=1)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("limit", [None, 30])
+def test_exact_evaluation_reads_sparse_tables(limit, dtype):
+    small = cr.Pursuit(2, 2, time_limit=limit)
+    both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, every=50, dtype=dtype)
+
+
+def test_tables_of_tasks_are_learnt_sparsely_too():
+    both(FAR.mdp, QLearning(), evaluation=ROLLED)
+    both(cr.GridWorld(["S..", "...", "..T"]).mdp, QLearning(), cr.Episodes(20))
+
+
+def test_automatic_storage_is_sparse_where_dense_does_not_fit():
+    values = HUNT.states.size * HUNT.actions.size * 8
+    kind = {m: cr.learn(HUNT, budget=100, storage=Storage(memory=m)) for m in (values, 2 * values)}
+    assert isinstance(kind[values].values[0], SparseValues)
+    assert isinstance(kind[2 * values].values, np.ndarray)
+
+
+def test_ten_thousand_million_states_are_learnt():
+    huge = cr.Pursuit(10, 4)
+    near = cr.Pursuit(3, 1)
+    names = {"a": "predator_1", "b": "predator_4"}
+    curriculum = cr.Curriculum(
+        {"near": near, "huge": huge},
+        [cr.Transfer("near", "huge", cr.project(huge, near, predator=n)) for n in names.values()],
+        budget={"near": 1000, "huge": 2000},
+        evaluation=GreedyEvaluation(episodes=2),
+    )
+    result = curriculum.train(2)
+    assert result["huge"].steps_used.tolist() == [2000, 2000]
+    for met in result["huge"].values:
+        assert 1000 < len(met.states) <= 2011
+        assert met.states.max() < 10**10
+
+
+# -- memory --------------------------------------------------------------------------------------
+
+
+def limited(rows, **settings):
+    one = Storage("sparse")
+    bytes_a_row = 10_000 / one.rows_within(10_000_000, HUNT.actions.size) * 1000
+    storage = Storage("sparse", memory=int((rows + 0.5) * bytes_a_row))
+    assert storage.rows_within(storage.limit, HUNT.actions.size) == rows
+    learner = QLearning(epsilon=0.5)
+    return cr.learn(HUNT, learner, 20_000, every=20, storage=storage, **settings)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 17, 100])
+def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
+    phi = potential(HUNT)
+    short = limited(rows, potential=phi, evaluation=ROLLED)
+    whole = cr.learn(
+        HUNT, QLearning(epsilon=0.5), 20_000, every=20, potential=phi, evaluation=ROLLED
+    )
+    assert short.out_of_memory.all()
+    assert not whole.out_of_memory.any()
+    assert short.steps_used[0] < 20_000
+    assert len(short.values[0].states) == rows
+    n = len(short.steps)
+    assert n == short.steps_used[0] // 20 + 1
+    for name in ("training_return", "greedy_return", "episodes", "steps"):
+        one, other = getattr(short, name), getattr(whole, name)[..., :n]
+        np.testing.assert_array_equal(one, other, err_msg=name)
+    # The values, too, are those of a run of just as many steps.
+    used = int(short.steps_used[0])
+    if used:
+        again = cr.learn(HUNT, QLearning(epsilon=0.5), used, every=min(20, used), potential=phi)
+        met = short.values[0]
+        np.testing.assert_array_equal(again.values[0][met.states], met.values)
+        assert again.episodes_used[0] == short.episodes_used[0]
+
+
+def test_memory_is_shared_by_the_seeds_that_hold_values():
+    kept = limited(100, seeds=4, evaluation=ROLLED)
+    assert [len(met.states) for met in kept.values] == [25] * 4
+
+
+def test_a_run_that_just_fits_is_not_out_of_memory():
+    line = cr.GridWorld("S..T").mdp  # three states are met
+    rows = Storage("sparse").rows_within
+    enough = next(m for m in range(1, 10_000) if rows(m, 4) == 3)
+    fits = cr.learn(line, budget=500, storage=Storage("sparse", memory=enough))
+    assert not fits.out_of_memory[0]
+    assert fits.steps_used[0] == 500
+    assert cr.learn(line, budget=500, storage=Storage("sparse", memory=enough - 1)).out_of_memory[0]
+
+
+def test_episodes_that_memory_cut_short_are_out_of_memory():
+    short = cr.learn(HUNT, budget=cr.Episodes(500), storage=Storage("sparse", memory=5000))
+    assert short.out_of_memory[0]
+    assert short.episodes_used[0] < 500
+
+
+@pytest.mark.parametrize("learner", [QLearning(), cr.SARSA()])
+@pytest.mark.parametrize("kind", ["dense", "sparse"])
+def test_values_need_not_be_kept(kind, learner):
+    if kind == "sparse" and not isinstance(learner, QLearning):
+        learner = LEARNERS["softmax"]
+    settings = {"budget": 1000, "seeds": 3, "evaluation": ROLLED}
+    kept = cr.learn(HUNT, learner, storage=Storage(kind), **settings)
+    dropped = cr.learn(HUNT, learner, storage=Storage(kind, keep=False), **settings)
+    assert dropped.values is None
+    same_curves(kept, dropped)
+
+
+def test_seeds_that_keep_nothing_need_memory_only_one_at_a_time():
+    values = 2 * HUNT.states.size * HUNT.actions.size * 8
+    one = Storage("dense", memory=values, keep=False)
+    cr.learn(HUNT, budget=50, seeds=5, workers=1, storage=one, evaluation=ROLLED)
+    with pytest.raises(SettingError, match="values of 5 seeds must fit"):
+        cr.learn(HUNT, budget=50, seeds=5, workers=1, storage=Storage("dense", memory=values))
+
+
+def test_dense_tables_that_do_not_fit_are_refused_before_they_are_made():
+    tracemalloc.start()
+    wanted = r"25,000,000 states|100,000,000 states x 125 actions in float64 take 101 GB"
+    with pytest.raises(SettingError, match=wanted):
+        cr.learn(cr.Pursuit(10, 3), budget=10, storage=Storage("dense", memory="8 GB"))
+    assert tracemalloc.get_traced_memory()[1] < 10**7
+    tracemalloc.stop()
+
+
+def test_a_curriculum_asks_for_sources_whose_values_are_kept():
+    edge = cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"))
+    for storage in (Storage("sparse"), Storage(keep=False)):
+        tasks = {"chase": CHASE, "hunt": HUNT}
+        curriculum = cr.Curriculum(tasks, [edge], budget=50, storage={"chase": storage})
+        with pytest.raises(cr.CurriculumError, match="those of 'chase', which 'hunt' reads"):
+            curriculum.train()
+
+
+ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
+REFUSED = {
+    "SARSA": ({"learner": cr.SARSA()}, "serve Q-learning .* got SARSA"),
+    "state": (
+        {"potential": ARRAY.to_state(), "how": "state"},
+        "serve Q-learning .* QLearning with how 'state'",
+    ),
+    "bonus": ({"potential": ARRAY, "how": "bonus"}, "with how 'bonus'"),
+    "array": ({"potential": ARRAY}, "got a StateActionPotential, which is an array"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_sparse_tables_cannot_do_is_refused(name):
+    settings, message = REFUSED[name]
+    with pytest.raises(SettingError, match=message):
+        cr.learn(CHASE, budget=10, storage=Storage("sparse"), **settings)
+
+
+SIZES = {"1.5 GiB": 3 * 2**29, "2 GB": 2 * 10**9, " 2GB ": 2 * 10**9, "7 B": 7, "1. KiB": 1024}
+
+
+@pytest.mark.parametrize("text", SIZES)
+def test_memory_is_read_with_its_unit(text):
+    assert Storage(memory=text).limit == SIZES[text]
+    assert Storage(memory=SIZES[text]).limit == SIZES[text]
+
+
+BAD = ["", "GB", ". GB", "1.2.3 GB", "2 gb", "2 TB", "-2 GB", "2", "1e3 MB", "0 GB", "0.1 B"]
+BAD += ["9" * 400 + " GB", "nan GB", 0, -1, 1.5, True, None.__class__]
+
+
+@pytest.mark.parametrize("memory", BAD, ids=lambda m: str(m)[:10])
+def test_memory_that_is_none_is_refused(memory):
+    with pytest.raises(SettingError, match=r"memory (must be|in bytes must)"):
+        Storage(memory=memory)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"kind": "hash"}, {"dtype": "float16"}, {"keep": 1}], ids=lambda s: next(iter(s))
+)
+def test_unknown_storage_is_refused(settings):
+    with pytest.raises(SettingError):
+        Storage(**settings)
+
+
+# -- sparse values -------------------------------------------------------------------------------
+
+
+def test_sparse_values_are_found_by_state():
+    met = SparseValues(np.array([2, 5, 9]), np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]))
+    assert met.at(5).tolist() == [3, 4]
+    assert met.at([9, 2, 9])[:, 0].tolist() == [5, 1, 5]
+    assert met.at([[2], [5]]).shape == (2, 1, 2)
+    for state in (0, 3, 10):
+        with pytest.raises(SettingError, match=f"the states met only: {state} was not"):
+            met.at([2, state])
+
+
+def test_values_of_a_run_are_found_by_state():
+    _, sparse = both(HUNT, QLearning(), 1000, evaluation=ROLLED)
+    met = sparse.values[0]
+    order = np.random.default_rng(0).permutation(len(met.states))
+    np.testing.assert_array_equal(met.at(met.states[order]), met.values[order])
+    assert not met.values.flags.writeable
+
+
+def test_as_many_actions_as_can_be_numbered():
+    def bandit(n):
+        last = [[(1.0, 1, float(a == n - 1), True)] for a in range(n)]
+        return cr.FiniteMDP.from_outcomes([last, [[]] * n], start=0, discount=0.9)
+
+    hopeful = QLearning(learning_rate=1, epsilon=0, initial_value=1.0)
+    most = cr.learn(bandit(32_767), hopeful, 100_000, every=100_000)
+    assert most.greedy_return[0, -1] == 1
+    with pytest.raises(SettingError, match="at most 32,767 actions: got 32,768"):
+        cr.learn(bandit(32_768), budget=10)
+
+
+# -- single precision ----------------------------------------------------------------------------
+
+
+def test_single_precision_is_exact_where_nothing_is_rounded():
+    # Halves of small whole numbers, few updates of each pair: 24 bits hold every sum.
+    learner = QLearning(learning_rate=0.5, epsilon=1.0)
+    chase = cr.Pursuit(4, 1, discount=0.5)
+    results = [
+        cr.learn(chase, learner, 900, storage=Storage(dtype=dtype))
+        for dtype in ("float64", "float32")
+    ]
+    double, single = (r.values for r in results)
+    assert (double.dtype, single.dtype) == (np.float64, np.float32)
+    np.testing.assert_array_equal(double, single)
+    assert len(np.unique(double)) > 5
+    same_curves(*results)
+
+
+@pytest.mark.parametrize("kind", [QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning])
+def test_single_precision_is_close_to_double(kind):
+    # All explore at random, so that rounding changes no path.
+    learner, chase = kind(learning_rate=0.1, epsilon=1.0), cr.Pursuit(3, 1)
+    settings = {"budget": 20_000, "evaluation": ROLLED, "every": 20_000}
+    double = cr.learn(chase, learner, **settings).values
+    single = cr.learn(chase, learner, storage=Storage(dtype="float32"), **settings).values
+    assert single.dtype == np.float32
+    assert 0 < abs(double - single).max() < 1e-4
