@@ -5,17 +5,30 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+FOLDER = Path(__file__).parents[2] / "examples"
+PICTURES = {
+    "first_curriculum": {"seeds": 2},
+    "three_predators": {"seeds": 2, "size": 3, "steps": 1600, "source_steps": 10_000},
+}
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs_and_draws(path, tmp_path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    example.main(tmp_path / "picture.png", seeds=2)
+def example(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_example_runs_and_draws(name, tmp_path):
+    example(name).main(tmp_path / "picture.png", **PICTURES[name])
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_there_are_examples():
-    assert EXAMPLES
+def test_a_task_of_ones_own_runs(capsys):
+    example("own_task").main(size=4, winds=3, steps=1000, seeds=2)
+    assert "2 seeds" in capsys.readouterr().out
+
+
+def test_no_example_is_left_out():
+    assert {path.stem for path in FOLDER.glob("*.py")} == {*PICTURES, "own_task"}

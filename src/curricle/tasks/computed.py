@@ -48,8 +48,8 @@ class ComputedMDP:
 
     Notes
     -----
-    The functions are compiled into the learning loop when a task is first learnt, which takes 1 to
-    3 seconds in each process: code of one's own is not cached on disk.
+    The functions are compiled into the learning loop when a task is first learnt, which takes some
+    seconds in each process: code of one's own is not cached on disk.
 
     Examples
     --------
