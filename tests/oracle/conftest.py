@@ -108,32 +108,24 @@ def pick(probabilities, u):
 def draw_best(values, bits):
     """Return an action of highest value, each equally likely, and how many there are."""
     best = [a for a, v in enumerate(values) if v == max(values)]
-    if len(best) == 1:
-        return best[0], 1
-    while True:
-        bits = (bits * 0xD1342543DE82EF95 + STRIDE) & MASK
-        action = below(bits >> 32, len(values))
-        if action in best:
-            return action, len(best)
+    return best[below(bits * 0xD1342543DE82EF95, len(best))], len(best)
 
 
 class Ties:
-    """Draws among tied actions as the fast loop does: when a row's best changes, or was taken."""
+    """Draws among tied actions as the fast loop does: one visit ahead."""
 
     def __init__(self, q, key):
         self.drawn = [draw_best(row, scramble(key ^ scramble(s))) for s, row in enumerate(q)]
 
-    def take(self, row, state, bits):
-        action, ties = self.drawn[state] or draw_best(row, bits)
-        if ties > 1:
-            self.drawn[state] = None
-        return action
+    def take(self, state, bits):
+        return self.drawn[state][0]
 
     def update(self, before, after, state, action, bits):
         old, new, best = before[action], after[action], max(before)
+        drawn, ties = self.drawn[state]
         if new > best:
             self.drawn[state] = action, 1
-        elif new != old and best in (old, new):
+        elif (new != old and best in (old, new)) or (new == old and drawn == action and ties > 1):
             self.drawn[state] = draw_best(after, bits)
 
 
@@ -228,7 +220,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
         if fresh:
             state, length, total, before = pick(starts, unit(next(draw))), 0, 0.0, 0.0
         if fresh or kind != "SARSA":
-            take = ties and partial(ties.take, acting(state, step), state)
+            take = ties and partial(ties.take, state)
             action, bits = pick_action(acting(state, step), learner, step, draw, take)
         else:
             action = next_action

@@ -284,10 +284,10 @@ def test_as_many_actions_as_can_be_numbered():
         return cr.FiniteMDP.from_outcomes([last, [[]] * n], start=0, discount=0.9)
 
     hopeful = QLearning(learning_rate=1, epsilon=0, initial_value=1.0)
-    most = cr.learn(bandit(32_767), hopeful, 100_000, every=100_000)
+    most = cr.learn(bandit(32_768), hopeful, 100_000, every=100_000)
     assert most.greedy_return[0, -1] == 1
-    with pytest.raises(SettingError, match="at most 32,767 actions: got 32,768"):
-        cr.learn(bandit(32_768), budget=10)
+    with pytest.raises(SettingError, match="at most 32,768 actions: got 32,769"):
+        cr.learn(bandit(32_769), budget=10)
 
 
 # -- single precision ----------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from curricle.learning.sampling import (
     expected_value,
     highest,
 )
-from curricle.learning.schedules import Schedule, at
+from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.tasks.draws import STRIDE, first_above, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
 
@@ -137,13 +137,12 @@ def write(record, checkpoint, step, episodes, ended, ended_return, value):
     record.episodes[checkpoint] = episodes
 
 
-def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, every, record):
+def train(model, horizon, rule, shaping, q, evaluation, stream, budget, every, record):
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
-    `horizon` are the discount and the time limit, `visits` (S, A) counts updates for a harmonic
-    learning rate, `stream` (1,) is the run's random stream, `budget` are the steps and episodes
-    at which to stop, `every` the steps between checkpoints (checkpoint 0 is before the first
-    step).
+    `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
+    `budget` are the steps and episodes at which to stop, `every` the steps between checkpoints
+    (checkpoint 0 is before the first step).
     """
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
@@ -191,12 +190,9 @@ def train(model, horizon, rule, shaping, q, visits, evaluation, stream, budget, 
             target += discount * bootstrap(
                 q, table, next_state, next_action, next_values, rule, step, coin
             )
-        count = step - 1
-        if rule.counted:
-            count = visits[state, action]
-            visits[state, action] += 1
+        rate = rate_of(rule.learning_rate, state, action, step - 1)
         old = np.float64(q[table, state, action])
-        q[table, state, action] = old + at(rule.learning_rate, count) * (target - old)
+        q[table, state, action] = old + rate * (target - old)
 
         fresh = terminated or length >= limit
         if fresh:

@@ -17,7 +17,7 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.run import Outcome, Potential, Run, rows_allowed
-from curricle.learning.sampling import ACTION
+from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
 from curricle.tasks.spaces import frozen
@@ -28,7 +28,7 @@ IntArray = npt.NDArray[np.int64]
 
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
-MOST_ACTIONS = int(ACTION)
+MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart, one number being taken."""
 
 

@@ -1,13 +1,15 @@
 """The learners: which update, how fast, how they explore. Values that :func:`learn` runs."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
+
+import numpy as np
 
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import kernels
 from curricle.learning.sampling import EpsilonGreedy, Rule, Softmax
-from curricle.learning.schedules import HARMONIC, Schedule, within
+from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
 
 
 @dataclass(frozen=True)
@@ -56,15 +58,16 @@ class Learner:
         number("initial_value", self.initial_value, SettingError)
         self.rule()
 
-    def rule(self) -> Rule:
-        """Return the learner as the compiled loops read it."""
-        rate = within("learning_rate", self.learning_rate, 0.0, 1.0)
-        counted = rate.shape == HARMONIC
+    def rule(self, rows: int = 1, n_actions: int = 1) -> Rule:
+        """Return the learner as the compiled loops read it, for tables of so many rows."""
+        rate: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
+        if rate.shape == HARMONIC:
+            rate = ByVisits(rate, np.zeros((rows, n_actions), dtype=np.int64))
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
-            return Rule(self.update, rate.lowered, counted, Softmax(beta.lowered))
+            return Rule(self.update, rate.lowered, Softmax(beta.lowered))
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
-        return Rule(self.update, rate.lowered, counted, EpsilonGreedy(epsilon.lowered))
+        return Rule(self.update, rate.lowered, EpsilonGreedy(epsilon.lowered))
 
 
 @dataclass(frozen=True)

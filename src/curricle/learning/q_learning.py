@@ -4,22 +4,27 @@ Each row's best value and a greedy action are kept at hand, and looked for again
 value was lowered, so that a step scans no row: several times faster than the general loop.
 """
 
+import numpy as np
+
 from curricle.learning.judging import greedy_return
 from curricle.learning.kernels import JUDGE, write
-from curricle.learning.machine import prefetch
 from curricle.learning.rows import is_full, place, prepare
-from curricle.learning.sampling import act, best_of
-from curricle.learning.schedules import at
+from curricle.learning.sampling import TIED, act, best_of
+from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
+from curricle.tasks.machine import prefetch
 
-FITS = 32_768
-"""Bytes of a table that stays in the processor's nearest cache, so that fetching ahead is idle."""
+NOWHERE = np.uint64(2**64 - 1)
 
 
 @piece
-def update(q, best, greedy, row, action, rate, target, bits):
-    """Move q(row, action) towards the target, and what is kept of the row with it."""
+def update(q, best, greedy, row, change):
+    """Move q(row, action) towards the target, and what is kept of the row with it.
+
+    `change` are the action, the learning rate, the target and 64 bits that a tie is broken with.
+    """
+    action, rate, target, bits = change
     old = q[row, action]
     new = old + rate * (target - old)
     if new != old:
@@ -28,29 +33,33 @@ def update(q, best, greedy, row, action, rate, target, bits):
             best[row], greedy[row] = new, action
         elif old == best[row] or new == best[row]:
             best[row], greedy[row] = best_of(q, row, bits)
+    elif np.uint64(greedy[row]) == action | TIED:
+        greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
 
 
-def train_q_learning(
-    model, horizon, rule, table, visits, evaluation, stream, budget, every, record
-):
+def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, every, record):
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
-    `horizon` are the discount and the time limit, `visits` (S, A) counts updates for a harmonic
-    learning rate, `stream` (1,) is the run's random stream, `budget` are the steps and episodes
-    at which to stop, `every` the steps between checkpoints (checkpoint 0 is before the first
-    step). A table without room for another state ends the run before the step that needs it.
+    `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
+    `budget` are the steps and episodes at which to stop, `every` the steps between checkpoints
+    (checkpoint 0 is before the first step). A table without room for another state ends the run
+    before the step that needs it.
+
+    Rows of a far table come late from memory. There a step is learnt from during the next one,
+    before anything it changes is read: this does not change what is learnt.
     """
     # Arrays leave their tuples here: inside the loop each access would count a reference.
     q, best, greedy = table.q, table.best, table.greedy
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
-    large = q.nbytes > FITS
+    far = len(table.far) > 0
     judge = stream ^ JUDGE
     prepare(table)
     step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
     counter = stream[0] + STRIDE
     state, last, counter = first_state(model, scramble(counter)), limit, counter + STRIDE
     row = place(table, state)
+    waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, table, judge)
@@ -68,20 +77,24 @@ def train_q_learning(
                 if is_full(table, next_row):
                     row = next_row
                     break
-                if large:
+                if far:
                     prefetch(q, next_row)
+            if waiting != NOWHERE:
+                update(q, best, greedy, waiting, change_there)
+                waiting = NOWHERE
+            if not over:
                 target += discount * best[next_row]
-            count = step
-            if rule.counted:
-                count = visits[row, action]
-                visits[row, action] += 1
-            rate = real(at(rule.learning_rate, count))
-            update(q, best, greedy, row, action, rate, target, bits)
+            change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
+            ends = over or step + 1 == last
+            if far and not ends and next_row != row:
+                waiting, change_there = row, change
+            else:
+                update(q, best, greedy, row, change)
 
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
             # Cutting off at the time limit is not termination: the target was bootstrapped.
-            if over or step == last:
+            if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
                 if episodes == budget[1]:
@@ -90,3 +103,6 @@ def train_q_learning(
                 row = place(table, state)
                 if is_full(table, row):
                     break
+        if waiting != NOWHERE:
+            update(q, best, greedy, waiting, change_there)
+            waiting = NOWHERE

@@ -18,6 +18,11 @@ from curricle.tasks.draws import piece, scramble
 FloatTable = npt.NDArray[np.floating[Any]]
 
 
+Far = tuple[None, ...]
+"""Empty unless rows come late from memory: a type, so that loops over near rows have no code
+for waiting."""
+
+
 class Dense(NamedTuple):
     """A row for every state: a state's row is the state."""
 
@@ -25,6 +30,7 @@ class Dense(NamedTuple):
     best: FloatTable  # (S,) max_a q(s, a)
     greedy: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
     key: np.uint64  # of the ties before learning
+    far: Far
 
 
 class Sparse(NamedTuple):
@@ -40,6 +46,7 @@ class Sparse(NamedTuple):
     used: npt.NDArray[np.int64]  # (1,) rows made so far
     reading: Reading
     key: np.uint64  # of the ties in fresh rows
+    far: Far
 
 
 def prepare(table):

@@ -28,6 +28,8 @@ FloatTable = npt.NDArray[np.floating[Any]]
 Potential = StatePotential | StateActionPotential | MappedPotential
 
 WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
+NEAR = 32_768
+"""Bytes of a table that stays in the processor's nearest cache."""
 AS_VALUES = ("initialise", "look_ahead")
 """Ways that write the potential into the table, after which learning is plain."""
 
@@ -101,9 +103,8 @@ class Run:
         steps, episodes = compiled(train_q_learning, isinstance(self.task.model, Functions))(
             self.task.model,
             self._horizon,
-            self.learner.rule(),
+            self.learner.rule(*table.q.shape),
             table,
-            self._visits(table.q.shape),
             self.evaluation,
             stream,
             (np.int64(self.steps), np.int64(self.episodes)),
@@ -135,10 +136,9 @@ class Run:
         steps, episodes = compiled(kernels.train, isinstance(self.task.model, Functions))(
             self.task.model,
             self._horizon,
-            self.learner.rule(),
+            self.learner.rule(*q.shape[1:]),
             shaping(potential, self.how),
             q,
-            self._visits(q.shape[1:]),
             self.evaluation,
             stream,
             (np.int64(self.steps), np.int64(self.episodes)),
@@ -153,10 +153,6 @@ class Run:
     def _horizon(self) -> tuple[float, np.int64]:
         limit = self.task.time_limit
         return self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)
-
-    def _visits(self, shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
-        """Return room to count updates in, where the learning rate asks for it."""
-        return np.zeros(shape if self.learner.rule().counted else (1, 1), dtype=np.int64)
 
     def _empty(self) -> FloatTable:
         return np.empty((self.task.states.size, self.task.actions.size), self.storage.dtype)
@@ -174,7 +170,8 @@ class Run:
             q[self.task.terminal] = 0.0
 
     def _dense(self, q: FloatTable, key: np.uint64) -> Dense:
-        return Dense(q, np.empty(len(q), q.dtype), np.empty(len(q), np.uint16), key)
+        far = (None,) if q.nbytes > NEAR else ()
+        return Dense(q, np.empty(len(q), q.dtype), np.empty(len(q), np.uint16), key, far)
 
     def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> Sparse:
         # Pages of np.empty and np.zeros take no memory before they are written to.
@@ -198,6 +195,7 @@ class Run:
             np.zeros(1, np.int64),
             reading,
             key,
+            (None,),
         )
 
 

@@ -8,17 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.learning.machine import larger
-from curricle.learning.schedules import Constant, Schedule, at
+from curricle.learning.schedules import ByVisits, Constant, Schedule, at
 from curricle.tasks.dispatch import ByType
 from curricle.tasks.draws import HALF, STRIDE, below, happens, piece, scramble, unit
+from curricle.tasks.machine import LANES as PIECE, highest_of_piece, nth_one, ones, ties_in_piece
 
+LANES, WORD = np.uint64(PIECE), np.uint64(64)
 TIED = np.uint64(1 << 15)
 """Flag of an action that was drawn among several of the same value."""
 ACTION = np.uint64((1 << 15) - 1)
 """The bits of the action itself."""
-SPENT = np.uint64((1 << 16) - 1)
-"""In place of an action: several are best, and the one that was drawn has been taken."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)
 """Of a linear congruential generator whose upper bits are good enough to propose actions with."""
 
@@ -39,55 +38,45 @@ class Rule(NamedTuple):
     """A learner; exploration and schedules are types, so that a loop only has code for its own."""
 
     update: int
-    learning_rate: Constant | Schedule
-    counted: bool  # whether the learning rate goes by the updates of each pair, not by steps
+    learning_rate: Constant | Schedule | ByVisits
     exploration: EpsilonGreedy | Softmax
 
 
 @piece
 def highest(table, row):
     """Return the highest value of a row."""
-    best = table[row, 0]
-    for action in range(np.uint64(1), np.uint64(table.shape[1])):
-        best = larger(best, table[row, action])
+    best = highest_of_piece(table, row, np.uint64(0))
+    for first in range(LANES, np.uint64(table.shape[1]), LANES):
+        best = max(best, highest_of_piece(table, row, first))
     return best
+
+
+@piece
+def ties_in_word(table, row, first, value):
+    """Return which of up to 64 values of a row equal `value`, from entry `first` on: a bit each."""
+    tied, end = np.uint64(0), np.uint64(table.shape[1])
+    for start in range(first, min(first + WORD, end), LANES):
+        tied |= ties_in_piece(table, row, start, value) << (start - first)
+    return tied
 
 
 @piece
 def best_of(table, row, bits):
     """Return the highest value of a row and an action that has it, flagged where several do.
 
-    Of several each is equally likely: actions are proposed by 64 random bits until one has the
-    value, A / ties proposals on average; counting up to a place drawn takes twice as long.
+    Of several each is equally likely. No branch depends on the values.
     """
-    best, n_actions = highest(table, row), np.uint64(table.shape[1])
-    # In 32 bits, as many entries go through a vector instruction as in single precision.
-    ties, total = np.uint32(0), np.uint32(0)
-    for action in range(n_actions):
-        tied = np.uint32(table[row, action] == best)
-        ties = np.uint32(ties + tied)
-        total = np.uint32(total + np.uint32(tied * np.uint32(action)))
-    if ties == np.uint32(1):
-        return best, np.uint64(total)
-    proposed = n_actions
-    while proposed == n_actions or table[row, proposed] != best:
-        bits = bits * MULTIPLIER + STRIDE
-        proposed = below(bits >> HALF, n_actions)
-    return best, proposed | TIED
-
-
-@piece
-def one_of_several(table, greedy, row, bits):
-    """Return the action drawn among a row's best, each time another draw.
-
-    The draw made when the row was last looked through serves once. If taking the action then
-    changes its value, the row is looked through again; if not, the next draw is made here.
-    """
-    chosen = np.uint64(greedy[row])
-    if chosen == SPENT:
-        chosen = best_of(table, row, bits)[1]
-    greedy[row] = SPENT
-    return chosen & ACTION
+    best, first = highest(table, row), np.uint64(0)
+    tied = ties_in_word(table, row, first, best)
+    ties = ones(tied)
+    for start in range(WORD, np.uint64(table.shape[1]), WORD):
+        ties += ones(ties_in_word(table, row, start, best))
+    left = below(bits * MULTIPLIER, ties)
+    while left >= ones(tied):  # further on, in a row of more than 64
+        left, first = left - ones(tied), first + WORD
+        tied = ties_in_word(table, row, first, best)
+    flag = TIED if ties > np.uint64(1) else np.uint64(0)
+    return best, (first + nth_one(tied, left)) | flag
 
 
 @piece
@@ -167,10 +156,7 @@ def _act_greedy(exploration, q, best, greedy, row, step, counter):
     bits = scramble(counter)
     if happens(bits, at(exploration.epsilon, step)):
         return below(bits, q.shape[1]), bits, counter + STRIDE
-    action = np.uint64(greedy[row])
-    if action >= TIED:
-        action = one_of_several(q, greedy, row, bits)
-    return action, bits, counter + STRIDE
+    return np.uint64(greedy[row]) & ACTION, bits, counter + STRIDE
 
 
 @expectations.body(EpsilonGreedy)

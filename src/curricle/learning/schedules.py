@@ -2,6 +2,9 @@
 
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.tasks.dispatch import ByType
@@ -111,6 +114,18 @@ def _span(name: str, value: float) -> float:
     return float(value)
 
 
+class ByVisits(NamedTuple):
+    """A learning rate that goes by the updates of each pair, not by steps."""
+
+    schedule: "Schedule"
+    visits: npt.NDArray[np.int64]  # (rows, A)
+
+    @property
+    def lowered(self) -> "ByVisits":
+        """Itself: it is what compiled loops read."""
+        return self
+
+
 class Constant(NamedTuple):
     """A schedule that never changes, as compiled loops read it."""
 
@@ -121,7 +136,11 @@ def at(schedule, step):
     """Return the value of a schedule after `step` steps, in compiled code."""
 
 
-values_at = ByType(at)
+def rate_of(learning_rate, row, action, step):
+    """Return the learning rate of an update; one that goes by visits counts them."""
+
+
+values_at, rates_of = ByType(at), ByType(rate_of)
 
 
 @values_at.body(Constant)
@@ -139,3 +158,20 @@ def _schedule_at(schedule, step):
     if schedule.shape == EXPONENTIAL:
         return schedule.last + (schedule.first - schedule.last) * 0.5 ** (step / schedule.span)
     return schedule.last + (schedule.first - schedule.last) / (1.0 + step / schedule.span)
+
+
+@rates_of.body(Constant)
+def _constant_rate(learning_rate, row, action, step):
+    return learning_rate.value
+
+
+@rates_of.body(Schedule)
+def _rate_by_steps(learning_rate, row, action, step):
+    return at(learning_rate, step)
+
+
+@rates_of.body(ByVisits)
+def _rate_by_visits(learning_rate, row, action, step):
+    count = learning_rate.visits[row, action]
+    learning_rate.visits[row, action] += 1
+    return at(learning_rate.schedule, count)

@@ -15,7 +15,7 @@ from curricle.tasks.horizon import check_horizon
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.movers import Movers, agents_touching, joint_landing
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
-from curricle.tasks.pursuit_model import Chase
+from curricle.tasks.pursuit_model import Chase, in_places, inverse_of
 from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
@@ -151,17 +151,23 @@ class Pursuit:
     @cached_property
     def model(self) -> Chase:
         """The rules as compiled loops read them; learning needs no tables."""
-        if self.states.size > LARGEST_MODEL:
+        if self.states.size > LARGEST_MODEL or self.states.size * self.cells >= 2**64:
             raise TaskError(
-                f"a pursuit may have at most 2^50 states: this one has {self.states.size:,}"
+                "a pursuit to be learnt may have at most 2^50 states, and 2^64 / cells: this one "
+                f"has {self.states.size:,}"
             )
         joint = self.actions.decode()
         shares = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
+        chances = cumulated(self._prey_policy())
+        if (chances == chances[0]).all():
+            chances = chances[:1]
         return Chase(
-            frozen(self.landing.astype(np.int32)),
-            cumulated(self._prey_policy()),
-            frozen(shares.astype(np.int32)),
-            frozen(np.array([self.cells**-i for i in range(self.predators + 1)])),
+            (None,) * self.predators,
+            np.uint64(self.cells),
+            inverse_of(self.cells),
+            in_places(self.landing.astype(np.int32), 0),
+            in_places(chances, 1.0),
+            frozen(shares.astype(np.int32).ravel()),
             np.uint64(self.cells**self.predators),
             np.uint64(self._enough_to_end),
             np.uint64(self._enough_to_catch),

@@ -7,15 +7,25 @@ import numpy.typing as npt
 
 from curricle.tasks.draws import piece, scramble, unit
 from curricle.tasks.dynamics import moves, starts
+from curricle.tasks.machine import high_product
+from curricle.tasks.spaces import frozen
+
+MOVES = 5
+"""Places for an agent's moves in each table, used or not: as a constant it costs no product."""
 
 
 class Chase(NamedTuple):
-    """The rules of a :class:`Pursuit`, as compiled loops read them."""
+    """The rules of a :class:`Pursuit`, as compiled loops read them.
 
-    landing: npt.NDArray[np.integer[Any]]  # (cells, moves) int32
-    prey_cumulative: npt.NDArray[np.float64]  # (cells, moves), or (S, moves)
-    shares: npt.NDArray[np.integer[Any]]  # (A, predators) int32: each one's move, the last first
-    inverse: npt.NDArray[np.float64]  # (predators + 1,) cells^-i
+    The number of predators is a type, so that loops over them are unrolled.
+    """
+
+    predators: tuple[None, ...]  # as many as there are predators
+    cells: np.uint64
+    inverse: np.uint64  # 2^64 / cells
+    landing: npt.NDArray[np.int32]  # (cells * MOVES,)
+    chances: npt.NDArray[np.float64]  # (rows * MOVES,) of the prey's moves, cumulated
+    share: npt.NDArray[np.int32]  # (A * predators,) each one's move, the last one's first
     others: np.uint64  # joint positions of the predators: cells^predators
     to_end: np.uint64  # predators on the prey's cell that end the episode
     to_catch: np.uint64  # ... that are paid the capture reward
@@ -23,26 +33,37 @@ class Chase(NamedTuple):
     capture_reward: float
 
 
+def in_places(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
+    """Return a table of moves, (rows, moves), with room for :data:`MOVES`, flat."""
+    room = ((0, 0), (0, MOVES - table.shape[1]))
+    return frozen(np.pad(table, room, constant_values=filling).ravel())
+
+
+def inverse_of(divisor: int) -> np.uint64:
+    """Return what :func:`quotient` divides by `divisor` with; `divisor` is 2 or more."""
+    return np.uint64(2**64 // divisor + 1)
+
+
 @piece
 def quotient(number, inverse):
-    """Return number // divisor for inverse = 1 / divisor; a division takes several times longer.
+    """Return number // divisor; a division takes several times longer.
 
-    Exact below 2^50: number + 1/2 is at least half a unit away from the multiples of the divisor,
-    which is more than the product is rounded by.
+    Exact while number * divisor < 2^64: the inverse exceeds 2^64 / divisor by at most 1, so that
+    the product of the two exceeds number / divisor by less than 1 / divisor.
     """
-    return np.uint64((np.float64(number) + 0.5) * inverse)
+    return high_product(number, inverse)
 
 
 @starts.body(Chase)
 def _start(model, bits):
     """Draw positions uniformly until the prey is not caught."""
-    cells, n_states = np.uint64(model.landing.shape[0]), model.others * model.landing.shape[0]
+    n_states = model.others * model.cells
     while True:
         state = np.uint64(unit(bits) * np.float64(n_states))
         prey, rest, touching = state // model.others, state, np.uint64(0)
-        for _ in range(model.shares.shape[1]):
-            touching += np.uint64(rest % cells == prey)
-            rest //= cells
+        for _ in range(len(model.predators)):
+            touching += np.uint64(rest % model.cells == prey)
+            rest //= model.cells
         if touching < model.to_end:
             return state
         bits = scramble(bits)
@@ -51,23 +72,26 @@ def _start(model, bits):
 @moves.body(Chase)
 def _step(model, state, action, bits):
     """Move the prey by its policy and the predators by their shares of the joint action."""
-    cells, predators = np.uint64(model.landing.shape[0]), np.uint64(model.shares.shape[1])
-    prey = quotient(state, model.inverse[predators])
-    by_cell = model.prey_cumulative.shape[0] == model.landing.shape[0]
-    row, move, chance = prey if by_cell else state, np.uint64(0), unit(bits)
-    for i in range(np.uint64(model.landing.shape[1]) - np.uint64(1)):
-        move += np.uint64(chance >= model.prey_cumulative[row, i])
-    prey = np.uint64(model.landing[prey, move])
+    cells, predators = model.cells, np.uint64(len(model.predators))
+    prey = state
+    for _ in range(predators):  # the last predator's cell varies fastest in a state's number
+        prey = quotient(prey, model.inverse)
+    rows, chance = np.uint64(model.chances.shape[0]), unit(bits)
+    row = np.uint64(0)
+    if rows > np.uint64(MOVES):
+        row = prey if rows == cells * np.uint64(MOVES) else state
+    move = np.uint64(0)
+    for i in range(np.uint64(MOVES - 1)):
+        move += np.uint64(chance >= model.chances[row * np.uint64(MOVES) + i])
+    prey = np.uint64(model.landing[prey * np.uint64(MOVES) + move])
 
-    # The last predator's cell varies fastest in the state's number.
     next_state, weight, touching = prey * model.others, np.uint64(1), np.uint64(0)
-    number = state
     for i in range(predators):
-        further = quotient(state, model.inverse[i + np.uint64(1)])
-        share = np.uint64(model.shares[action, i])
-        cell = np.uint64(model.landing[number - further * cells, share])
+        rest = quotient(state, model.inverse)
+        move = np.uint64(model.share[action * predators + i])
+        cell = np.uint64(model.landing[(state - rest * cells) * np.uint64(MOVES) + move])
         next_state += cell * weight
         touching += np.uint64(cell == prey)
-        number, weight = further, weight * cells
+        state, weight = rest, weight * cells
     reward = model.capture_reward if touching >= model.to_catch else model.step_reward
     return next_state, reward, touching >= model.to_end

@@ -1,0 +1,167 @@
+"""What numba has no words for, in LLVM's: vectors of a row's values, and fetching ahead.
+
+A row is looked at in pieces of :data:`LANES` values; a processor with narrower vectors takes
+several for a piece.
+"""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 16
+LINE = 64
+"""Bytes that are fetched together."""
+WORD, FLAG = ir.IntType(32), ir.IntType(1)
+WORDS = ir.VectorType(WORD, LANES)
+
+
+@intrinsic
+def highest_of_piece(_, table, row, first):
+    """Return the highest of up to 16 values of a row, from entry `first` on.
+
+    `table` is C-ordered, (n, m), without NaN.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        values, _, inside = _piece(context, builder, table, args)
+        low = ir.Constant(values.type, [float("-inf")] * LANES)
+        values = builder.select(inside, values, low)
+        return _reduced(builder, "fmax", values, fastmath=("nnan",))
+
+    return table.dtype(table, row, first), build
+
+
+@intrinsic
+def ties_in_piece(_, table, row, first, value):
+    """Return which of up to 16 values of a row equal `value`, from entry `first` on: a bit each."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        values, _, inside = _piece(context, builder, table, args)
+        tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
+        bits = builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.uint64(table, row, first, table.dtype), build
+
+
+@intrinsic
+def ones(_, bits):
+    """Return how many bits of a 64-bit number are set."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.uint64(types.uint64), build
+
+
+@intrinsic
+def nth_one(_, bits, n):
+    """Return the number of the n-th bit, counted from 0, of those set in a 64-bit number.
+
+    One instruction where the processor has it (x86 with BMI2), else a loop over the bits below.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        if "+bmi2" in context.codegen().magic_tuple()[2]:
+            kind = ir.FunctionType(word, [word, word])
+            deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)
+            one = builder.call(deposit, [builder.shl(ir.Constant(word, 1), args[1]), args[0]])
+        else:
+            one = context.compile_internal(builder, _without_lowest, signature, args)
+        return builder.cttz(one, ir.Constant(FLAG, 1))
+
+    return types.uint64(types.uint64, types.uint64), build
+
+
+def _without_lowest(bits: Any, n: Any) -> Any:
+    """Return a number without its n lowest bits that are set."""
+    while n > 0:
+        bits &= bits - np.uint64(1)
+        n -= np.uint64(1)
+    return bits
+
+
+def _piece(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any, Any]:
+    """Return 16 values of a row from an entry on, their numbers, and which the row has."""
+    array = context.make_array(table)(context, builder, args[0])
+    width, first = builder.extract_value(array.shape, 1), args[2]
+    start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
+    lanes = ir.Constant(WORDS, list(range(LANES)))
+    numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
+    inside = builder.icmp_unsigned("<", numbers, _spread(builder, builder.trunc(width, WORD)))
+    kind = ir.VectorType(context.get_data_type(table.dtype), LANES)
+    return _masked_load(builder, start, kind, inside), numbers, inside
+
+
+def _masked_load(builder: Any, start: Any, kind: Any, inside: Any) -> Any:
+    """Return the values that are inside; nothing beyond the row is read."""
+    size = 4 if kind.element == ir.FloatType() else 8
+    name = f"llvm.masked.load.v{LANES}f{8 * size}.p0"
+    parts = [kind.as_pointer(), WORD, inside.type, kind]
+    load = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, parts))
+    start = builder.bitcast(start, kind.as_pointer())
+    return builder.call(load, [start, ir.Constant(WORD, size), inside, ir.Constant(kind, None)])
+
+
+def _reduced(builder: Any, how: str, values: Any, **options: Any) -> Any:
+    """Return the highest entry of a vector."""
+    kind = values.type.element
+    name = {"float": "f32", "double": "f64"}.get(str(kind), str(kind))
+    signature = ir.FunctionType(kind, [values.type])
+    name = f"llvm.vector.reduce.{how}.v{LANES}{name}"
+    reduce = builder.module.declare_intrinsic(name, (), signature)
+    return builder.call(reduce, [values], **options)
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    """Return a vector of one value."""
+    kind = ir.VectorType(value.type, LANES)
+    one = builder.insert_element(ir.Constant(kind, None), value, ir.Constant(WORD, 0))
+    return builder.shuffle_vector(one, one, ir.Constant(WORDS, [0] * LANES))
+
+
+@intrinsic
+def prefetch(_, array, row):
+    """Ask for a row of a C-ordered (n, m) array to be fetched, all lines of it.
+
+    The processor goes on meanwhile; a row of a table larger than its caches is then at hand when
+    the next step reads it.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        table = context.make_array(array)(context, builder, args[0])
+        width = builder.extract_value(table.shape, 1)
+        size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+        byte, count = ir.IntType(8).as_pointer(), width.type
+        start = builder.gep(table.data, [builder.mul(args[1], width)])
+        start = builder.ptrtoint(start, count)
+        last = builder.mul(builder.sub(width, ir.Constant(count, 1)), ir.Constant(count, size))
+        fetch = builder.module.declare_intrinsic(
+            "llvm.prefetch", [byte], ir.FunctionType(ir.VoidType(), [byte, WORD, WORD, WORD])
+        )
+        how = [ir.Constant(WORD, n) for n in (0, 3, 1)]  # to read, keep, data
+        with cgutils.for_range_slice(
+            builder, ir.Constant(count, 0), last, ir.Constant(count, LINE), count
+        ) as (offset, _):
+            builder.call(fetch, [builder.inttoptr(builder.add(start, offset), byte), *how])
+        builder.call(fetch, [builder.inttoptr(builder.add(start, last), byte), *how])
+        return context.get_dummy_value()
+
+    return types.void(array, row), build
+
+
+@intrinsic
+def high_product(_, one, other):
+    """Return the upper 64 bits of the product of two 64-bit numbers."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        wide = ir.IntType(128)
+        product = builder.mul(*(builder.zext(factor, wide) for factor in args))
+        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
+
+    return types.uint64(types.uint64, types.uint64), build
