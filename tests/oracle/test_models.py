@@ -8,7 +8,7 @@ from scipy.stats import chisquare
 
 import curricle as cr
 from curricle.tasks.dynamics import first_state, table_model, transition
-from curricle.tasks.pursuit_model import inverse_of, quotient
+from curricle.tasks.machine import inverse_of, quotient
 
 FRACTION = 2**53
 
@@ -162,14 +162,14 @@ def test_quotients_are_exact_around_the_multiples_of_a_divisor():
         k = np.append(k, [largest // d, largest // d - 1])
         numbers = (k[:, None] * d + np.array([-1, 0, 1])).ravel().astype(np.uint64)
         found = np.empty(len(numbers), np.uint64)
-        quotients(numbers, inverse_of(d), found)
+        quotients(numbers, inverse_of(d, 2), found)
         np.testing.assert_array_equal(found, numbers // np.uint64(d))
 
 
 def test_quotients_are_exact_for_every_small_number():
     for d in range(2, 60):
         found = np.empty(3000, np.uint64)
-        quotients(np.arange(3000, dtype=np.uint64), inverse_of(d), found)
+        quotients(np.arange(3000, dtype=np.uint64), inverse_of(d, 2), found)
         assert found.tolist() == [n // d for n in range(3000)]
 
 
@@ -180,7 +180,7 @@ def test_quotients_of_the_largest_pursuits_are_exact():
         multiples = np.array([largest // d, largest // d - 1, 1, 2], dtype=np.uint64) * np.uint64(d)
         numbers = np.append(multiples, [*(multiples - np.uint64(1)), np.uint64(largest)])
         found = np.empty(len(numbers), np.uint64)
-        quotients(numbers, inverse_of(d), found)
+        quotients(numbers, inverse_of(d, 2), found)
         assert found.tolist() == [int(n) // d for n in numbers]
 
 

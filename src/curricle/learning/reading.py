@@ -1,7 +1,7 @@
 """Potentials read from source values while learning: phi(s, a) of one state at a time, compiled.
 
 A potential over a target of a hundred million states is never an array. What is kept are the
-sources' values and, for each component of a target state, its share in the source's state.
+sources' values and, for each component of a target state, its share in the number of the source's.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from curricle.tasks.draws import piece
+from curricle.tasks.machine import quotient
 from curricle.tasks.spaces import frozen
 
 IntArray = npt.NDArray[np.int64]
@@ -21,20 +22,21 @@ MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
 
 
 class Reading(NamedTuple):
-    """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources, each read through C components.
+    """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources; C components of the target's states.
 
-    The source pair of (s, a) starts at ``first[n]`` and adds up from ``shares``: component c of
-    the target state, ``s // divisor % modulus``, is looked up from ``shares_at[n, c]`` on, and
-    the action adds ``action[n, a]``. A negative entry has no counterpart.
+    Each source's values are rows of one more than its actions, and there is one more row: what
+    has no counterpart is read there, and all of these hold what it is worth. A source's row for a
+    target state starts at ``first[n]`` plus ``shares[shares_at[n, c] + value]`` for the value of
+    each component; the target's action adds ``action[n, a]``.
     """
 
     values: FloatArray  # (V,) of all sources, flat, scaled and shifted
     first: IntArray  # (N,)
-    unmapped: FloatArray  # (N,) what a pair without counterpart is worth
-    divisor: IntArray  # (N, C)
-    modulus: IntArray  # (N, C)
+    nowhere: IntArray  # (N,) the row for states without counterpart
+    size: npt.NDArray[np.uint64]  # (C,) values of a component, the last one's first
+    inverse: npt.NDArray[np.uint64]  # (C,) as in `quotient`; 0 where numbers are too large
     shares_at: IntArray  # (N, C)
-    shares: IntArray  # (L,)
+    shares: IntArray  # (L,) negative where a value has no counterpart
     action: IntArray  # (N, A)
     combine: int
     initial: float  # the learner's own initial value, added to phi
@@ -50,29 +52,23 @@ def nothing(n_actions: int, initial: float) -> Reading:
     """
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))
     actions, empty = frozen(np.zeros((0, n_actions), np.int64)), frozen(np.zeros(0))
-    return Reading(empty, none, empty, pairs, pairs, pairs, none, actions, MEAN, float(initial))
+    sizes = frozen(np.zeros(0, np.uint64))
+    return Reading(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, float(initial))
 
 
 @piece
-def source_pair(reading, n, state):
-    """Return where the n-th source's values for a target state start, negative if nowhere."""
-    pair = reading.first[n]
-    for c in range(reading.divisor.shape[1]):
-        value = state // np.uint64(reading.divisor[n, c]) % np.uint64(reading.modulus[n, c])
-        share = reading.shares[np.uint64(reading.shares_at[n, c]) + value]
+def source_row(reading, n, state):
+    """Return where the n-th source's values for a target state start."""
+    start = reading.first[n]
+    for c in range(np.uint64(reading.size.shape[0])):
+        size, inverse = reading.size[c], reading.inverse[c]
+        rest = quotient(state, inverse) if inverse > np.uint64(0) else state // size
+        share = reading.shares[np.uint64(reading.shares_at[n, c]) + (state - rest * size)]
         if share < 0:
-            return np.int64(-1)
-        pair += share
-    return pair
-
-
-@piece
-def source_value(reading, n, pair, action):
-    """Return what the n-th source makes of an action, its values for the state found at `pair`."""
-    move = reading.action[n, action]
-    if pair < 0 or move < 0:
-        return reading.unmapped[n]
-    return reading.values[np.uint64(pair + move)]
+            return reading.nowhere[n]
+        start += share
+        state = rest
+    return start
 
 
 @piece
@@ -82,23 +78,27 @@ def read_row(reading, state, out):
     for action in range(np.uint64(n_actions)):
         out[action] = 0.0
     for n in range(np.uint64(n_sources)):
-        pair = source_pair(reading, n, state)
+        row = source_row(reading, n, state)
         # One loop for each way of combining: a choice inside the loop would be made A times.
         if n == np.uint64(0):
             for action in range(np.uint64(n_actions)):
-                out[action] = source_value(reading, n, pair, action)
+                out[action] = reading.values[np.uint64(row + reading.action[n, action])]
         elif reading.combine == MINIMUM:
             for action in range(np.uint64(n_actions)):
-                out[action] = min(out[action], source_value(reading, n, pair, action))
+                value = reading.values[np.uint64(row + reading.action[n, action])]
+                out[action] = value if value < out[action] else out[action]
         elif reading.combine == MAXIMUM:
             for action in range(np.uint64(n_actions)):
-                out[action] = max(out[action], source_value(reading, n, pair, action))
+                value = reading.values[np.uint64(row + reading.action[n, action])]
+                out[action] = value if value > out[action] else out[action]
         else:
             for action in range(np.uint64(n_actions)):
-                out[action] += source_value(reading, n, pair, action)
-    parts = float(n_sources) if reading.combine == MEAN and n_sources > 0 else 1.0
+                out[action] += reading.values[np.uint64(row + reading.action[n, action])]
+    if reading.combine == MEAN and n_sources > 1:
+        for action in range(np.uint64(n_actions)):
+            out[action] /= n_sources
     for action in range(np.uint64(n_actions)):
-        out[action] = out[action] / parts + reading.initial
+        out[action] += reading.initial
 
 
 @njit(cache=True, nogil=True)

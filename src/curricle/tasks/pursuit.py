@@ -12,10 +12,11 @@ from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.dynamics import cumulated
 from curricle.tasks.horizon import check_horizon
+from curricle.tasks.machine import inverse_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.movers import Movers, agents_touching, joint_landing
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
-from curricle.tasks.pursuit_model import Chase, in_places, inverse_of
+from curricle.tasks.pursuit_model import Chase, in_places
 from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
@@ -164,7 +165,7 @@ class Pursuit:
         return Chase(
             (None,) * self.predators,
             np.uint64(self.cells),
-            inverse_of(self.cells),
+            inverse_of(self.cells, self.states.size),
             in_places(self.landing.astype(np.int32), 0),
             in_places(chances, 1.0),
             frozen(shares.astype(np.int32).ravel()),

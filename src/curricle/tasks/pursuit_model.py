@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.tasks.draws import piece, scramble, unit
+from curricle.tasks.draws import scramble, unit
 from curricle.tasks.dynamics import moves, starts
-from curricle.tasks.machine import high_product
+from curricle.tasks.machine import quotient
 from curricle.tasks.spaces import frozen
 
 MOVES = 5
@@ -37,21 +37,6 @@ def in_places(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
     """Return a table of moves, (rows, moves), with room for :data:`MOVES`, flat."""
     room = ((0, 0), (0, MOVES - table.shape[1]))
     return frozen(np.pad(table, room, constant_values=filling).ravel())
-
-
-def inverse_of(divisor: int) -> np.uint64:
-    """Return what :func:`quotient` divides by `divisor` with; `divisor` is 2 or more."""
-    return np.uint64(2**64 // divisor + 1)
-
-
-@piece
-def quotient(number, inverse):
-    """Return number // divisor; a division takes several times longer.
-
-    Exact while number * divisor < 2^64: the inverse exceeds 2^64 / divisor by at most 1, so that
-    the product of the two exceeds number / divisor by less than 1 / divisor.
-    """
-    return high_product(number, inverse)
 
 
 @starts.body(Chase)

@@ -85,25 +85,26 @@ class ComponentMapping(StateActionMapping):
             **read_components(self.target.actions, self.source.actions, self.renaming)
         )
 
-    def lookups(self) -> list[tuple[int, int, IntArray]] | None:
+    def lookups(self) -> list[IntArray] | None:
         """Return how to find a source state without arrays over the target's states.
 
-        For each component of the source's states: divisor, modulus and shares, so that the source
-        state is the sum of ``shares[s // divisor % modulus]``, with no counterpart where a share
-        is `MISSING`. None where a space is not a whole box.
+        For each component of the target's states, the share of each of its values: the source
+        state is their sum, or there is none where one is `MISSING`. None where a space is not a
+        whole box.
         """
         target, source = self.target.states, self.source.states
         if not (target.is_box and source.is_box):
             return None
-        divisors = dict(zip(target.names, _strides(target), strict=True))
-        found = []
-        for component, stride in zip(source.components, _strides(source), strict=True):
+        shares = {part.name: np.zeros(part.size, np.int64) for part in target.components}
+        stride = source.size
+        for component in source.components:
+            stride //= component.size
             origin = _origin(target, component, self.renaming)
             offset = _values_of(origin, component) - component.low
-            inside = (offset >= 0) & (offset < component.size)
-            shares = np.where(inside, offset * stride, MISSING)
-            found.append((divisors[origin.name], origin.size, shares))
-        return found
+            missing = (offset < 0) | (offset >= component.size) | (shares[origin.name] == MISSING)
+            share = np.where(missing, MISSING, shares[origin.name] + offset * stride)
+            shares[origin.name] = share
+        return list(shares.values())
 
     def __repr__(self) -> str:
         names = (*self.source.states.names, *self.source.actions.names)
@@ -172,12 +173,3 @@ def _values_of(origin: Component, component: Component) -> IntArray:
         return np.arange(origin.size) + origin.low
     place = {label: component.low + i for i, label in enumerate(component.labels)}
     return np.array([place.get(label, component.low - 1) for label in origin.labels])
-
-
-def _strides(space: Space) -> list[int]:
-    """Return by how much the number of a box's point grows with each component."""
-    strides, size = list[int](), 1
-    for component in reversed(space.components):
-        strides.append(size)
-        size *= component.size
-    return strides[::-1]

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from curricle.learning.potential import MappedPotential
 from curricle.learning.reading import MAXIMUM, MEAN, MINIMUM, TOTAL, Reading
+from curricle.tasks.machine import inverse_of
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
@@ -54,29 +55,32 @@ def mapped_potential(
     ]
     if function not in COMBINED or any(found is None for found in lookups):
         return None
-    width = max(len(found) for found in lookups if found is not None)
-    values, first, shares = list[npt.NDArray[np.float64]](), [0], [np.zeros(1, np.int64)]
-    divisor, modulus, shares_at = (np.zeros((len(transfers), width), np.int64) for _ in range(3))
-    divisor[...], modulus[...] = 1, 1
-    for n, (transfer, given, found) in enumerate(
-        zip(transfers, source_values, lookups, strict=True)
-    ):
+    values, shares = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
+    first, nowhere, shares_at, actions = [], [], [], []
+    for transfer, given, found in zip(transfers, source_values, lookups, strict=True):
         assert found is not None
-        values.append(_worth(transfer, given))
-        first.append(first[-1] + values[-1].size)
-        for c, (by, size, share) in enumerate(found):
-            divisor[n, c], modulus[n, c] = by, size
-            shares_at[n, c] = sum(len(part) for part in shares)
-            shares.append(np.where(share < 0, -1, share * transfer.mapping.source.actions.size))
+        assert isinstance(transfer.mapping, ComponentMapping)
+        worth, missing = _worth(transfer, given), transfer.mapping.actions < 0
+        n_states, width = worth.shape
+        first.append(sum(part.size for part in values))
+        nowhere.append(first[-1] + (n_states - 1) * width)
+        values.append(worth)
+        actions.append(np.where(missing, width - 1, transfer.mapping.actions))
+        shares_at.append(list[int]())
+        for share in reversed(found):
+            shares_at[-1].append(sum(len(part) for part in shares))
+            shares.append(np.where(share < 0, -1, share * width))
+    moving = dynamics(task)
+    sizes = [part.size for part in reversed(moving.states.components)]
     reading = Reading(
-        values=frozen(np.concatenate(values)),
-        first=frozen(np.array(first[:-1])),
-        unmapped=frozen(np.array([float(t.mapping.unmapped_value) for t in transfers])),
-        divisor=frozen(divisor),
-        modulus=frozen(modulus),
-        shares_at=frozen(shares_at),
+        values=frozen(np.concatenate([part.ravel() for part in values])),
+        first=frozen(np.array(first)),
+        nowhere=frozen(np.array(nowhere)),
+        size=frozen(np.array(sizes, np.uint64)),
+        inverse=frozen(np.array([inverse_of(n, moving.states.size) for n in sizes], np.uint64)),
+        shares_at=frozen(np.array(shares_at)),
         shares=frozen(np.concatenate(shares)),
-        action=frozen(np.stack([t.mapping.actions for t in transfers])),  # type: ignore[attr-defined]
+        action=frozen(np.stack(actions)),
         combine=COMBINED[function],
         initial=0.0,
     )
@@ -84,10 +88,15 @@ def mapped_potential(
 
 
 def _worth(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return scale Q + shift of a source, flat, with Q = 0 where it is over."""
+    """Return scale Q + shift of a source, with Q = 0 where it is over: (S' + 1, A' + 1).
+
+    The last row and column are what a pair without counterpart is worth.
+    """
     source = transfer.mapping.source
     q = np.array(source_values, dtype=np.float64)
     ends = dynamics(source).terminal
     if ends is not None:
         q[ends] = 0.0
-    return (transfer.scale * q + transfer.shift).ravel()
+    worth = np.full((q.shape[0] + 1, q.shape[1] + 1), float(transfer.mapping.unmapped_value))
+    worth[:-1, :-1] = transfer.scale * q + transfer.shift
+    return worth
