@@ -19,7 +19,7 @@ from curricle.paper.settings import maze
 
 SOURCE = Path(__file__).with_name("reference.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native")
-VARIANTS = ("W1 cached", "W1 successor", "W1 naive", "W2 cached", "W2 naive")
+VARIANTS = ("W1 ties", "W1 cached", "W1 successor", "W1 naive", "W2 ties", "W2 cached", "W2 naive")
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,15 @@
 // The best hand-written Q-learning loops known to us, as the bar for curricle's engine.
 //
-//   reference W1 cached|successor|naive float32|float64 STEPS TABLES
-//   reference W2 cached|naive           float32|float64 STEPS [STARTS]
+//   reference W1 ties|cached|successor|naive float32|float64 STEPS TABLES
+//   reference W2 ties|cached|naive           float32|float64 STEPS [STARTS]
 //
 // prints {"ns_per_step": ..., "greedy_return": ...}: processor time of the loop alone, and the
 // discounted return of the greedy policy it ends with. Learning rate 0.1, epsilon 0.1, episodes
 // cut at a time limit that bootstraps. One SplitMix64 draw a step: its upper half decides whether
-// to explore, its lower half names the action. Ties go to the first action met, which is cheaper
-// than the random ties curricle pays for.
+// to explore, its lower half names the action. `ties` does what curricle does: among actions of the
+// same value each is equally likely at every visit (drawn a visit ahead, off the chain from state to
+// state). In the others ties go to the first action met, which costs less but learns FrozenLake's
+// 8x8 not at all, for instance.
 //
 // W1, a deterministic maze of 4 actions, read from TABLES (cpp.py writes them). Tried, in
 // nanoseconds of an otherwise idle 2.8 GHz Xeon, float32:
@@ -35,7 +37,7 @@
 #include <ctime>
 #include <string>
 #include <vector>
-#ifdef __AVX512F__
+#if defined(__AVX512F__) || defined(__BMI2__)
 #include <immintrin.h>
 #endif
 
@@ -70,6 +72,17 @@ inline uint32_t first_best(const F* row) {
   for (uint32_t i = 1; i < n; i++)
     if (row[i] > row[best]) best = i;
   return best;
+}
+
+// A random one of the bits that are set.
+inline uint32_t pick(uint32_t mask, uint64_t bits) {
+  uint32_t n = below(bits * 0xD1342543DE82EF95ull, __builtin_popcount(mask));
+#ifdef __BMI2__
+  return __builtin_ctz(_pdep_u32(1u << n, mask));
+#else
+  for (; n > 0; n--) mask &= mask - 1;
+  return __builtin_ctz(mask);
+#endif
 }
 
 [[noreturn]] void fail(const std::string& message) {
@@ -138,6 +151,57 @@ std::vector<Pair<F>> pairs_of(const Maze& maze) {
   for (size_t k = 0; k < maze.next.size(); k++)
     pairs.push_back({uint32_t(maze.next[k]), F(maze.reward[k]), bool(maze.terminal[maze.next[k]])});
   return pairs;
+}
+
+// Actions of the highest value, a bit each.
+template <class F>
+inline uint32_t best_four(const F* row, F& best) {
+  best = std::max(std::max(row[0], row[1]), std::max(row[2], row[3]));
+  return (row[0] == best) | (row[1] == best) << 1 | (row[2] == best) << 2 | (row[3] == best) << 3;
+}
+
+// A pair's number is doubled, and odd where it was drawn among several.
+template <class F>
+Measured maze_with_ties(const Maze& maze, long steps) {
+  constexpr uint32_t A = Maze::kActions;
+  struct Best {
+    F value;
+    uint32_t pair;
+  };
+  const auto pairs = pairs_of<F>(maze);
+  std::vector<F> table(maze.states * A, 0);
+  std::vector<Best> bests(maze.states);
+  uint64_t stream = 7;
+  for (uint32_t s = 0; s < maze.states; s++) bests[s] = {0, (s * A + below(draw(stream), A)) * 2 + 1};
+  F* __restrict q = table.data();
+  Best* __restrict best = bests.data();
+  const Pair<F>* __restrict pair_of = pairs.data();
+
+  const F alpha = F(kLearningRate), gamma = F(maze.discount);
+  stream = 42;
+  uint32_t state = maze.start, left = maze.limit;
+  const double begin = processor_seconds();
+  for (long i = 0; i < steps; i++) {
+    const uint64_t bits = draw(stream);
+    const uint32_t k = explores(bits) ? state * A + below(bits, A) : best[state].pair >> 1;
+    const uint32_t next = pair_of[k].next;
+    const bool ends = pair_of[k].ends;
+    F target = pair_of[k].reward;
+    if (!ends) target += gamma * best[next].value;
+    const F before = q[k], after = before + alpha * (target - before), value = best[state].value;
+    const bool changed = after != before;
+    if (changed) q[k] = after;
+    if (after > value) {
+      best[state] = {after, k * 2};
+    } else if (changed ? before == value || after == value : best[state].pair == k * 2 + 1) {
+      F found;
+      const uint32_t mask = best_four(q + state * A, found);
+      best[state] = {found, (state * A + pick(mask, bits)) * 2 + ((mask & (mask - 1)) != 0)};
+    }
+    state = next;
+    if (ends || --left == 0) state = maze.start, left = maze.limit;
+  }
+  return {(processor_seconds() - begin) / double(steps) * 1e9, maze.greedy_return(q)};
 }
 
 // With the greedy successor kept, or without.
@@ -225,30 +289,41 @@ constexpr uint32_t kSide = 7, kCells = kSide * kSide, kMoves = 5, kJoint = kMove
 constexpr uint32_t kStates = kCells * kCells * kCells, kLimit = 200;
 constexpr double kDiscount = 0.95;
 
-// The first best of 25, by vectors: the two that cover a row overlap, where they have to.
-inline uint32_t best_joint(const float* row) {
+template <class F>
+inline uint32_t best_of_row(const F* row, F& best) {
+  best = row[0];
+  for (uint32_t i = 1; i < kJoint; i++) best = std::max(best, row[i]);
+  uint32_t mask = 0;
+  for (uint32_t i = 0; i < kJoint; i++) mask |= uint32_t(row[i] == best) << i;
+  return mask;
+}
+
+// Joint actions of the highest value, a bit each. Two vectors that cover a row overlap.
+inline uint32_t best_joint(const float* row, float& best) {
 #ifdef __AVX512F__
   const __m512 low = _mm512_loadu_ps(row), high = _mm512_loadu_ps(row + kJoint - 16);
-  const __m512 best = _mm512_set1_ps(_mm512_reduce_max_ps(_mm512_max_ps(low, high)));
-  return __builtin_ctz(uint32_t(_mm512_cmpeq_ps_mask(low, best)) |
-                       uint32_t(_mm512_cmpeq_ps_mask(high, best)) << (kJoint - 16));
+  best = _mm512_reduce_max_ps(_mm512_max_ps(low, high));
+  const __m512 all = _mm512_set1_ps(best);
+  return uint32_t(_mm512_cmpeq_ps_mask(low, all)) |
+         uint32_t(_mm512_cmpeq_ps_mask(high, all)) << (kJoint - 16);
 #else
-  return first_best<float, kJoint>(row);
+  return best_of_row(row, best);
 #endif
 }
 
-inline uint32_t best_joint(const double* row) {
+inline uint32_t best_joint(const double* row, double& best) {
 #ifdef __AVX512F__
   const __m512d part[4] = {_mm512_loadu_pd(row), _mm512_loadu_pd(row + 8),
                            _mm512_loadu_pd(row + 16), _mm512_loadu_pd(row + kJoint - 8)};
   const __m512d both = _mm512_max_pd(_mm512_max_pd(part[0], part[1]), part[2]);
-  const __m512d best = _mm512_set1_pd(_mm512_reduce_max_pd(_mm512_max_pd(both, part[3])));
+  best = _mm512_reduce_max_pd(_mm512_max_pd(both, part[3]));
+  const __m512d all = _mm512_set1_pd(best);
   const uint32_t at[4] = {0, 8, 16, kJoint - 8};
-  uint32_t ties = 0;
-  for (int i = 0; i < 4; i++) ties |= uint32_t(_mm512_cmpeq_pd_mask(part[i], best)) << at[i];
-  return __builtin_ctz(ties);
+  uint32_t mask = 0;
+  for (int i = 0; i < 4; i++) mask |= uint32_t(_mm512_cmpeq_pd_mask(part[i], all)) << at[i];
+  return mask;
 #else
-  return first_best<double, kJoint>(row);
+  return best_of_row(row, best);
 #endif
 }
 
@@ -320,11 +395,18 @@ T* zeroed(size_t count) {
   return static_cast<T*>(std::memset(memory, 0, bytes));
 }
 
-template <class F, bool cached>
+enum Variant { kNaive, kCached, kTies };
+constexpr uint8_t kTied = 128;  // drawn among several
+
+template <class F, Variant variant>
 Measured hunt_prey(Hunt hunt, long steps) {
   F* __restrict q = zeroed<F>(size_t(kStates) * kJoint);
   F* __restrict best = zeroed<F>(kStates);
   uint8_t* __restrict arg = zeroed<uint8_t>(kStates);
+  if (variant == kTies) {
+    hunt.stream = 7;
+    for (uint32_t s = 0; s < kStates; s++) arg[s] = kTied | below(draw(hunt.stream), kJoint);
+  }
   const F alpha = F(kLearningRate), gamma = F(kDiscount);
   hunt.stream = 42;
   hunt.reset();
@@ -333,26 +415,34 @@ Measured hunt_prey(Hunt hunt, long steps) {
   for (long i = 0; i < steps; i++) {
     const uint64_t bits = draw(hunt.stream), scaled = (bits & 0xffffffff) * kJoint;
     F* row = q + size_t(state) * kJoint;
-    const uint32_t greedy = cached ? arg[state] : best_joint(row);
+    F unused, following;
+    uint32_t greedy = arg[state] & (kTied - 1);
+    if (variant == kNaive) greedy = __builtin_ctz(best_joint(row, unused));
     const uint32_t action = explores(bits) ? uint32_t(scaled >> 32) : greedy;
     hunt.move(action, below(scaled, kMoves));
     const uint32_t next = hunt.state();
     const F* next_row = q + size_t(next) * kJoint;
-    if (cached)  // its first, middle and last entry: two or three cache lines
+    if (variant == kNaive) {
+      best_joint(next_row, following);
+    } else {  // its first, middle and last entry: two or three cache lines
       for (uint32_t entry : {0u, kJoint / 2, kJoint - 1}) __builtin_prefetch(next_row + entry);
+      following = best[next];
+    }
     const bool ends = hunt.caught();
-    const F following = cached ? best[next] : next_row[best_joint(next_row)];
     const F target = ends ? F(0) : F(-1) + gamma * following;
     const F before = row[action], after = before + alpha * (target - before);
     row[action] = after;
-    if (cached) {
+    if (variant != kNaive) {
+      const bool changed = after != before, top = before == best[state];
       if (after > best[state]) {
         best[state] = after;
         arg[state] = uint8_t(action);
-      } else if (action == greedy && after != best[state]) {
-        const uint32_t found = best_joint(row);
-        best[state] = row[found];
-        arg[state] = uint8_t(found);
+      } else if (top && (changed || (variant == kTies && arg[state] == (action | kTied)))) {
+        const uint32_t mask = best_joint(row, best[state]);
+        if (variant == kTies)
+          arg[state] = uint8_t(pick(mask, bits) | (mask & (mask - 1) ? kTied : 0));
+        else
+          arg[state] = uint8_t(__builtin_ctz(mask));
       }
     }
     state = next;
@@ -369,6 +459,7 @@ template <class F>
 Measured measure(const std::string& task, const std::string& variant, long steps, const char* path) {
   if (task == "W1" && path) {
     const Maze maze(path);
+    if (variant == "ties") return maze_with_ties<F>(maze, steps);
     if (variant == "cached") return maze_cached<F, false>(maze, steps);
     if (variant == "successor") return maze_cached<F, true>(maze, steps);
     if (variant == "naive") return maze_naive<F>(maze, steps);
@@ -381,8 +472,9 @@ Measured measure(const std::string& task, const std::string& variant, long steps
       hunt.starts = read<uint32_t>(file, count);
       std::fclose(file);
     }
-    if (variant == "cached") return hunt_prey<F, true>(hunt, steps);
-    if (variant == "naive") return hunt_prey<F, false>(hunt, steps);
+    if (variant == "ties") return hunt_prey<F, kTies>(hunt, steps);
+    if (variant == "cached") return hunt_prey<F, kCached>(hunt, steps);
+    if (variant == "naive") return hunt_prey<F, kNaive>(hunt, steps);
   }
   fail("no such task and variant, or no tables: " + task + " " + variant);
 }

@@ -58,7 +58,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
     step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
     counter = stream[0] + STRIDE
     state, last, counter = first_state(model, scramble(counter)), limit, counter + STRIDE
-    row = place(table, state)
+    row = place(table, state, False)
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
@@ -71,19 +71,16 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, over = transition(model, state, action, scramble(bits))
-            target, next_row = real(reward), row
-            if not over:
-                next_row = place(table, next_state)
-                if is_full(table, next_row):
-                    row = next_row
-                    break
-                if far:
-                    prefetch(q, next_row)
+            next_row = place(table, next_state, over)
+            if is_full(table, next_row):
+                row = next_row
+                break
+            if far:
+                prefetch(q, next_row)
             if waiting != NOWHERE:
                 update(q, best, greedy, waiting, change_there)
                 waiting = NOWHERE
-            if not over:
-                target += discount * best[next_row]
+            target = real(reward) + discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
             ends = over or step + 1 == last
             if far and not ends and next_row != row:
@@ -100,7 +97,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
                 if episodes == budget[1]:
                     break
                 state, counter = first_state(model, scramble(counter)), counter + STRIDE
-                row = place(table, state)
+                row = place(table, state, False)
                 if is_full(table, row):
                     break
         if waiting != NOWHERE:

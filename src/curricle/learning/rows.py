@@ -34,7 +34,7 @@ class Dense(NamedTuple):
 
 
 class Sparse(NamedTuple):
-    """Rows for the states met so far, found by hashing; R rows at most."""
+    """Rows for the states met so far, found by hashing; R at most. Row 0 is where it is over."""
 
     q: FloatTable  # (R, A)
     best: FloatTable  # (R,)
@@ -42,8 +42,8 @@ class Sparse(NamedTuple):
     phi: npt.NDArray[np.float64]  # (A,) room for a potential's row
     row: FloatTable  # (1, A) room for a table's row
     states: npt.NDArray[np.uint64]  # (R,) the state of each row
-    slots: npt.NDArray[np.int32]  # (2^h,) row + 1, or 0 where empty; open addressing
-    used: npt.NDArray[np.int64]  # (1,) rows made so far
+    slots: npt.NDArray[np.int32]  # (2^h,) a row, or 0 where empty; open addressing
+    used: npt.NDArray[np.int64]  # (1,) rows made so far, row 0 among them
     reading: Reading
     key: np.uint64  # of the ties in fresh rows
     far: Far
@@ -53,8 +53,11 @@ def prepare(table):
     """Fill in what is kept of the rows that there are before learning."""
 
 
-def place(table, state):
-    """Return the row of a state, made if need be; R where no room is left."""
+def place(table, state, over):
+    """Return the row of a state, made if need be, or one whose best is 0 if the episode is over.
+
+    The number of rows where no room is left.
+    """
 
 
 def is_full(table, row):
@@ -90,8 +93,8 @@ def _look_through(table):
 
 
 @places.body(Dense)
-def _dense_place(table, state):
-    return state
+def _dense_place(table, state, over):
+    return state  # the rows of terminal states are 0
 
 
 @limits.body(Dense)
@@ -122,7 +125,7 @@ def find(table, state):
     last = np.uint64(table.slots.shape[0] - 1)
     slot = scramble(state) & last
     while table.slots[slot] != 0:
-        if table.states[np.uint64(table.slots[slot] - 1)] == state:
+        if table.states[np.uint64(table.slots[slot])] == state:
             break
         slot = (slot + np.uint64(1)) & last
     return slot
@@ -139,21 +142,23 @@ def make_row(table, state, slot):
         bits = first_choice(table.key, state)
         table.best[row], table.greedy[row] = best_of(table.q, row, bits)
         table.states[row] = state
-        table.slots[slot] = np.int32(row + np.uint64(1))
+        table.slots[slot] = np.int32(row)
         table.used[0] += 1
     return row
 
 
 @preparations.body(Sparse)
 def _nothing_yet(table):
-    pass
+    table.best[0] = 0.0
 
 
 @places.body(Sparse)
-def _sparse_place(table, state):
+def _sparse_place(table, state, over):
+    if over:
+        return np.uint64(0)
     slot = find(table, state)
     if table.slots[slot] != 0:
-        return np.uint64(table.slots[slot] - 1)
+        return np.uint64(table.slots[slot])
     return make_row(table, state, slot)
 
 
@@ -176,7 +181,7 @@ def _sparse_greedy(view, state, bits):
     if found == 0:
         unmade_row(view, state)
         return best_of(view.row, 0, bits)[1]
-    row = np.uint64(found - 1)
+    row = np.uint64(found)
     greedy = np.uint64(view.greedy[row])
     if greedy >= TIED:
         greedy = best_of(view.q, row, bits)[1]
@@ -192,7 +197,7 @@ def _sparse_row(view, state, out):
         if found == 0:
             out[0, action] = view.row[0, action]
         else:
-            out[0, action] = view.q[np.uint64(found - 1), action]
+            out[0, action] = view.q[np.uint64(found), action]
 
 
 @njit(cache=True, nogil=True)

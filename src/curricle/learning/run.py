@@ -113,11 +113,11 @@ class Run:
         )
         values: FloatTable | SparseValues | None = out
         if isinstance(table, Sparse) and self.storage.keep:
-            used = int(table.used[0])
-            order = np.argsort(table.states[:used])
-            states = table.states[order].astype(np.int64)
-            reorder(table.q, order)
-            values = SparseValues(frozen(states), frozen(table.q[:used]))
+            met = slice(1, int(table.used[0]))
+            order = np.argsort(table.states[met])
+            states, q = table.states[met][order].astype(np.int64), table.q[met]
+            reorder(q, order)
+            values = SparseValues(frozen(states), frozen(q))
         spent = steps < self.steps and episodes < self.episodes
         return Outcome(record, values, steps, episodes, spent)
 
@@ -175,7 +175,7 @@ class Run:
 
     def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> Sparse:
         # Pages of np.empty and np.zeros take no memory before they are written to.
-        n_actions, rows, dtype = self.task.actions.size, self.rows, self.storage.dtype
+        n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
         initial = float(self.learner.initial_value)
         reading = nothing(n_actions, initial)
         if potential is not None:
@@ -192,7 +192,7 @@ class Run:
             np.empty((1, n_actions), dtype),
             heads["state"],
             np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
-            np.zeros(1, np.int64),
+            np.ones(1, np.int64),
             reading,
             key,
             (None,),

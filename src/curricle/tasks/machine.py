@@ -12,7 +12,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES = 16
+LANES = 8
 LINE = 64
 """Bytes that are fetched together."""
 WORD, FLAG = ir.IntType(32), ir.IntType(1)
@@ -21,7 +21,7 @@ WORDS = ir.VectorType(WORD, LANES)
 
 @intrinsic
 def highest_of_piece(_, table, row, first):
-    """Return the highest of up to 16 values of a row, from entry `first` on.
+    """Return the highest of up to 8 values of a row, from entry `first` on.
 
     `table` is C-ordered, (n, m), without NaN.
     """
@@ -37,7 +37,7 @@ def highest_of_piece(_, table, row, first):
 
 @intrinsic
 def ties_in_piece(_, table, row, first, value):
-    """Return which of up to 16 values of a row equal `value`, from entry `first` on: a bit each."""
+    """Return which of up to 8 values of a row equal `value`, from entry `first` on: a bit each."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         values, _, inside = _piece(context, builder, table, args)
@@ -87,7 +87,7 @@ def _without_lowest(bits: Any, n: Any) -> Any:
 
 
 def _piece(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any, Any]:
-    """Return 16 values of a row from an entry on, their numbers, and which the row has."""
+    """Return 8 values of a row from an entry on, their numbers, and which the row has."""
     array = context.make_array(table)(context, builder, args[0])
     width, first = builder.extract_value(array.shape, 1), args[2]
     start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
