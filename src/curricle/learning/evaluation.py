@@ -8,7 +8,7 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning import kernels
-from curricle.learning.judging import Exact, Rollouts
+from curricle.learning.judging import NO_ROOM, NO_STREAM, Exact, Rollouts
 from curricle.tasks.dynamics import table_model
 from curricle.tasks.task import Task, dynamics, has_tables, tables
 
@@ -64,8 +64,8 @@ class GreedyEvaluation:
             horizon = 1 if moving.discount == 0 else int(kernels.NO_LIMIT)
         weight = moving.discount if self.discounted else 1.0
         if self.method == "exact" or (self.method == "auto" and _small(task)):
-            return Exact(table_model(tables(task)), weight, horizon, NEGLIGIBLE)
-        return Rollouts(self.episodes, weight, horizon)
+            return Exact(table_model(tables(task)), weight, horizon, NEGLIGIBLE, *NO_ROOM)
+        return Rollouts(self.episodes, weight, horizon, NO_STREAM)
 
 
 def _small(task: Task) -> bool:

@@ -30,8 +30,6 @@ PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
 
 NO_LIMIT = np.int64(2**62)
-JUDGE = np.uint64(0x5851F42D4C957F2D)
-"""Sets the stream of evaluations apart from that of learning, which they must not disturb."""
 
 
 class Shaping(NamedTuple):
@@ -150,14 +148,13 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, budget, every, r
     n_actions = q.shape[2]
     values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
     room = np.empty((1, n_actions))
-    judge = stream ^ JUDGE
     step, episodes, checkpoint, ended, ended_return = 0, 0, 0, 0, 0.0
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:
         if step == checkpoint * every:
             view = Acting(q, advice, at(weight, step), room)
-            value = greedy_return(evaluation, model, view, judge)
+            value = greedy_return(evaluation, model, view)
             write(record, checkpoint, step, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget[0] or episodes >= budget[1]:

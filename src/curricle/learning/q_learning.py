@@ -7,7 +7,7 @@ value was lowered, so that a step scans no row: several times faster than the ge
 import numpy as np
 
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import JUDGE, write
+from curricle.learning.kernels import write
 from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
@@ -53,7 +53,6 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
     far = len(table.far) > 0
-    judge = stream ^ JUDGE
     prepare(table)
     step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
     counter = stream[0] + STRIDE
@@ -62,7 +61,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
-            value = greedy_return(evaluation, model, table, judge)
+            value = greedy_return(evaluation, model, table)
             write(record, checkpoint, step, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget[0] or episodes >= budget[1] or is_full(table, row):

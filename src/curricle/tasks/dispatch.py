@@ -18,18 +18,18 @@ class ByType:
     ----------
     function : callable
         Its signature and docstring are what the bodies keep to; it is never run.
-    allocates : bool
-        Whether bodies may make arrays; they are then not compiled into their callers.
+    outlined : bool
+        Whether bodies are called, not compiled into their callers: those that run seldom.
     """
 
-    def __init__(self, function: Callable[..., Any], *, allocates: bool = False):
+    def __init__(self, function: Callable[..., Any], *, outlined: bool = False):
         self.function = function
         self._bodies: dict[type, Callable[..., Any]] = {}
 
         def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
             return self._bodies.get(getattr(first, "instance_class", type(None)))
 
-        options: Any = {"nogil": True} if allocates else INLINED
+        options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)
 
     def body(self, kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
