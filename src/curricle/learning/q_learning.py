@@ -13,7 +13,7 @@ from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
 from curricle.tasks.dynamics import first_state, transition
-from curricle.tasks.machine import prefetch
+from curricle.tasks.machine import of_width, prefetch
 
 NOWHERE = np.uint64(2**64 - 1)
 
@@ -49,7 +49,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
     before anything it changes is read: this does not change what is learnt.
     """
     # Arrays leave their tuples here: inside the loop each access would count a reference.
-    q, best, greedy = table.q, table.best, table.greedy
+    q, best, greedy = of_width(table.q, table.width), table.best, table.greedy
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
     far = len(table.far) > 0

@@ -14,13 +14,13 @@ from curricle.learning.reading import Reading, read_row
 from curricle.learning.sampling import TIED, best_of
 from curricle.tasks.dispatch import ByType
 from curricle.tasks.draws import piece, scramble
+from curricle.tasks.machine import of_width
 
 FloatTable = npt.NDArray[np.floating[Any]]
 
 
-Far = tuple[None, ...]
-"""Empty unless rows come late from memory: a type, so that loops over near rows have no code
-for waiting."""
+Number = tuple[None, ...]
+"""A number as a type, by its length: loops are compiled for each."""
 
 
 class Dense(NamedTuple):
@@ -30,7 +30,8 @@ class Dense(NamedTuple):
     best: FloatTable  # (S,) max_a q(s, a)
     greedy: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
     key: np.uint64  # of the ties before learning
-    far: Far
+    width: Number  # A where loops along a row are to be unrolled, else 0
+    far: Number  # 1 where rows come late from memory, else 0
 
 
 class Sparse(NamedTuple):
@@ -46,7 +47,8 @@ class Sparse(NamedTuple):
     used: npt.NDArray[np.int64]  # (1,) rows made so far, row 0 among them
     reading: Reading
     key: np.uint64  # of the ties in fresh rows
-    far: Far
+    width: Number  # A where loops along a row are to be unrolled, else 0
+    far: Number  # 1 where rows come late from memory, else 0
 
 
 def prepare(table):
@@ -87,9 +89,10 @@ def first_choice(key, state):
 
 @preparations.body(Dense)
 def _look_through(table):
-    for state in range(np.uint64(table.q.shape[0])):
+    q = of_width(table.q, table.width)
+    for state in range(np.uint64(q.shape[0])):
         bits = first_choice(table.key, state)
-        table.best[state], table.greedy[state] = best_of(table.q, state, bits)
+        table.best[state], table.greedy[state] = best_of(q, state, bits)
 
 
 @places.body(Dense)
@@ -106,7 +109,7 @@ def _never(table, row):
 def _dense_greedy(view, state, bits):
     greedy = np.uint64(view.greedy[state])
     if greedy >= TIED:
-        greedy = best_of(view.q, state, bits)[1]
+        greedy = best_of(of_width(view.q, view.width), state, bits)[1]
     return greedy
 
 

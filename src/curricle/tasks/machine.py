@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, imputils
 from numba.extending import intrinsic
 
 LANES = 8
@@ -123,6 +123,26 @@ def _spread(builder: Any, value: Any) -> Any:
     kind = ir.VectorType(value.type, LANES)
     one = builder.insert_element(ir.Constant(kind, None), value, ir.Constant(WORD, 0))
     return builder.shuffle_vector(one, one, ir.Constant(WORDS, [0] * LANES))
+
+
+@intrinsic
+def of_width(_, array, width):
+    """Return a C-ordered (n, m) array whose m the compiler knows: the length of `width`, unless 0.
+
+    Loops along a row are then unrolled and products with m become shifts and sums.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        table = context.make_array(array)(context, builder, args[0])
+        if width.count > 0:
+            m = ir.Constant(context.get_value_type(types.intp), width.count)
+            size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+            table.shape = builder.insert_value(table.shape, m, 1)
+            stride = ir.Constant(m.type, width.count * size)
+            table.strides = builder.insert_value(table.strides, stride, 0)
+        return imputils.impl_ret_borrowed(context, builder, array, table._getvalue())
+
+    return array(array, width), build
 
 
 @intrinsic
