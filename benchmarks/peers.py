@@ -31,14 +31,20 @@ def numba_loop(row_of, cumulative, successor, reward, terminal, start, discount,
         if np.random.random() < EPSILON:  # noqa: NPY002  what Numba offers
             action = np.random.randint(n_actions)  # noqa: NPY002
         else:
-            action = np.argmax(q[state])
+            action = 0
+            for other in range(1, n_actions):
+                if q[state, other] > q[state, action]:
+                    action = other
         row, outcome = row_of[state, action], 0
         if cumulative.shape[1] > 1:
             outcome = np.searchsorted(cumulative[row], np.random.random(), "right")  # noqa: NPY002
         following, length = successor[row, outcome], length + 1
         target = reward[row, outcome]
         if not terminal[following]:
-            target += discount * np.max(q[following])
+            best = q[following, 0]
+            for other in range(1, n_actions):
+                best = max(best, q[following, other])
+            target += discount * best
         q[state, action] += ALPHA * (target - q[state, action])
         if terminal[following] or length == LIMIT:
             state, length = start, 0

@@ -30,7 +30,7 @@ class Storage:
         first met. "auto" is dense where that fits the memory. Only Q-learning that is not shaped
         by rewards (``how`` "initialise" or "look_ahead") can be sparse.
     dtype : {"float64", "float32"}
-        Precision of the values; sums are in double precision.
+        Precision of the values, and of what plain Q-learning computes with.
     memory : int or str, optional
         Bytes that all tables of a call of :func:`learn` may take, ``"4 GiB"``. Half of the
         machine's by default. A sparse run ends where the next state would not fit, with all that
