@@ -5,10 +5,11 @@ table would take 50 GB in single precision. One predator's chase has 10^4 states
 values, read through "I am predator i" for each of the three, are the potential of the hunt. The
 hunt's table gets a row when its state is first met, made from the potential.
 
-With the numbers below it takes less than two minutes on two cores and 5 GB of memory, which two
-seeds at once share. Without transfer nothing is learnt in this time.
+With the numbers below it takes a minute on two cores and 5 GB of memory, which two seeds at once
+share. Without transfer nothing is learnt in this time.
 
 python examples/three_predators.py --out docs/three_predators.png
+python examples/three_predators.py --steps 20_000_000 --memory "10 GiB" --out longer.png
 python examples/three_predators.py --size 7 --steps 20_000_000 --seeds 2 --out seven.png
 """
 
@@ -20,14 +21,13 @@ import matplotlib
 import curricle as cr
 from curricle.report.plotting import STYLE, draw_curve, new_figure
 
-MEMORY = "4.5 GiB"
 SCALES = {1.5: "green", 1.0: "blue"}
 EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=200, discounted=False)
-SPARSE = cr.Storage(kind="sparse", dtype="float32", memory=MEMORY, keep=False)
 LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
 
 
-def main(path, seeds=4, steps=8_000_000, size=10, source_steps=10_000_000):
+def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps=10_000_000):
+    sparse = cr.Storage(kind="sparse", dtype="float32", memory=memory, keep=False)
     hunt = cr.Pursuit(size, predators=3, discount=0.95)
     chase = cr.Pursuit(size, predators=1, discount=0.95)
     print(f"{hunt.states.size:,} states x {hunt.actions.size} actions from {chase.states.size:,}")
@@ -48,7 +48,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, source_steps=10_000_000):
             budget={"chase": source_steps, "hunt": steps},
             every={"hunt": steps // 16},
             evaluation={"hunt": EVALUATION},
-            storage={"hunt": SPARSE},
+            storage={"hunt": sparse},
         )
         begin = time.perf_counter()
         trained = curriculum.train(seeds, trained=known, workers=2)
@@ -62,7 +62,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, source_steps=10_000_000):
         seeds=seeds,
         every=steps // 16,
         evaluation=EVALUATION,
-        storage=SPARSE,
+        storage=sparse,
         workers=2,
     )
     results["no transfer"] = direct, "black"
@@ -107,5 +107,6 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--steps", type=int, default=8_000_000, help="of the hunt, each seed")
     parser.add_argument("--size", type=int, default=10, help="cells a side")
+    parser.add_argument("--memory", default="4.5 GiB", help="of the tables of two seeds")
     given = parser.parse_args()
-    main(given.out, given.seeds, given.steps, given.size)
+    main(given.out, given.seeds, given.steps, given.size, given.memory)
