@@ -79,7 +79,9 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
             if waiting != NOWHERE:
                 update(q, best, greedy, waiting, change_there)
                 waiting = NOWHERE
-            target = real(reward) + discount * best[next_row]
+            target = real(reward)
+            if not over:
+                target += discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
             ends = over or step + 1 == last
             if far and not ends and next_row != row:

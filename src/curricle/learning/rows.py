@@ -35,7 +35,7 @@ class Dense(NamedTuple):
 
 
 class Sparse(NamedTuple):
-    """Rows for the states met so far, found by hashing; R at most. Row 0 is where it is over."""
+    """Rows for the states met so far, found by hashing; R at most. Row 0 is no state's."""
 
     q: FloatTable  # (R, A)
     best: FloatTable  # (R,)
@@ -56,9 +56,9 @@ def prepare(table):
 
 
 def place(table, state, over):
-    """Return the row of a state, made if need be, or one whose best is 0 if the episode is over.
+    """Return the row of a state, made if need be; R where no room is left.
 
-    The number of rows where no room is left.
+    A state in which the episode is over needs no row: any is returned.
     """
 
 
@@ -97,7 +97,7 @@ def _look_through(table):
 
 @places.body(Dense)
 def _dense_place(table, state, over):
-    return state  # the rows of terminal states are 0
+    return state
 
 
 @limits.body(Dense)
@@ -152,7 +152,7 @@ def make_row(table, state, slot):
 
 @preparations.body(Sparse)
 def _nothing_yet(table):
-    table.best[0] = 0.0
+    pass
 
 
 @places.body(Sparse)

@@ -1,0 +1,140 @@
+"""What is written in the processor's words, against NumPy; each type of loop against another."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from numba import njit
+
+import curricle as cr
+from curricle.learning import run
+from curricle.learning.sampling import ACTION, TIED, best_of, highest
+from curricle.tasks.machine import _without_lowest, nth_one, of_width, ones
+
+WIDTHS = [1, 2, 7, 8, 9, 16, 25, 63, 64, 65, 125, 200]
+ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
+without_lowest = njit(_without_lowest)
+
+
+@njit
+def best_rows(table, bits, best, action):
+    for row in range(table.shape[0]):
+        best[row], action[row] = best_of(table, np.uint64(row), bits[row])
+
+
+@njit
+def unrolled_rows(table, width, bits, best, action):
+    fixed = of_width(table, width)
+    for row in range(fixed.shape[0]):
+        best[row], action[row] = best_of(fixed, np.uint64(row), bits[row])
+
+
+@njit
+def highest_rows(table, best):
+    for row in range(table.shape[0]):
+        best[row] = highest(table, np.uint64(row))
+
+
+@njit
+def numbered(bits, n):
+    return nth_one(bits, n)
+
+
+@njit
+def counted(bits):
+    return ones(bits)
+
+
+def random_bits(n, seed=0):
+    return np.random.default_rng(seed).integers(0, 2**64, size=n, dtype=np.uint64)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_rows_best_is_found_and_ties_are_flagged(width, dtype):
+    rng = np.random.default_rng(width)
+    # Few values, hence many ties; minus infinity and the sign of zero among them.
+    table = rng.choice(
+        [-np.inf, -2.0, -0.0, 0.0, 1.5], size=(400, width), p=[0.1, 0.6, 0.1, 0.1, 0.1]
+    )
+    table[::7] = rng.normal(size=table[::7].shape)
+    table = table.astype(dtype)
+    best, action = np.zeros(400, dtype), np.zeros(400, np.uint64)
+    bits = random_bits(400)
+    best_rows(table, bits, best, action)
+    np.testing.assert_array_equal(best, table.max(axis=1))
+    highest_rows(table, best)
+    np.testing.assert_array_equal(best, table.max(axis=1))
+    tied = table == best[:, None]
+    assert tied[np.arange(400), (action & ACTION).astype(int)].all()
+    np.testing.assert_array_equal(action >= TIED, tied.sum(axis=1) > 1)
+    if width <= run.UNROLLED:
+        again, same = np.zeros(400, dtype), np.zeros(400, np.uint64)
+        unrolled_rows(table, (None,) * width, bits, again, same)
+        np.testing.assert_array_equal(same, action)
+        np.testing.assert_array_equal(again, best)
+
+
+@pytest.mark.parametrize("width", [3, 8, 25, 64, 65, 125])
+def test_every_tie_is_drawn_equally_often(width):
+    n, row = 40_000, np.zeros(width)
+    row[1::3] = 1.0
+    best, action = np.zeros(n), np.zeros(n, np.uint64)
+    best_rows(np.tile(row, (n, 1)), random_bits(n, width), best, action)
+    count = np.bincount((action & ACTION).astype(int), minlength=width)
+    assert (count[row == 0] == 0).all()
+    expected = n / (row == 1).sum()
+    assert abs(count[row == 1] - expected).max() < 5 * np.sqrt(expected)
+
+
+@given(st.integers(1, 2**64 - 1), st.data())
+def test_the_nth_bit_is_the_nth(bits, data):
+    places = [i for i in range(64) if bits >> i & 1]
+    n = data.draw(st.integers(0, len(places) - 1))
+    assert numbered(np.uint64(bits), np.uint64(n)) == places[n]
+    assert counted(np.uint64(bits)) == len(places)
+    rest = int(without_lowest(np.uint64(bits), np.uint64(n)))  # where no instruction does it
+    assert rest == sum(1 << i for i in places[n:])
+
+
+TASKS = {"maze": cr.GridWorld(["S.P.", "..P.", "...T"]), "hunt": cr.Pursuit(3, 2, time_limit=30)}
+
+
+@pytest.mark.parametrize(
+    "learner", [cr.QLearning(epsilon=0.3), cr.QLearning(inverse_temperature=1.0)]
+)
+@pytest.mark.parametrize("limit", ["NEAR", "UNROLLED"])
+@pytest.mark.parametrize("name", TASKS)
+def test_how_a_loop_is_compiled_changes_no_result(name, limit, learner, monkeypatch):
+    """Steps learnt from at once or during the next; loops unrolled or not."""
+    found = []
+    for value in (0, 10**9 if limit == "NEAR" else 64):
+        monkeypatch.setattr(run, limit, value)
+        found.append(cr.learn(TASKS[name], learner, 5000, seeds=2, every=7, evaluation=ROLLED))
+    one, other = found
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.training_return, other.training_return)
+    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
+
+
+@pytest.mark.parametrize("kind", ["dense", "sparse"])
+def test_a_fresh_tie_is_drawn_at_every_visit(kind):
+    """Actions that stay and earn nothing tie for ever. The log of those taken is the step's own."""
+
+    def step(log, state, action, bits):
+        log[0] += 1
+        log[log[0]] = action
+        return state, 0.0, False
+
+    n = 20_000
+    log = np.zeros(n + 1, np.int64)
+    spaces = cr.Space([cr.Component("place", 1)]), cr.Space([cr.Component("move", 4)])
+    stay = cr.ComputedMDP(*spaces, lambda log, bits: 0, step, log, discount=0.9, time_limit=1)
+    once = cr.GreedyEvaluation("rollouts", episodes=1)
+    learner, storage = cr.QLearning(epsilon=0.0), cr.Storage(kind)
+    steps = n - 2  # and one more for each of two evaluations
+    cr.learn(stay, learner, steps, every=steps, evaluation=once, storage=storage)
+    assert log[0] == n
+    taken = log[1:]
+    pairs = np.bincount(taken[:-1] * 4 + taken[1:], minlength=16)
+    expected = (n - 1) / 16
+    assert abs(pairs - expected).max() < 5 * np.sqrt(expected)

@@ -1,0 +1,151 @@
+"""Tasks given by functions learn as their tables do; what cannot be done with them is refused."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+import curricle as cr
+from curricle import Component, ComputedMDP, QLearning, Space, Storage, TaskError
+
+ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
+RIGHT, ASTRAY, HOME = 1, 0.2, 0
+
+
+def ring_start(n, bits):
+    return 1 + cr.below(bits, n - 1)
+
+
+def ring_step(n, state, action, bits):
+    right = (action == RIGHT) != (cr.unit(bits) < ASTRAY)
+    place = (state + (1 if right else n - 1)) % n
+    return place, -1.0, place == HOME
+
+
+def ring(n=9, **settings):
+    spaces = Space([Component("place", n)]), Space([Component("move", 2)])
+    settings = {"discount": 0.9, "time_limit": 30, **settings}
+    return ComputedMDP(*spaces, ring_start, ring_step, data=n, **settings)
+
+
+def ring_by_tables(n=9):
+    """The same ring, its outcomes in the order that the function takes chances in: astray first."""
+    places, ways = np.arange(n), np.array([-1, 1])
+    straight = (places[:, None] + ways) % n
+    astray = (places[:, None] - ways) % n
+    terminal = places == HOME
+    return cr.FiniteMDP(
+        states=Space([Component("place", n)]),
+        actions=Space([Component("move", 2)]),
+        outcome_row=np.arange(2 * n).reshape(n, 2),
+        probability=np.tile([ASTRAY, 1 - ASTRAY], (2 * n, 1)),
+        next_state=np.stack([astray.ravel(), straight.ravel()], axis=1),
+        reward=np.full((2 * n, 2), -1.0),
+        terminal=terminal,
+        start=~terminal / (n - 1),
+        discount=0.9,
+        time_limit=30,
+    )
+
+
+@pytest.mark.parametrize("initial_value", [0.0, 5.0, -5.0])
+def test_functions_lead_to_the_values_of_their_tables(initial_value):
+    """A harmonic rate at random actions averages: both come close to the same optimum."""
+    rate = cr.harmonic(half=50)
+    learner = QLearning(learning_rate=rate, epsilon=1.0, initial_value=initial_value)
+    best = cr.solve(ring_by_tables()).action_values
+    for task in (ring(), ring_by_tables()):
+        q = cr.learn(task, learner, 500_000, evaluation=ROLLED).values[0]
+        np.testing.assert_allclose(q[1:], best[1:], atol=0.1)
+
+
+@pytest.mark.parametrize("kind", ["dense", "sparse"])
+@pytest.mark.parametrize("learner", [QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning])
+def test_an_end_is_worth_nothing_whatever_the_table_starts_with(kind, learner):
+    if kind == "sparse" and learner is not QLearning:
+        pytest.skip("sparse tables serve Q-learning")
+
+    def step(data, state, action, bits):
+        return state + 1, 1.0, state + 1 == 3
+
+    line = ComputedMDP(
+        Space([Component("place", 4)]),
+        Space([Component("move", 1)]),
+        lambda data, bits: 0,
+        step,
+        discount=0.5,
+    )
+    hopeful = learner(learning_rate=1.0, initial_value=100.0)
+    values = cr.learn(line, hopeful, 200, storage=Storage(kind)).values[0]
+    q = values.at([0, 1, 2]) if kind == "sparse" else values[:3]
+    assert q.ravel().tolist() == [1.75, 1.5, 1.0]
+
+
+def test_compiled_functions_and_plain_ones_are_the_same():
+    spaces = Space([Component("place", 9)]), Space([Component("move", 2)])
+    compiled = ComputedMDP(*spaces, njit(ring_start), njit(ring_step), 9, 0.9, 30)
+    one, other = (cr.learn(task, budget=2000, seeds=2) for task in (ring(), compiled))
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
+
+
+def test_functions_share_their_code_among_data():
+    small, large = ring(5), ring(40)
+    assert cr.learn(small, budget=300).values.shape == (1, 5, 2)
+    assert cr.learn(large, budget=300).values.shape == (1, 40, 2)
+
+
+def test_seeds_of_a_computed_task_do_not_depend_on_workers():
+    one, two = (cr.learn(ring(), budget=3000, seeds=4, workers=n) for n in (1, 2))
+    np.testing.assert_array_equal(one.values, two.values)
+    np.testing.assert_array_equal(one.training_return, two.training_return)
+
+
+def test_a_computed_task_hands_on_what_it_learnt():
+    small, large = ring(5), ring(9)
+    edge = cr.Transfer("small", "large", cr.project(large, small, unmapped_value=-3.0))
+    curriculum = cr.Curriculum({"small": small, "large": large}, [edge], budget=2000)
+    result = curriculum.train(2)
+    phi = result.potentials["large"][0].values
+    np.testing.assert_array_equal(phi[1:5], result["small"].values[0][1:])
+    assert (phi[5:] == -3.0).all()
+
+
+def test_step_limits_cut_episodes_of_computed_tasks():
+    never = ComputedMDP(
+        Space([Component("place", 3)]),
+        Space([Component("move", 2)]),
+        lambda data, bits: 0,
+        lambda data, state, action, bits: (state, 0.0, False),
+        time_limit=7,
+    )
+    assert cr.learn(never, budget=70).episodes_used[0] == 10
+
+
+BAD = {
+    "states": ({"states": 5}, "states must be"),
+    "start": ({"start": 3}, "start must be a function: got 3"),
+    "step": ({"step": None}, "step must be a function: got None"),
+    "discount": ({"discount": 1.5}, "discount"),
+    "time limit": ({"time_limit": 0}, "time_limit|time limit"),
+    "endless": ({"discount": 1.0, "time_limit": None}, "needs a time limit"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_task_is_refused(name):
+    changes, message = BAD[name]
+    given = {
+        "states": Space([Component("place", 9)]),
+        "actions": Space([Component("move", 2)]),
+        "start": ring_start,
+        "step": ring_step,
+    }
+    with pytest.raises(TaskError, match=message):
+        ComputedMDP(**{**given, **changes})
+
+
+def test_exact_things_are_refused_in_words():
+    with pytest.raises(cr.CurricleError, match="tables"):
+        cr.solve(ring())
+    with pytest.raises(cr.CurricleError, match="tables"):
+        cr.learn(ring(), budget=10, evaluation=cr.GreedyEvaluation("exact"))
