@@ -317,3 +317,16 @@ def test_single_precision_is_close_to_double(kind):
     single = cr.learn(chase, learner, storage=Storage(dtype="float32"), **settings).values
     assert single.dtype == np.float32
     assert 0 < abs(double - single).max() < 1e-4
+
+
+@pytest.mark.parametrize("exploration", [{"epsilon": 0.3}, {"inverse_temperature": 1.0}])
+@pytest.mark.parametrize("kind", ["dense", "sparse"])
+def test_learning_that_diverges_ends_all_the_same(kind, exploration):
+    # 1e300 is infinite in single precision, and what follows is no number.
+    pay = [[(0.5, 0, 1e300, False), (0.5, 1, -1e300, False)] for _ in range(70)]
+    wild = cr.FiniteMDP.from_outcomes([pay, pay], start=0, discount=0.9, time_limit=10)
+    storage = Storage(kind, "float32")
+    found = cr.learn(wild, QLearning(**exploration), 5000, storage=storage, evaluation=ROLLED)
+    values = found.values[0].values if kind == "sparse" else found.values
+    assert found.steps_used[0] == 5000
+    assert np.isnan(values).any()

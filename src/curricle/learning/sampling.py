@@ -19,7 +19,7 @@ TIED = np.uint64(1 << 15)
 ACTION = np.uint64((1 << 15) - 1)
 """The bits of the action itself."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)
-"""Of a linear congruential generator whose upper bits are good enough to propose actions with."""
+"""Makes bits that have named an action ones that can break a tie."""
 
 
 class EpsilonGreedy(NamedTuple):
@@ -64,13 +64,16 @@ def ties_in_word(table, row, first, value):
 def best_of(table, row, bits):
     """Return the highest value of a row and an action that has it, flagged where several do.
 
-    Of several each is equally likely. No branch depends on the values.
+    Of several each is equally likely. Which it is decides no branch: the processor would guess
+    wrong, and wait for the row to come from memory to know.
     """
     best, first = highest(table, row), np.uint64(0)
     tied = ties_in_word(table, row, first, best)
     ties = ones(tied)
     for start in range(WORD, np.uint64(table.shape[1]), WORD):
         ties += ones(ties_in_word(table, row, start, best))
+    if ties == np.uint64(0):  # only where learning has diverged, to values that are no numbers
+        return best, np.uint64(0)
     left = below(bits * MULTIPLIER, ties)
     while left >= ones(tied):  # further on, in a row of more than 64
         left, first = left - ones(tied), first + WORD
