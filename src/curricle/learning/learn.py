@@ -29,7 +29,7 @@ IntArray = npt.NDArray[np.int64]
 How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
 """The ways a potential enters learning; :func:`learn` says what each does."""
 MOST_ACTIONS = int(TIED)
-"""Actions that 15 bits can tell apart, one number being taken."""
+"""Actions that 15 bits can tell apart."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,10 +77,9 @@ class Run:
         record = kernels.Record(
             np.full(size, np.nan), np.full(size, np.nan), np.zeros(size, int), np.zeros(size, int)
         )
-        stream = np.array([start], dtype=np.uint64)
         if self.plain:
-            return self._train_plainly(stream, potential, out, record)
-        return self._train_shaped(stream, potential, out, record)
+            return self._train_plainly(start, potential, out, record)
+        return self._train_shaped(start, potential, out, record)
 
     @property
     def plain(self) -> bool:
@@ -89,12 +88,12 @@ class Run:
 
     def _train_plainly(
         self,
-        stream: npt.NDArray[np.uint64],
+        start: int,
         potential: Any,
         out: FloatTable | None,
         record: kernels.Record,
     ) -> Outcome:
-        key = np.uint64(scramble_number(int(stream[0])))
+        key = np.uint64(scramble_number(start))
         table: Dense | Sparse
         if self.rows:
             table = self._sparse(potential, key)
@@ -102,17 +101,7 @@ class Run:
             q = self._empty() if out is None else out
             self._fill(q, potential)
             table = self._dense(q, key)
-        steps, episodes = compiled(train_q_learning, isinstance(self.task.model, Functions))(
-            self.task.model,
-            self._horizon,
-            self.learner.rule(*table.q.shape),
-            table,
-            self.evaluation.for_run(int(stream[0])),
-            stream,
-            (np.int64(self.steps), np.int64(self.episodes)),
-            self.every,
-            record,
-        )
+        steps, episodes = self._loop(train_q_learning, len(table.q), start, record, table)
         values: FloatTable | SparseValues | None = out
         if isinstance(table, Sparse) and self.storage.keep:
             met = slice(1, int(table.used[0]))
@@ -125,7 +114,7 @@ class Run:
 
     def _train_shaped(
         self,
-        stream: npt.NDArray[np.uint64],
+        start: int,
         potential: Any,
         out: FloatTable | None,
         record: kernels.Record,
@@ -135,26 +124,29 @@ class Run:
         q = np.stack([self._empty() for _ in range(self.learner.tables)])
         for table in q:
             self._fill(table, potential if self.how in AS_VALUES else None)
-        steps, episodes = compiled(kernels.train, isinstance(self.task.model, Functions))(
-            self.task.model,
-            self._horizon,
-            self.learner.rule(*q.shape[1:]),
-            shaping(potential, self.how),
-            q,
-            self.evaluation.for_run(int(stream[0])),
-            stream,
-            (np.int64(self.steps), np.int64(self.episodes)),
-            self.every,
-            record,
-        )
+        shaped = shaping(potential, self.how)
+        steps, episodes = self._loop(kernels.train, q.shape[1], start, record, shaped, q)
         if out is not None:
             out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
         return Outcome(record, out, steps, episodes, False)
 
-    @property
-    def _horizon(self) -> tuple[float, np.int64]:
+    def _loop(
+        self, loop: Callable[..., Any], rows: int, start: int, record: kernels.Record, *tables: Any
+    ) -> tuple[int, int]:
+        """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
-        return self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)
+        done: tuple[int, int] = compiled(loop, isinstance(self.task.model, Functions))(
+            self.task.model,
+            (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
+            self.learner.rule(rows, self.task.actions.size),
+            *tables,
+            self.evaluation.for_run(start),
+            np.array([start], dtype=np.uint64),
+            (np.int64(self.steps), np.int64(self.episodes)),
+            self.every,
+            record,
+        )
+        return done
 
     @property
     def _width(self) -> Number:
