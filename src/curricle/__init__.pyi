@@ -1,5 +1,6 @@
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
 from .errors import (
+    CalibrationError as CalibrationError,
     CurricleError as CurricleError,
     CurriculumError as CurriculumError,
     MappingError as MappingError,
@@ -10,6 +11,8 @@ from .errors import (
 )
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
+from .learning.following import Followed as Followed, follow as follow
+from .learning.guard import Guard as Guard
 from .learning.learn import (
     How as How,
     LearningResult as LearningResult,
@@ -35,6 +38,7 @@ from .learning.potential import (
     StatePotential as StatePotential,
 )
 from .learning.rollout import Trajectory as Trajectory, rollout as rollout
+from .learning.run import Prelude as Prelude
 from .learning.schedules import (
     Schedule as Schedule,
     constant as constant,
@@ -57,11 +61,25 @@ from .study.metrics import (
     total_reward as total_reward,
     transfer_ratio as transfer_ratio,
 )
+from .study.ordering import (
+    holm as holm,
+    performance_profile as performance_profile,
+    probability_of_improvement as probability_of_improvement,
+    sign_flip_test as sign_flip_test,
+)
+from .study.sequential import AddedSeeds as AddedSeeds, add_seeds as add_seeds
 from .study.statistics import (
     Interval as Interval,
     bootstrap as bootstrap,
     interquartile_mean as interquartile_mean,
     paired_difference as paired_difference,
+    stratified_bootstrap as stratified_bootstrap,
+)
+from .study.survival import (
+    Survival as Survival,
+    median_time as median_time,
+    restricted_mean_time as restricted_mean_time,
+    survival as survival,
 )
 from .tasks.computed import ComputedMDP as ComputedMDP
 from .tasks.draws import below as below, scramble as scramble, unit as unit
@@ -77,6 +95,11 @@ from .transfer.aggregation import (
     total as total,
 )
 from .transfer.by_name import ComponentMapping as ComponentMapping, project as project
+from .transfer.calibration import (
+    Calibrate as Calibrate,
+    Calibration as Calibration,
+    calibrate as calibrate,
+)
 from .transfer.coverage import Coverage as Coverage
 from .transfer.edge import Transfer as Transfer
 from .transfer.mapping import (

@@ -1,5 +1,6 @@
 """Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,21 +14,24 @@ from curricle.checks import instance, one_of
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.learn import (
-    How,
-    LearningResult,
-    learn,
-)
+from curricle.learning.following import PairPotential
+from curricle.learning.guard import Guard
+from curricle.learning.learn import How, LearningResult, check_guard, learn
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.potential import StateActionPotential
 from curricle.learning.storage import Storage
 from curricle.tasks.task import Task, dynamics, same_task
 from curricle.transfer.aggregation import Aggregate, aggregate, mean
+from curricle.transfer.calibration import Calibrate, Calibration, attempt
 from curricle.transfer.edge import Transfer
 from curricle.transfer.mapped import mapped_potential
 
 Value = TypeVar("Value")
 DEFAULT_BUDGET = 100_000
+SETTINGS = (
+    "aggregate", "learner", "budget", "how", "guard", "every", "evaluation", "storage"
+)  # fmt: skip
+"""What may be one value for all tasks or a dict from task to value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,8 @@ class Curriculum:
     how : str or dict
         How potentials enter learning, see :func:`learn`; default ``"initialise"``. For
         ``"state"`` the potential is Phi(s) = max_a phi(s, a).
+    guard : Guard or dict, optional
+        Watch over the potentials, and trust them less where they do harm; of tasks with sources.
     every : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -84,6 +90,7 @@ class Curriculum:
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
     budget: int | Episodes | Mapping[str, int | Episodes] = DEFAULT_BUDGET
     how: How | Mapping[str, How] = "initialise"
+    guard: Guard | Mapping[str, Guard | None] | None = None
     every: int | Mapping[str, int | None] | None = None
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
         default_factory=GreedyEvaluation
@@ -102,12 +109,13 @@ class Curriculum:
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             self._check_ends(transfer)
-        for setting in ("aggregate", "learner", "budget", "how", "every", "evaluation", "storage"):
+        for setting in SETTINGS:
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             self._check_settings(name)
+            self._calibration(name)
         _ = self.order
 
     def _check_ends(self, transfer: Transfer) -> None:
@@ -120,14 +128,27 @@ class Curriculum:
                     f"the task {name!r} in {transfer.source} -> {transfer.target}"
                 )
 
+    def _calibration(self, name: str) -> Calibrate | None:
+        """Return how the potential of a task is calibrated; None if it is not."""
+        settings = {transfer.calibration for transfer in self.into(name)}
+        if len(settings) > 1:
+            raise CurriculumError(
+                "all transfers into a task are calibrated together and must agree on it: those "
+                f"into {name!r} do not"
+            )
+        return settings.pop() if settings else None
+
     def _check_settings(self, name: str) -> None:
         """Check what :meth:`train` will use for a task, before anything is trained."""
         budget = _pick(self.budget, name, DEFAULT_BUDGET)
         limits(budget)
         spacing(_pick(self.every, name, None), budget)
-        one_of(f"how of {name}", _pick(self.how, name, "initialise"), get_args(How), SettingError)
+        how: How = _pick(self.how, name, "initialise")
+        one_of(f"how of {name}", how, get_args(How), SettingError)
         learner = _pick(self.learner, name, QLearning())
         instance(f"learner of {name}", learner, Learner, SettingError)
+        if self.into(name):
+            check_guard(_pick(self.guard, name, None), learner, how, guarded=True)
         evaluation = _pick(self.evaluation, name, GreedyEvaluation())
         instance(f"evaluation of {name}", evaluation, GreedyEvaluation, SettingError)
         storage = _pick(self.storage, name, Storage())
@@ -179,7 +200,8 @@ class Curriculum:
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
             A task's random stream is named after it, so that a result does not depend on
-            which other tasks are there.
+            which other tasks are there. Where a seed cannot be calibrated, its potential enters as
+            it is, with a warning; ``calibrations`` of the result says why.
         trained : dict of str to LearningResult, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
         workers : int, optional
@@ -196,11 +218,16 @@ class Curriculum:
             instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
         results = self._checked(trained or {}, numbers)
-        potentials: dict[str, list[MappedPotential | StateActionPotential]] = {}
+        potentials: dict[str, list[PairPotential]] = {}
+        calibrations: dict[str, list[Calibration]] = {}
         for name in self.order:
             if name in results:
                 continue
             potentials[name] = self._potentials(name, results, len(numbers))
+            fitted = self._calibrated(name, potentials[name], numbers)
+            if fitted:
+                calibrations[name] = fitted
+                potentials[name] = [one.potential for one in fitted]
             how: How = _pick(self.how, name, "initialise")
             phi = [p.to_state() for p in potentials[name]] if how == "state" else potentials[name]
             results[name] = learn(
@@ -210,19 +237,41 @@ class Curriculum:
                 seeds=numbers,
                 potential=phi or None,
                 how=how,
+                guard=_pick(self.guard, name, None) if phi else None,
                 every=_pick(self.every, name, None),
                 evaluation=_pick(self.evaluation, name, GreedyEvaluation()),
                 storage=_pick(self.storage, name, Storage()),
                 stream=name,
+                before=[one.prelude for one in fitted] or None,
                 workers=workers,
             )
             if progress is not None:
                 progress(name)
-        return CurriculumResult(self, results, potentials)
+        return CurriculumResult(self, results, potentials, calibrations)
+
+    def _calibrated(
+        self, name: str, potentials: Sequence[PairPotential], seeds: Sequence[int]
+    ) -> list[Calibration]:
+        """Return the calibration of each seed's potential; none where none is asked for."""
+        settings = self._calibration(name)
+        if settings is None:
+            return []
+        found = [
+            attempt(potential, settings, seed=seed, stream=f"{name}/calibration")
+            for potential, seed in zip(potentials, seeds, strict=True)
+        ]
+        refused = [one.refusal for one in found if one.refusal]
+        if refused:
+            warnings.warn(
+                f"{len(refused)} of {len(seeds)} seeds of {name!r} take their potential as it is: "
+                f"{refused[0]}",
+                stacklevel=3,
+            )
+        return found
 
     def _potentials(
         self, name: str, results: Mapping[str, LearningResult], n_seeds: int
-    ) -> list[MappedPotential | StateActionPotential]:
+    ) -> list[PairPotential]:
         """Return the aggregated potential of each seed; none for a task without sources."""
         edges = self.into(name)
         if not edges:
@@ -235,7 +284,7 @@ class Curriculum:
                 )
         task, function = self.tasks[name], _pick(self.aggregate, name, mean)
 
-        def potential(k: int) -> MappedPotential | StateActionPotential:
+        def potential(k: int) -> PairPotential:
             values = [results[edge.source].values[k] for edge in edges]
             mapped = mapped_potential(task, edges, values, function)
             if mapped is not None:
@@ -271,6 +320,9 @@ class CurriculumResult:
     nodes : dict of str to LearningResult
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
+    calibrations : dict of str to list of Calibration
+        For each task trained here whose transfers are calibrated, that of each seed. Its steps are
+        the first of the task's own budget and curve.
 
     Examples
     --------
@@ -282,7 +334,8 @@ class CurriculumResult:
 
     curriculum: Curriculum
     nodes: Mapping[str, LearningResult]
-    potentials: Mapping[str, list[MappedPotential | StateActionPotential]]
+    potentials: Mapping[str, list[PairPotential]]
+    calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)

@@ -7,6 +7,7 @@
     ├── SettingError     a learner, budget or metric asked for nonsense  (also ValueError)
     ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
+    ├── CalibrationError rollouts that cannot tell what a potential is worth
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     └── StoreError       a results folder that cannot be used
 
@@ -32,6 +33,10 @@ class PotentialError(CurricleError, ValueError):
 
 class MappingError(CurricleError, ValueError):
     """A mapping between two tasks does not fit them."""
+
+
+class CalibrationError(CurricleError):
+    """A potential cannot be calibrated: what its policy met carries no information."""
 
 
 class CurriculumError(CurricleError, ValueError):

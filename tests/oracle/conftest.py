@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from curricle import FiniteMDP, StateActionPotential, StatePotential
-from curricle.learning.learn import stream_start
+from curricle.learning.run import stream_start
 from curricle.learning.schedules import schedule
 
 

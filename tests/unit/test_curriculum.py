@@ -10,8 +10,10 @@ from curricle import (
     Episodes,
     GreedyEvaluation,
     GridWorld,
+    Guard,
     Pursuit,
     QLearning,
+    SettingError,
     StateActionPotential,
     Transfer,
     learn,
@@ -280,3 +282,15 @@ def test_equal_tasks_are_one_task():
         budget=200,
     )
     assert curriculum.train()["hunt"].steps_used.tolist() == [200]
+
+
+def test_a_guard_watches_over_the_tasks_that_have_sources():
+    tasks = {name: TASKS[name] for name in ("near", "left", "far")}
+    plan = {"tasks": tasks, "transfers": edges(CHAIN), "budget": 2000}
+    result = Curriculum(**plan, guard=Guard()).train()
+    assert np.isnan(result["near"].trust).all()
+    assert (result["far"].trust > 0).all()
+    with pytest.raises(SettingError, match="a guard watches over the potential of a QLearning"):
+        Curriculum(**plan, guard=Guard(), learner=SARSA())
+    with pytest.raises(SettingError, match="guard must be a Guard: got True"):
+        Curriculum(**plan, guard=True)

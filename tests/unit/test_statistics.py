@@ -8,9 +8,15 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.study.statistics import Interval, bootstrap, interquartile_mean, paired_difference
+from curricle.study.statistics import (
+    Interval,
+    bootstrap,
+    interquartile_mean,
+    paired_difference,
+    stratified_bootstrap,
+)
 
-NAN = np.nan
+NAN, INF = np.nan, np.inf
 
 
 def normal(*shape, seed=7):
@@ -242,5 +248,99 @@ def test_interval_prints(numbers, n, text):
 
 def test_interval_of_a_curve_prints_its_ends():
     rows = [np.array([1.0, 5.0, 11.0]), np.array([0.5, 4.0, 9.8]), np.array([1.5, 6.0, 12.1])]
-    text = "3 checkpoints, first 1.00 [0.50, 1.50], last 11.0 [9.8, 12.1], 30 seeds"
+    text = "3 values, first 1.00 [0.50, 1.50], last 11.0 [9.8, 12.1], 30 seeds"
     assert str(Interval(*rows, confidence=0.95, n=30)) == text
+
+
+# Several tasks
+
+
+def test_stratified_bootstrap_of_two_tasks_by_hand():
+    # The mean of all four is the lowest, 10, or the highest, 12, with chance 1/16 each.
+    scores = np.array([[0.0, 20.0], [2.0, 22.0]])
+    interval = stratified_bootstrap(scores, np.mean)
+    assert (interval.estimate, interval.low, interval.high) == (11.0, 10.0, 12.0)
+    assert interval.n == 2
+
+
+def test_the_statistic_sees_all_runs_at_once():
+    scores = np.array([[0.0, 4.0], [2.0, 100.0]])
+    assert stratified_bootstrap(scores).estimate == 3.0
+    assert stratified_bootstrap([[0.0, 2.0, 4.0], [100.0]]).estimate == 3.0
+
+
+@pytest.mark.parametrize("statistic", [np.mean, interquartile_mean])
+def test_one_stratum_agrees_with_scipy(statistic):
+    values = normal(25)
+    ours = stratified_bootstrap(values[:, np.newaxis], statistic, resamples=20_000)
+    theirs = scipy.stats.bootstrap(
+        (values,),
+        statistic,
+        n_resamples=20_000,
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(3),
+    ).confidence_interval
+    width = theirs.high - theirs.low
+    assert ours.low == pytest.approx(theirs.low, abs=0.06 * width)
+    assert ours.high == pytest.approx(theirs.high, abs=0.06 * width)
+
+
+def test_tasks_that_differ_do_not_widen_the_interval():
+    tasks = 100 * np.arange(4) + normal(10, 4)
+    near = stratified_bootstrap(tasks, np.mean)
+    pooled = bootstrap(tasks.ravel())
+    assert near.high - near.low < 1.0 < 50.0 < pooled.high - pooled.low
+
+
+def test_stratified_mean_has_the_standard_error_of_strata():
+    # The mean of M independent means: variances add. 20,000 resamples tell a width to about 2 %.
+    tasks = [normal(8, seed=1), 3 * normal(20, seed=2), normal(40, seed=3)]
+    interval = stratified_bootstrap(tasks, np.mean, resamples=20_000)
+    error = np.sqrt(sum(len(task) * np.var(task) for task in tasks)) / 68
+    assert interval.high - interval.low == pytest.approx(2 * 1.96 * error, rel=0.05)
+    assert interval.n == 8
+
+
+def test_a_task_with_one_seed_leaves_no_interval():
+    interval = stratified_bootstrap([[1.0, 2.0, 3.0], [5.0]], np.mean)
+    assert (interval.estimate, interval.n) == (2.75, 1)
+    assert np.isnan([interval.low, interval.high]).all()
+
+
+def test_stratified_bootstrap_hides_no_nan():
+    interval = stratified_bootstrap(np.array([[1.0, NAN], [2.0, 3.0], [4.0, 5.0]]))
+    assert np.isnan([interval.estimate, interval.low, interval.high]).all()
+
+
+@pytest.mark.parametrize(
+    ("scores", "settings", "message"),
+    [
+        ([], {}, r"scores must have shape \(K, M\), neither 0, .*: got \[\(0,\)\]"),
+        (np.zeros((3, 0)), {}, r"or be one array \(K,\) per task: got \[\]"),
+        ([[1.0], [[1.0]]], {}, r"got \[\(1,\), \(1, 1\)\]"),
+        ([[1.0], None], {}, r"got \[\(1,\), \(\)\]"),
+        (np.array([[1.0, INF]]), {}, "values must not be infinite: got inf"),
+        ([1.0, 2.0], {"statistic": np.cumsum}, "one number per column: got shape"),
+        ([1.0, 2.0], {"confidence": 0.0}, "confidence must be between 0 and 1: got 0.0"),
+        ([1.0, 2.0], {"resamples": -1}, "resamples must be a whole number, at least 1: got -1"),
+    ],
+)
+def test_stratified_bootstrap_refuses(scores, settings, message):
+    with pytest.raises(SettingError, match=message):
+        stratified_bootstrap(scores, **settings)
+
+
+# Printing what is infinite
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [
+        ((INF, 1200.4, INF), "inf [1,200, inf], 9 seeds"),
+        ((1200.4, -INF, 1300.0), "1,200 [-inf, 1,300], 9 seeds"),
+        ((INF, INF, INF), "inf [inf, inf], 9 seeds"),
+    ],
+)
+def test_an_infinite_bound_prints(numbers, text):
+    assert str(Interval(*numbers, confidence=0.95, n=9)) == text

@@ -51,21 +51,24 @@ class GreedyEvaluation:
 
     def settings(self, task: Task) -> Exact | Rollouts:
         """Return the evaluation of this task as the compiled loops read it."""
-        moving = dynamics(task)
-        if moving.time_limit is not None:
-            horizon = moving.time_limit
-        elif not self.discounted:
-            raise SettingError(
-                "an undiscounted evaluation needs a task with a time limit: none set"
-            )
-        elif 0 < moving.discount < 1:
-            horizon = int(np.ceil(np.log(NEGLIGIBLE) / np.log(moving.discount)))
-        else:
-            horizon = 1 if moving.discount == 0 else int(kernels.NO_LIMIT)
-        weight = moving.discount if self.discounted else 1.0
+        horizon = self.horizon(task)
+        weight = dynamics(task).discount if self.discounted else 1.0
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             return Exact(table_model(tables(task)), weight, horizon, NEGLIGIBLE, *NO_ROOM)
         return Rollouts(self.episodes, weight, horizon, NO_STREAM)
+
+    def horizon(self, task: Task) -> int:
+        """Return the steps after which an episode is cut off, or adds nothing to speak of."""
+        moving = dynamics(task)
+        if moving.time_limit is not None:
+            return moving.time_limit
+        if not self.discounted:
+            raise SettingError(
+                "an undiscounted evaluation needs a task with a time limit: none set"
+            )
+        if 0 < moving.discount < 1:
+            return int(np.ceil(np.log(NEGLIGIBLE) / np.log(moving.discount)))
+        return 1 if moving.discount == 0 else int(kernels.NO_LIMIT)
 
 
 def _small(task: Task) -> bool:

@@ -47,8 +47,17 @@ class Record(NamedTuple):
 
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
     greedy_return: FloatArray  # (T,)
-    steps: npt.NDArray[np.int64]  # (T,)
+    trust: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
     episodes: npt.NDArray[np.int64]  # (T,)
+
+
+class Spent(NamedTuple):
+    """What a seed did in its task before it began to learn, on the account of its budget."""
+
+    steps: int
+    episodes: int
+    ended: int  # episodes that ended since the last checkpoint
+    ended_return: float  # their returns, added up
 
 
 class Acting(NamedTuple):
@@ -127,20 +136,31 @@ def shaping_reward(shaping, phi, discount, state, action, next_state, terminated
 
 
 @piece
-def write(record, checkpoint, step, episodes, ended, ended_return, value):
+def write(record, checkpoint, episodes, ended, ended_return, value):
     """Fill one checkpoint of a record."""
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
     record.greedy_return[checkpoint] = value
-    record.steps[checkpoint] = step
     record.episodes[checkpoint] = episodes
 
 
-def train(model, horizon, rule, shaping, q, evaluation, stream, budget, every, record):
+@piece
+def spent_checkpoints(evaluation, model, view, step, every, record):
+    """Return the first checkpoint from `step` on; those before are judged as learning starts."""
+    checkpoint = 0
+    if step > 0:
+        value = greedy_return(evaluation, model, view)
+        while checkpoint * every < step:
+            record.greedy_return[checkpoint] = value
+            checkpoint += 1
+    return checkpoint
+
+
+def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, every, record):
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `budget` are the steps and episodes at which to stop, `every` the steps between checkpoints
-    (checkpoint 0 is before the first step).
+    `done` what was spent before, `budget` are the steps and episodes at which to stop, `every` the
+    steps between checkpoints (checkpoint 0 is before the first step).
     """
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
@@ -148,14 +168,16 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, budget, every, r
     n_actions = q.shape[2]
     values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
     room = np.empty((1, n_actions))
-    step, episodes, checkpoint, ended, ended_return = 0, 0, 0, 0, 0.0
+    step, episodes, ended, ended_return = done
+    first = Acting(q, advice, at(weight, step), room)
+    checkpoint = spent_checkpoints(evaluation, model, first, step, every, record)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:
         if step == checkpoint * every:
             view = Acting(q, advice, at(weight, step), room)
             value = greedy_return(evaluation, model, view)
-            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            write(record, checkpoint, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget[0] or episodes >= budget[1]:
             return step, episodes

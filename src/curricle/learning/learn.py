@@ -1,6 +1,5 @@
 """Training one task over many seeds: :func:`learn` and what it returns."""
 
-import hashlib
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,9 +13,19 @@ from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
-from curricle.learning.run import Outcome, Potential, Run, rows_allowed
+from curricle.learning.run import (
+    AS_VALUES,
+    NO_PRELUDE,
+    Outcome,
+    Potential,
+    Prelude,
+    Run,
+    rows_allowed,
+    stream_start,
+)
 from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
@@ -51,6 +60,8 @@ class LearningResult:
     training_return : (K, T) float64
         Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
         NaN where none did.
+    trust : (K, T) float64
+        Share of the steps that a guarded potential's learner got (:class:`Guard`); NaN without.
     greedy_return : (K, T) float64
         Expected return of the greedy policy (:class:`GreedyEvaluation`). After a seed's budget
         of episodes is spent its last value stands.
@@ -80,6 +91,7 @@ class LearningResult:
     steps_used: IntArray
     episodes_used: IntArray
     out_of_memory: npt.NDArray[np.bool_]
+    trust: FloatArray
 
     def __repr__(self) -> str:
         return (
@@ -97,10 +109,12 @@ def learn(
     seeds: int | Sequence[int] = 1,
     potential: Potential | Sequence[Potential] | None = None,
     how: How = "initialise",
+    guard: Guard | None = None,
     every: int | None = None,
     evaluation: GreedyEvaluation | None = None,
     storage: Storage | None = None,
     stream: str = "",
+    before: Sequence[Prelude] | None = None,
     workers: int | None = None,
 ) -> LearningResult:
     """Return what a learner makes of a task, for each of many seeds.
@@ -133,6 +147,9 @@ def learn(
           is the task's own only as xi goes to 0: give the potential a decaying weight.
         - ``"bonus"``: rewards get phi(s, a) outright. NOT potential-based: it can change the
           optimal policy, and is here to show reward hacking.
+    guard : Guard, optional
+        Watch over the potential, and trust it less where it does harm. For :class:`QLearning` with
+        ``"initialise"`` or ``"look_ahead"``.
     every : int, optional
         Steps between checkpoints; by default a hundredth of a step budget, 100 steps for a budget
         of episodes.
@@ -141,6 +158,9 @@ def learn(
         Precision of the values, dense or sparse tables, memory; float64 by default.
     stream : str
         Name of the random stream, so that several trainings of one seed draw independently.
+    before : sequence of K Prelude, optional
+        Episodes that each seed acted in the task already, as :func:`calibrate` does. They count
+        against the budget and stand at the start of the curves.
     workers : int, optional
         Threads over seeds; as many as there are processors by default.
 
@@ -173,6 +193,7 @@ def learn(
     every = spacing(every, budget)
     longest = longest_run(moving.time_limit, budget, every)
     potentials = _potentials(task, learner, potential, how, len(seeds))
+    preludes = _preludes(before, len(seeds), steps, episodes)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     storage = Storage() if storage is None else storage
@@ -181,8 +202,10 @@ def learn(
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     threads = min(workers or os.cpu_count() or 1, len(seeds))
-    rows = rows_allowed(moving, learner, storage, len(seeds), threads, longest)
-    run = Run(moving, learner, how, steps, episodes, every, longest, judge, storage, rows)
+    check_guard(guard, learner, how, guarded=potential is not None)
+    n_tables = learner.tables if guard is None else 2
+    rows = rows_allowed(moving, n_tables, storage, len(seeds), threads, longest)
+    run = Run(moving, learner, how, steps, episodes, every, longest, judge, storage, rows, guard)
     if rows:
         _check_sparse(run, potentials)
     kept = storage.keep and not rows
@@ -191,17 +214,13 @@ def learn(
 
     def train(k: int) -> Outcome:
         start = stream_start(seeds[k], stream)
-        return run.train(start, potentials[k], None if values is None else values[k])
+        out = None if values is None else values[k]
+        return run.train(start, potentials[k], out, preludes[k])
 
     with ThreadPoolExecutor(threads) as pool:
         done = list(pool.map(train, range(len(seeds))))
     found = values if kept else tuple(o.values for o in done) if storage.keep else None
     return _result(task, learner, seeds, found, done, every)
-
-
-def stream_start(seed: int, stream: str) -> int:
-    """Return where the random stream of this seed and name starts, a 64-bit number."""
-    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
 
 
 def _potentials(
@@ -239,6 +258,36 @@ def _potentials(
     return each
 
 
+def check_guard(guard: Guard | None, learner: Learner, how: How, *, guarded: bool) -> None:
+    """Raise SettingError if there is a guard, but no potential that it can watch over."""
+    if guard is None:
+        return
+    instance("guard", guard, Guard, SettingError)
+    if not isinstance(learner, QLearning) or how not in AS_VALUES or not guarded:
+        raise SettingError(
+            "a guard watches over the potential of a QLearning with how 'initialise' or "
+            f"'look_ahead': got {type(learner).__name__} with how {how!r} and "
+            f"{'a' if guarded else 'no'} potential"
+        )
+
+
+def _preludes(
+    before: Sequence[Prelude] | None, n_seeds: int, steps: int, episodes: int
+) -> Sequence[Prelude]:
+    """Return the prelude of each seed, checked against the budget."""
+    if before is None:
+        return [NO_PRELUDE] * n_seeds
+    if len(before) != n_seeds:
+        raise SettingError(f"one prelude a seed means {n_seeds} of them: got {len(before)}")
+    for k, one in enumerate(before):
+        if one.steps >= steps or len(one.lengths) >= episodes:
+            raise SettingError(
+                "a budget must exceed what was spent on it before learning: the prelude of seed "
+                f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"
+            )
+    return before
+
+
 def _check_sparse(run: Run, potentials: list[Any]) -> None:
     """Raise SettingError unless this learner can fill sparse tables."""
     if not run.plain:
@@ -267,9 +316,11 @@ def _result(
     training = np.stack([outcome.record.training_return[:n] for outcome in done])
     greedy = np.stack([outcome.record.greedy_return[:n] for outcome in done])
     episodes = np.stack([outcome.record.episodes[:n] for outcome in done])
+    trust = np.stack([outcome.record.trust[:n] for outcome in done])
     for k, outcome in enumerate(done):
         last = outcome.steps // every
-        greedy[k, last + 1 :], episodes[k, last + 1 :] = greedy[k, last], episodes[k, last]
+        for held in (greedy, episodes, trust):
+            held[k, last + 1 :] = held[k, last]
     return LearningResult(
         task=task,
         learner=learner,
@@ -282,4 +333,5 @@ def _result(
         steps_used=frozen(np.array([outcome.steps for outcome in done])),
         episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
+        trust=frozen(trust),
     )

@@ -4,7 +4,7 @@ Both kinds are zero in terminal states by construction (Grzes 2017): shaping tha
 terminal itself changes the optimal policy. The discount is the task's; there is no second one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError
-from curricle.learning.reading import Reading, read_all
+from curricle.learning.reading import TOTAL, Reading, read_all
 from curricle.learning.schedules import Schedule, constant, schedule
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
@@ -136,6 +136,15 @@ class StateActionPotential:
         _freeze(self, values=_zero_at_end(ends, values))
         object.__setattr__(self, "weight", schedule(self.weight))
 
+    @property
+    def highest(self) -> float:
+        """The highest promise, max phi(s, a)."""
+        return float(self.values.max())
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
+        """Return scale phi(s, a) + shift, 0 at terminal states; it keeps the optimum."""
+        return replace(self, values=scale * self.values + shift)
+
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""
         return StatePotential(self.task, self.values.max(axis=1), weight=self.weight)
@@ -198,6 +207,22 @@ class MappedPotential:
         if moving.terminal is not None:
             phi[moving.terminal] = 0.0
         return frozen(phi)
+
+    @property
+    def highest(self) -> float:
+        """A bound of the highest promise, max phi(s, a); the array is not made for it."""
+        parts = len(self.reading.first) if self.reading.combine == TOTAL else 1
+        return float(parts * self.reading.values.max())
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
+        """Return scale phi(s, a) + shift for a scale above 0; it keeps the optimum."""
+        if not scale > 0:
+            raise PotentialError(
+                f"a potential read on the fly can be scaled by positive numbers only: got {scale}"
+            )
+        parts = len(self.reading.first) if self.reading.combine == TOTAL else 1
+        values = frozen(scale * self.reading.values + shift / parts)
+        return MappedPotential(self.task, self.reading._replace(values=values))
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""

@@ -7,7 +7,7 @@ value was lowered, so that a step scans no row: several times faster than the ge
 import numpy as np
 
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import write
+from curricle.learning.kernels import spent_checkpoints, write
 from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
@@ -37,13 +37,13 @@ def update(q, best, greedy, row, change):
         greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
 
 
-def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, every, record):
+def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budget, every, record):
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `budget` are the steps and episodes at which to stop, `every` the steps between checkpoints
-    (checkpoint 0 is before the first step). A table without room for another state ends the run
-    before the step that needs it.
+    `done` what was spent before (:class:`Spent`), `budget` are the steps and episodes at which to
+    stop, `every` the steps between checkpoints (checkpoint 0 is before the first step). A table
+    without room for another state ends the run before the step that needs it.
 
     Rows of a far table come late from memory. There a step is learnt from during the next one,
     before anything it changes is read: this does not change what is learnt.
@@ -54,15 +54,17 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, budget, ev
     discount = real(horizon[0])
     far = len(table.far) > 0
     prepare(table)
-    step, episodes, checkpoint, ended, ended_return, episode_return = 0, 0, 0, 0, 0.0, 0.0
+    step, episodes, ended, ended_return = done
+    episode_return = 0.0
+    checkpoint = spent_checkpoints(evaluation, model, table, step, every, record)
     counter = stream[0] + STRIDE
-    state, last, counter = first_state(model, scramble(counter)), limit, counter + STRIDE
+    state, last, counter = first_state(model, scramble(counter)), step + limit, counter + STRIDE
     row = place(table, state, False)
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, table)
-            write(record, checkpoint, step, episodes, ended, ended_return, value)
+            write(record, checkpoint, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget[0] or episodes >= budget[1] or is_full(table, row):
             return step, episodes

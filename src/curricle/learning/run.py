@@ -1,5 +1,6 @@
 """One seed's training: its table, its loop, what it leaves behind."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -11,6 +12,7 @@ from numba import njit
 
 from curricle.errors import SettingError
 from curricle.learning import kernels
+from curricle.learning.guard import Guard, train_guarded
 from curricle.learning.judging import Exact, Rollouts
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
@@ -47,6 +49,46 @@ class Outcome:
     out_of_memory: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Prelude:
+    """The episodes that a seed acted in its task before it began to learn there.
+
+    Attributes
+    ----------
+    lengths : (E,) int64
+        Steps of each.
+    returns : (E,) float64
+        Their unshaped, undiscounted returns.
+
+    Examples
+    --------
+    >>> Prelude(np.array([3, 4]), np.array([1.0, 2.0])).steps
+    7
+    """
+
+    lengths: npt.NDArray[np.int64]
+    returns: npt.NDArray[np.float64]
+
+    @property
+    def steps(self) -> int:
+        """Steps in all."""
+        return int(self.lengths.sum())
+
+    def note(self, record: kernels.Record, every: int) -> kernels.Spent:
+        """Fill the checkpoints of a record before the end of this; return what is left to note."""
+        ends = np.cumsum(self.lengths)
+        checkpoint = -(-ends // every)
+        n = int(checkpoint.max(initial=0))
+        ended = np.bincount(checkpoint, minlength=n + 1)
+        earned = np.bincount(checkpoint, self.returns, minlength=n + 1)
+        record.episodes[:n] = np.cumsum(ended)[:n]
+        np.divide(earned[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
+        return kernels.Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
+
+
+NO_PRELUDE = Prelude(np.zeros(0, np.int64), np.zeros(0))
+
+
 @dataclass(frozen=True)
 class Run:
     """What the seeds of one call of :func:`learn` share.
@@ -65,26 +107,34 @@ class Run:
     evaluation: Exact | Rollouts
     storage: Storage
     rows: int
+    guard: Guard | None = None
 
     def train(
-        self, start: int, potential: Potential | None, out: FloatTable | None = None
+        self,
+        start: int,
+        potential: Potential | None,
+        out: FloatTable | None = None,
+        before: Prelude = NO_PRELUDE,
     ) -> Outcome:
         """Return what one seed learns, its random stream starting at `start`.
 
         `out`, (S, A), is where dense values are to go; they are dropped without it.
         """
         size = self.longest // self.every + 1
-        record = kernels.Record(
-            np.full(size, np.nan), np.full(size, np.nan), np.zeros(size, int), np.zeros(size, int)
-        )
+        returns, greedy, trust = np.full((3, size), np.nan)
+        record = kernels.Record(returns, greedy, trust, np.zeros(size, int))
+        done = before.note(record, self.every)
+        if self.guard is not None:
+            return self._train_guarded(self.guard, start, potential, out, record, done)
         if self.plain:
-            return self._train_plainly(start, potential, out, record)
-        return self._train_shaped(start, potential, out, record)
+            return self._train_plainly(start, potential, out, record, done)
+        return self._train_shaped(start, potential, out, record, done)
 
     @property
     def plain(self) -> bool:
         """Whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        return self.learner.update == kernels.Q_LEARNING and self.how in AS_VALUES
+        q_learning = self.learner.update == kernels.Q_LEARNING and self.how in AS_VALUES
+        return q_learning and self.guard is None
 
     def _train_plainly(
         self,
@@ -92,6 +142,7 @@ class Run:
         potential: Any,
         out: FloatTable | None,
         record: kernels.Record,
+        done: kernels.Spent,
     ) -> Outcome:
         key = np.uint64(scramble_number(start))
         table: Dense | Sparse
@@ -101,7 +152,7 @@ class Run:
             q = self._empty() if out is None else out
             self._fill(q, potential)
             table = self._dense(q, key)
-        steps, episodes = self._loop(train_q_learning, len(table.q), start, record, table)
+        steps, episodes = self._loop(train_q_learning, len(table.q), start, record, done, table)
         values: FloatTable | SparseValues | None = out
         if isinstance(table, Sparse) and self.storage.keep:
             met = slice(1, int(table.used[0]))
@@ -118,6 +169,7 @@ class Run:
         potential: Any,
         out: FloatTable | None,
         record: kernels.Record,
+        done: kernels.Spent,
     ) -> Outcome:
         if isinstance(potential, MappedPotential) and self.how not in AS_VALUES:
             potential = StateActionPotential(potential.task, potential.values)
@@ -125,28 +177,53 @@ class Run:
         for table in q:
             self._fill(table, potential if self.how in AS_VALUES else None)
         shaped = shaping(potential, self.how)
-        steps, episodes = self._loop(kernels.train, q.shape[1], start, record, shaped, q)
+        steps, episodes = self._loop(kernels.train, q.shape[1], start, record, done, shaped, q)
         if out is not None:
             out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
         return Outcome(record, out, steps, episodes, False)
 
+    def _train_guarded(
+        self,
+        guard: Guard,
+        start: int,
+        potential: Any,
+        out: FloatTable | None,
+        record: kernels.Record,
+        done: kernels.Spent,
+    ) -> Outcome:
+        q = np.stack([self._empty(), self._empty()])
+        for table, knowledge in zip(q, (None, potential), strict=True):
+            self._fill(table, knowledge)
+        steps, episodes, ahead = self._loop(
+            train_guarded, q.shape[1], start, record, done, guard.rule, q
+        )
+        if out is not None:
+            out[...] = q[ahead]
+        return Outcome(record, out, steps, episodes, False)
+
     def _loop(
-        self, loop: Callable[..., Any], rows: int, start: int, record: kernels.Record, *tables: Any
-    ) -> tuple[int, int]:
+        self,
+        loop: Callable[..., Any],
+        rows: int,
+        start: int,
+        record: kernels.Record,
+        done: kernels.Spent,
+        *tables: Any,
+    ) -> Any:
         """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
-        done: tuple[int, int] = compiled(loop, isinstance(self.task.model, Functions))(
+        return compiled(loop, isinstance(self.task.model, Functions))(
             self.task.model,
             (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
             self.learner.rule(rows, self.task.actions.size),
             *tables,
             self.evaluation.for_run(start),
             np.array([start], dtype=np.uint64),
+            done,
             (np.int64(self.steps), np.int64(self.episodes)),
             self.every,
             record,
         )
-        return done
 
     @property
     def _width(self) -> Number:
@@ -200,6 +277,11 @@ class Run:
         )
 
 
+def stream_start(seed: int, stream: str) -> int:
+    """Return where the random stream of this seed and name starts, a 64-bit number."""
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
+
+
 def number(n: int) -> Number:
     """Return a number as loops are compiled for it."""
     return (None,) * n
@@ -242,9 +324,9 @@ def taken_off(potential: Potential | None, how: str, step: int) -> Any:
 
 
 def rows_allowed(
-    task: Dynamics, learner: Learner, storage: Storage, seeds: int, at_once: int, steps: int
+    task: Dynamics, tables: int, storage: Storage, seeds: int, at_once: int, steps: int
 ) -> int:
-    """Return the rows a sparse table may have, or 0 if tables are dense.
+    """Return the rows a sparse table may have, or 0 if tables are dense; a run has `tables`.
 
     Raises
     ------
@@ -253,7 +335,7 @@ def rows_allowed(
     """
     n_states, n_actions = task.states.size, task.actions.size
     held = seeds if storage.keep else min(at_once, seeds)
-    needed = held * storage.dense_bytes(n_states, n_actions, learner.tables)
+    needed = held * storage.dense_bytes(n_states, n_actions, tables)
     if storage.kind == "dense" or (storage.kind == "auto" and needed <= storage.limit):
         if needed > storage.limit:
             raise SettingError(

@@ -1,9 +1,9 @@
 """Intervals over seeds: bootstrap, interquartile mean, paired differences. Arrays only.
 
 Seeds are the only unit resampled: a whole row at a time, so that the checkpoints of one seed stay
-together. A NaN among the seeds is never dropped in silence, since the seeds without a
-measurement are usually the slow ones: it makes that checkpoint's estimate and bounds NaN, unless
-the statistic given says otherwise (``np.nanmean``).
+together, and within each task alone where there are several. A NaN among the seeds is never
+dropped in silence, since the seeds without a measurement are usually the slow ones: it makes that
+checkpoint's estimate and bounds NaN, unless the statistic given says otherwise (``np.nanmean``).
 
 Sources: Efron and Tibshirani, "An introduction to the bootstrap", 1993, chapter 13; Agarwal et
 al., "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 2021.
@@ -12,16 +12,29 @@ al., "Deep reinforcement learning at the edge of the statistical precipice", Neu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
 
-__all__ = ["Interval", "Statistic", "bootstrap", "interquartile_mean", "paired_difference"]
+__all__ = [
+    "Interval",
+    "Statistic",
+    "bootstrap",
+    "by_task",
+    "draw_counts",
+    "frozen",
+    "interquartile_mean",
+    "paired_difference",
+    "percentiles",
+    "resample",
+    "stratified_bootstrap",
+]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,13 +52,13 @@ class Interval:
 
     Attributes
     ----------
-    estimate, low, high : float or (T,) float64
-        In the unit of the values; one per checkpoint where there are T of them. The bounds of a
-        single seed are NaN.
+    estimate, low, high : float or (T,) or (L,) float64
+        In the unit of the values; one per checkpoint or threshold where there are several. The
+        bounds of a single seed are NaN.
     confidence : float
         Nominal coverage of [low, high], between 0 and 1.
     n : int
-        Seeds K.
+        Seeds K; the fewest of any task or arm where those differ.
 
     Examples
     --------
@@ -67,7 +80,7 @@ class Interval:
         if np.ndim(self.estimate) == 0:
             return f"{_triple(triples[0])}, {seeds}"
         first, last = _triple(triples[0]), _triple(triples[-1])
-        return f"{len(triples)} checkpoints, first {first}, last {last}, {seeds}"
+        return f"{len(triples)} values, first {first}, last {last}, {seeds}"
 
 
 def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArray:
@@ -152,24 +165,71 @@ def bootstrap(
     Notes
     -----
     One seed tells nothing about the spread, so its bounds are NaN. With few seeds the interval is
-    too short: for the mean of normal values, a nominal 95 % covers about 85 % with 5 seeds, 91 %
-    with 10 and 93 % with 30.
+    too short: for the mean of normal values, a nominal 95 % covers about 84 % with 5 seeds, 90 %
+    with 10 and 94 % with 30.
 
     Examples
     --------
     >>> print(bootstrap([9.0, 10.0, 11.0, 14.0]))
     11.0 [9.5, 13.0], 4 seeds
     """
-    array = np.array(values, dtype=np.float64)
-    _check_settings(array, confidence, resamples)
-    estimate = _estimate(array, statistic)
-    if array.shape[0] == 1:
-        low = high = np.full_like(estimate, np.nan)
-    else:
-        draws = _resampled(array, statistic, resamples, np.random.default_rng(seed))
-        tails = [(1 - confidence) / 2, (1 + confidence) / 2]
-        low, high = np.quantile(draws, tails, axis=0)
-    return Interval(_frozen(estimate), _frozen(low), _frozen(high), confidence, array.shape[0])
+    array = numbers("values", values, SettingError)
+    if array.ndim not in (1, 2) or array.size == 0:
+        raise SettingError(f"values must have shape (K,) or (K, T), neither 0: got {array.shape}")
+    return resample(array, array.shape[:1], statistic, confidence, resamples, seed)
+
+
+def stratified_bootstrap(
+    scores: npt.ArrayLike | Sequence[npt.ArrayLike],
+    statistic: Statistic = interquartile_mean,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> Interval:
+    """Return a statistic over the runs of several tasks with its stratified bootstrap interval.
+
+    statistic(x_11, ..., x_KM) over all runs at once, x_km being seed k on task m; a resample draws
+    K seeds with replacement for each task alone, so that every task keeps its share of the runs.
+
+    Parameters
+    ----------
+    scores : (K, M) float64 array, or a list or tuple of M arrays (K_m,)
+        K seeds of M tasks, in a unit that is comparable across tasks. One array per task
+        allows different numbers of seeds. NaN as the module says.
+    statistic : callable
+        ``statistic(values, axis=...)`` of the flattened runs, giving one number.
+    confidence, resamples, seed
+        As in :func:`bootstrap`.
+
+    Returns
+    -------
+    Interval
+        Floats. Where a task has a single seed the bounds are NaN.
+
+    Raises
+    ------
+    SettingError
+        If `scores` has another shape, or as :func:`bootstrap` does.
+
+    Notes
+    -----
+    For the interquartile mean of five unequal tasks with normal scores, a nominal 95 % covers
+    about 93 % with 10 seeds a task and 94 % with 30.
+
+    References
+    ----------
+    Agarwal et al., NeurIPS 2021, section 4.2.
+
+    Examples
+    --------
+    >>> print(stratified_bootstrap(np.array([[0.1, 0.5], [0.3, 0.6], [0.2, 0.7]])))
+    0.400 [0.325, 0.475], 3 seeds
+    >>> print(stratified_bootstrap([[0.1, 0.3, 0.2, 0.4], [0.5, 0.6, 0.7]]))
+    0.400 [0.320, 0.480], 3 seeds
+    """
+    runs, sizes = by_task(scores)
+    return resample(runs, sizes, statistic, confidence, resamples, seed)
 
 
 def paired_difference(
@@ -206,7 +266,7 @@ def paired_difference(
     >>> print(paired_difference([5.0, 7.0, 9.0], [4.0, 6.0, 8.0]))
     1.00 [1.00, 1.00], 3 seeds
     """
-    first, second = np.array(a, dtype=np.float64), np.array(b, dtype=np.float64)
+    first, second = numbers("a", a, SettingError), numbers("b", b, SettingError)
     if first.ndim != 1 or first.shape != second.shape:
         raise SettingError(
             f"a and b must both have shape (K,), seed by seed: got {first.shape} and {second.shape}"
@@ -214,16 +274,91 @@ def paired_difference(
     return bootstrap(first - second, confidence=confidence, resamples=resamples, seed=seed)
 
 
-def _check_settings(array: FloatArray, confidence: float, resamples: int) -> None:
-    """Raise unless `array` and the settings of a bootstrap make sense."""
-    if array.ndim not in (1, 2) or array.size == 0:
-        raise SettingError(f"values must have shape (K,) or (K, T), neither 0: got {array.shape}")
-    if np.isinf(array).any():
-        raise SettingError(f"values must not be infinite: got {array[np.isinf(array)][0]}")
-    if not 0 < confidence < 1:
+def by_task(
+    scores: npt.ArrayLike | Sequence[npt.ArrayLike],
+) -> tuple[FloatArray, tuple[int, ...]]:
+    """Return all runs (N,), task after task, and how many seeds each of the M tasks has."""
+    if isinstance(scores, list | tuple) and any(np.ndim(task) > 0 for task in scores):
+        tasks = [numbers("scores", task, SettingError) for task in scores]
+    else:
+        array = numbers("scores", scores, SettingError)
+        tasks = list(array.T) if array.ndim == 2 else [array]
+    if not tasks or any(task.ndim != 1 or task.size == 0 for task in tasks):
+        raise SettingError(
+            "scores must have shape (K, M), neither 0, or be one array (K,) per task:"
+            f" got {[task.shape for task in tasks]}"
+        )
+    return np.concatenate(tasks), tuple(task.size for task in tasks)
+
+
+def resample(
+    runs: FloatArray,
+    sizes: Sequence[int],
+    statistic: Statistic,
+    confidence: float,
+    resamples: int,
+    seed: int,
+) -> Interval:
+    """Return a statistic of the runs (N,) or (N, T), resampled within strata of these sizes."""
+    if np.isinf(runs).any():
+        raise SettingError(f"values must not be infinite: got {runs[np.isinf(runs)][0]}")
+    estimate = _estimate(runs, statistic)
+    if statistic is np.mean:  # a mean is linear in how often each run was drawn
+        draws = (draw_counts(sizes, resamples, seed) / len(runs)) @ runs
+    else:
+        chosen = _draws(sizes, resamples, seed)
+        rows = max(1, BLOCK // runs.size)
+        blocks = [chosen[start : start + rows] for start in range(0, len(chosen), rows)]
+        draws = np.concatenate([np.asarray(statistic(runs[block], axis=1)) for block in blocks])
+    return percentiles(estimate, draws, confidence, min(sizes))
+
+
+def draw_counts(sizes: Sequence[int], resamples: int, seed: int) -> IntArray:
+    """Return how often each resample draws each run, (resamples, N), within strata of `sizes`."""
+    chosen, runs = _draws(sizes, resamples, seed), sum(sizes)
+    places = chosen + runs * np.arange(len(chosen))[:, np.newaxis]
+    return np.bincount(places.ravel(), minlength=chosen.size).reshape(chosen.shape)
+
+
+def percentiles(
+    estimate: FloatArray,
+    draws: FloatArray,
+    confidence: float,
+    n: int,
+    method: Literal["linear", "inverted_cdf"] = "linear",
+) -> Interval:
+    """Return the percentile interval of the resampled statistic, draws (resamples, ...).
+
+    `method` is that of ``np.quantile``: "inverted_cdf" for draws that may be infinite.
+    """
+    if not 0 < number("confidence", confidence, SettingError) < 1:
         raise SettingError(f"confidence must be between 0 and 1: got {confidence}")
-    if not (resamples >= 1 and int(resamples) == resamples):
-        raise SettingError(f"resamples must be a whole number, at least 1: got {resamples}")
+    if n == 1:
+        low = high = np.full_like(estimate, np.nan)
+    else:
+        tails = [(1 - confidence) / 2, (1 + confidence) / 2]
+        low, high = np.quantile(draws, tails, axis=0, method=method)
+    return Interval(frozen(estimate), frozen(low), frozen(high), confidence, n)
+
+
+def frozen(array: FloatArray) -> float | FloatArray:
+    """Return a read-only copy of `array`, or a float if it holds a single number."""
+    if array.ndim == 0:
+        return float(array)
+    copy = array.copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def _draws(sizes: Sequence[int], resamples: int, seed: int) -> IntArray:
+    """Return the runs each resample draws, (resamples, N): of each stratum its size."""
+    resamples, rng = (
+        whole_number("resamples", resamples, 1, SettingError),
+        np.random.default_rng(seed),
+    )
+    starts = np.cumsum([0, *sizes[:-1]])
+    pairs = zip(starts, sizes, strict=True)
+    return np.hstack([start + rng.integers(size, size=(resamples, size)) for start, size in pairs])
 
 
 def _estimate(array: FloatArray, statistic: Statistic) -> FloatArray:
@@ -235,31 +370,6 @@ def _estimate(array: FloatArray, statistic: Statistic) -> FloatArray:
             f" got shape {estimate.shape} from values of shape {array.shape}"
         )
     return estimate
-
-
-def _resampled(
-    array: FloatArray, statistic: Statistic, resamples: int, rng: np.random.Generator
-) -> FloatArray:
-    """Return the statistic of each resample, shape (resamples,) or (resamples, T)."""
-    seeds = array.shape[0]
-    chosen: IntArray = rng.integers(seeds, size=(resamples, seeds))
-    if statistic is np.mean:  # a mean is linear in how often each seed was chosen
-        places = chosen + seeds * np.arange(resamples)[:, np.newaxis]
-        counts = np.bincount(places.ravel(), minlength=resamples * seeds)
-        means: FloatArray = (counts.reshape(resamples, seeds) / seeds) @ array
-        return means
-    rows = max(1, BLOCK // array.size)
-    blocks = [chosen[start : start + rows] for start in range(0, resamples, rows)]
-    return np.concatenate([np.asarray(statistic(array[block], axis=1)) for block in blocks])
-
-
-def _frozen(array: FloatArray) -> float | FloatArray:
-    """Return a read-only copy of `array`, or a float if it holds a single number."""
-    if array.ndim == 0:
-        return float(array)
-    copy = array.copy()
-    copy.setflags(write=False)
-    return copy
 
 
 def _triple(numbers: FloatArray) -> str:

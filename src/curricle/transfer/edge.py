@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, number
 from curricle.errors import CurriculumError
+from curricle.transfer.calibration import Calibrate
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
 
@@ -23,6 +24,10 @@ class Transfer:
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
+    calibrate : bool or Calibrate
+        Whether the target is to fit its potential to what the potential's own policy earns there,
+        before it learns (:func:`calibrate`). All transfers into a task are calibrated together, on
+        their aggregate, so they must agree.
 
     Raises
     ------
@@ -42,12 +47,24 @@ class Transfer:
     mapping: StateActionMapping
     scale: float = 1.0
     shift: float = 0.0
+    calibrate: bool | Calibrate = False
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"
         instance(f"mapping of {edge}", self.mapping, StateActionMapping, CurriculumError)
         for name in ("scale", "shift"):
             number(f"{name} of {edge}", getattr(self, name), CurriculumError)
+        if not isinstance(self.calibrate, bool | Calibrate):
+            raise CurriculumError(
+                f"calibrate of {edge} must be True, False or a Calibrate: got {self.calibrate!r}"
+            )
+
+    @property
+    def calibration(self) -> Calibrate | None:
+        """How to calibrate; None if not at all."""
+        if isinstance(self.calibrate, Calibrate):
+            return self.calibrate
+        return Calibrate() if self.calibrate else None
 
     def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""

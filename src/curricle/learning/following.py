@@ -1,0 +1,217 @@
+"""Following the greedy policy of a potential through its task, and noting what it earned.
+
+What a potential promises, phi(s, a), is compared with what came of it before anything is learnt:
+to calibrate it, or to foresee where learning will start.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.judging import Exact, greedy_return
+from curricle.learning.kernels import Acting
+from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.reading import Reading, read_row
+from curricle.learning.rows import acting_row, acting_rows, greedies, greedy_of
+from curricle.learning.run import compiled, stream_start
+from curricle.learning.sampling import ACTION, best_of
+from curricle.tasks.draws import draw, scramble
+from curricle.tasks.dynamics import Functions, first_state, transition
+from curricle.tasks.spaces import frozen
+from curricle.tasks.task import dynamics
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+PairPotential = StateActionPotential | MappedPotential
+MOST_STEPS = 50_000_000
+"""Steps that may be noted down (2.4 GB)."""
+
+
+class Read(NamedTuple):
+    """The values of a potential that is read on the fly, as compiled loops act on them."""
+
+    reading: Reading
+    row: FloatArray  # (A,) room
+    values: FloatArray  # (1, A) room
+
+
+@acting_rows.body(Read)
+def _read_acting_row(view, state, out):
+    read_row(view.reading, state, view.row)
+    for action in range(out.shape[1]):
+        out[0, action] = view.row[action]
+
+
+@greedies.body(Read)
+def _read_greedy(view, state, bits):
+    acting_row(view, state, view.values)
+    return best_of(view.values, 0, bits)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """E greedy episodes of n steps in all; per step what was promised and what was earned.
+
+    Attributes
+    ----------
+    states, actions : (n,) int64
+    promised : (n,) float64
+        phi(s_t, a_t).
+    earned : (n,) float64
+        The discounted rewards from step t to the end of its episode.
+    tail : (n,) float64
+        gamma^(steps to the end) where the episode was cut off and would have gone on, else 0.
+    beyond : (n,) float64
+        max_a phi(s, a) of the state the episode was cut off in; 0 where it ended.
+    lengths : (E,) int64
+        Steps of each episode.
+    ended : (E,) bool
+        Whether it reached an end, instead of being cut off.
+    returns : (E,) float64
+        Its sum of rewards, undiscounted.
+    one_reward : bool
+        Whether every step was paid alike.
+    """
+
+    states: IntArray
+    actions: IntArray
+    promised: FloatArray
+    earned: FloatArray
+    tail: FloatArray
+    beyond: FloatArray
+    lengths: IntArray
+    ended: npt.NDArray[np.bool_]
+    returns: FloatArray
+    one_reward: bool
+
+
+def follow(
+    potential: PairPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+) -> Followed:
+    """Return what the greedy policy of a potential met in its task, ties broken at random.
+
+    Parameters
+    ----------
+    potential : StateActionPotential or MappedPotential
+    episodes : int
+        How many, E; each is cut off at the task's time limit, or without one when a reward would
+        weigh less than 1e-9.
+    seed, stream : int, str
+        Of the random stream, as in :func:`learn`.
+
+    Raises
+    ------
+    SettingError
+        When an episode has no bound, or 50 million steps might not do.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, solve
+    >>> maze = GridWorld("S.T", discount=0.5, time_limit=10)
+    >>> phi = StateActionPotential(maze, solve(maze).action_values)
+    >>> met = follow(phi, episodes=2)
+    >>> met.states, met.promised, met.earned
+    (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
+    """
+    task = dynamics(potential.task)
+    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
+    horizon = GreedyEvaluation().horizon(potential.task)
+    if episodes * horizon > MOST_STEPS:
+        raise SettingError(
+            f"following {episodes:,} episodes of up to {horizon:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
+        )
+    size = episodes * horizon
+    states, actions = np.empty(size, np.int64), np.empty(size, np.int64)
+    promised, rewards = np.empty(size), np.empty(size)
+    earned, tail, beyond = np.empty(size), np.empty(size), np.empty(size)
+    lengths, ended = np.empty(episodes, np.int64), np.empty(episodes, np.bool_)
+    start = np.array([stream_start(seed, stream)], dtype=np.uint64)
+    loop = compiled(_follow, isinstance(task.model, Functions))
+    loop(
+        task.model,
+        acting_view(potential),
+        (task.discount, horizon),
+        start,
+        (states, actions, promised, rewards),
+        (earned, tail, beyond),
+        (lengths, ended),
+    )
+    n, first = int(lengths.sum()), np.cumsum(lengths) - lengths
+    return Followed(
+        states=frozen(states[:n].copy()),
+        actions=frozen(actions[:n].copy()),
+        promised=frozen(promised[:n].copy()),
+        earned=frozen(earned[:n].copy()),
+        tail=frozen(tail[:n].copy()),
+        beyond=frozen(beyond[:n].copy()),
+        lengths=frozen(lengths),
+        ended=frozen(ended),
+        returns=frozen(np.add.reduceat(rewards[:n], first)),
+        one_reward=bool((rewards[:n] == rewards[0]).all()),
+    )
+
+
+def greedy_start(
+    potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
+) -> float:
+    """Return the expected return of a potential's greedy policy: where learning on it starts.
+
+    The number that :func:`learn` writes down at step 0 when its Q starts as phi, for the same seed
+    and stream.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, solve
+    >>> maze = GridWorld("S.T", discount=0.5)
+    >>> greedy_start(StateActionPotential(maze, solve(maze).action_values), GreedyEvaluation())
+    98.5
+    """
+    task = dynamics(potential.task)
+    settings = evaluation.settings(potential.task).for_run(stream_start(seed, stream))
+    users_code = isinstance(task.model, Functions) and not isinstance(settings, Exact)
+    loop = compiled(_judge, users_code)
+    return float(loop(settings, task.model, acting_view(potential)))
+
+
+def acting_view(potential: PairPotential) -> Read | Acting:
+    """Return a potential as the compiled loops act on it."""
+    n_actions = dynamics(potential.task).actions.size
+    if isinstance(potential, MappedPotential):
+        return Read(potential.reading, np.empty(n_actions), np.empty((1, n_actions)))
+    return Acting(potential.values[None], np.empty((0, n_actions)), 0.0, np.empty((1, n_actions)))
+
+
+def _judge(settings, model, view):
+    return greedy_return(settings, model, view)
+
+
+def _follow(model, view, horizon, stream, steps, outlook, episodes):
+    """Fill the arrays of :class:`Followed`; `horizon` are the discount and the steps allowed."""
+    discount, limit = horizon
+    states, actions, promised, rewards = steps
+    earned, tail, beyond = outlook
+    lengths, ended = episodes
+    values, n = np.empty((1, view.values.shape[1])), 0
+    for episode in range(lengths.shape[0]):
+        first, state, over = n, first_state(model, draw(stream)), False
+        while not over and n - first < limit:
+            bits = draw(stream)
+            action = greedy_of(view, state, bits) & ACTION
+            acting_row(view, state, values)
+            states[n], actions[n], promised[n] = state, action, values[0, action]
+            state, rewards[n], over = transition(model, state, action, scramble(bits))
+            n += 1
+        lengths[episode], ended[episode] = n - first, over
+        still, left, sum_of_rewards = 0.0, 0.0, 0.0
+        if not over:
+            acting_row(view, state, values)
+            still, left = 1.0, values.max()
+        for t in range(n - 1, first - 1, -1):
+            sum_of_rewards, still = rewards[t] + discount * sum_of_rewards, discount * still
+            earned[t], tail[t], beyond[t] = sum_of_rewards, still, left

@@ -1,0 +1,168 @@
+"""A guard against harmful potentials: a second learner without one, which learns from every step.
+
+Knowledge that is too hopeful corrects itself, since what it praises is tried. Knowledge that is too
+gloomy does not: what it speaks ill of is avoided. Only somebody who does not listen finds out.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from curricle.checks import number, whole_number
+from curricle.errors import SettingError
+from curricle.learning.judging import greedy_return
+from curricle.learning.kernels import Acting, acting_values, spent_checkpoints, write
+from curricle.learning.sampling import choose, highest
+from curricle.learning.schedules import rate_of
+from curricle.tasks.draws import STRIDE, piece, scramble
+from curricle.tasks.dynamics import first_state, transition
+
+FEWEST = 5
+"""Episodes of each learner before they are compared."""
+FADING = 0.999
+"""What an episode leaves of the account of who acted how much."""
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Down-weights a potential while learning where it does harm, and keeps the optimum.
+
+    Two Q-learners share one experience: one starts as phi, the other as if there were none. Every
+    step teaches both, every episode is acted by one of them. The one whose last episodes returned
+    more is evaluated and handed on; where it is ahead by `sure` standard errors, it gets a larger
+    share of the steps from episode to episode. Each is Q-learning on plain rewards from an initial
+    value of its own, so both converge to Q* under the usual conditions, whatever phi is and however
+    the shares move: nothing has to be corrected when trust in phi changes.
+
+    Parameters
+    ----------
+    share : float
+        Share of the steps that phi's learner gets at first, in (0, 1).
+    least : float
+        Share that either keeps, in (0, 0.5].
+    pace : float
+        Part of the way to its largest share that the better one gains an episode, in (0, 1].
+    sure : float
+        Standard errors by which it has to be better.
+    memory : int
+        Episodes over which returns are averaged, exponentially.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range.
+
+    Examples
+    --------
+    >>> Guard(least=0.2)
+    Guard(share=0.5, least=0.2, pace=0.01, sure=2.0, memory=20)
+    """
+
+    share: float = 0.5
+    least: float = 0.1
+    pace: float = 0.01
+    sure: float = 2.0
+    memory: int = 20
+
+    def __post_init__(self) -> None:
+        least = number("least of a guard", self.least, SettingError, 0.0, 0.5)
+        if least == 0.0:
+            raise SettingError("least of a guard must be above 0: without it nobody looks: got 0")
+        number("share of a guard", self.share, SettingError, least, 1 - least)
+        number("pace of a guard", self.pace, SettingError, 0.0, 1.0)
+        number("sure of a guard", self.sure, SettingError, 0.0)
+        whole_number("memory of a guard", self.memory, FEWEST, SettingError)
+
+    @property
+    def rule(self) -> "GuardRule":
+        """The guard as the compiled loop reads it."""
+        return GuardRule(
+            float(self.share),
+            float(self.least),
+            float(self.pace),
+            float(self.sure),
+            1.0 / self.memory,
+        )
+
+
+class GuardRule(NamedTuple):
+    """A guard, for the compiled loop."""
+
+    share: float
+    least: float
+    pace: float
+    sure: float
+    forgetting: float
+
+
+@piece
+def remember(mean, variance, episodes, learner, returned, forgetting):
+    """Take one more return into a learner's running mean and variance."""
+    part = max(forgetting, 1.0 / (episodes[learner] + 1.0))
+    surprise = returned - mean[learner]
+    mean[learner] += part * surprise
+    variance[learner] = (1.0 - part) * (variance[learner] + part * surprise * surprise)
+    episodes[learner] += 1.0
+
+
+@piece
+def judged(guard, mean, variance, episodes, ahead, share):
+    """Return which learner is ahead and the share of phi's, after an episode."""
+    if min(episodes[0], episodes[1]) < FEWEST:
+        return ahead, share
+    gap = mean[1] - mean[0]
+    ahead = 1 if gap >= 0.0 else 0
+    if gap * gap > guard.sure * guard.sure * (variance[0] + variance[1]) * guard.forgetting:
+        goal = 1.0 - guard.least if ahead == 1 else guard.least
+        share += guard.pace * (goal - share)
+    return ahead, share
+
+
+def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budget, every, record):
+    """Learn in place on `q` (2, S, A), the second one started as phi; fill `record`.
+
+    Return steps and episodes done and which table is ahead. The other arguments are those of
+    ``kernels.train``.
+    """
+    discount, limit = horizon
+    values, room = np.empty((1, q.shape[2])), np.empty((1, q.shape[2]))
+    none = np.empty((0, q.shape[2]))
+    mean, variance, seen, acted = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
+    ahead, share, acting = 1, guard.share, 1
+    step, episodes, ended, ended_return = done
+    view = Acting(q[1:], none, 0.0, room)
+    checkpoint = spent_checkpoints(evaluation, model, view, step, every, record)
+    record.trust[:checkpoint] = share
+    counter = stream[0] + STRIDE
+    fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
+    while True:
+        if step == checkpoint * every:
+            value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
+            write(record, checkpoint, episodes, ended, ended_return, value)
+            record.trust[checkpoint] = share
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+        if step >= budget[0] or episodes >= budget[1]:
+            return step, episodes, ahead
+        if fresh:
+            state, counter = first_state(model, scramble(counter)), counter + STRIDE
+            length, episode_return = 0, 0.0
+        acting_values(Acting(q[acting : acting + 1], none, 0.0, room), state, values)
+        action, bits, counter = choose(rule.exploration, values, step, counter)
+        next_state, reward, terminated = transition(model, state, action, bits)
+        rate = rate_of(rule.learning_rate, state, action, step)
+        for learner in range(2):
+            target = reward
+            if not terminated:
+                target += discount * np.float64(highest(q[learner], next_state))
+            old = np.float64(q[learner, state, action])
+            q[learner, state, action] = old + rate * (target - old)
+        step, length, episode_return = step + 1, length + 1, episode_return + reward
+        state, fresh = next_state, terminated or length >= limit
+        if fresh:
+            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
+            remember(mean, variance, seen, acting, episode_return, guard.forgetting)
+            ahead, share = judged(guard, mean, variance, seen, ahead, share)
+            acted[acting] += length
+            acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
+            acted *= FADING

@@ -1,0 +1,104 @@
+"""The guarded loop against two learners in plain Python, draw for draw."""
+
+import math
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.learning.guard import FADING, FEWEST, Guard
+from curricle.learning.run import stream_start
+
+from .conftest import below, draw_best, pick, plain_sum, random_bits, scramble, unit
+
+
+def guarded_naively(task, learner, steps, potential, guard, *, every, seed=0):
+    """Return both tables, who is ahead, and what is written down at the checkpoints."""
+    mdp = task.mdp
+    gamma, limit, rate = mdp.discount, mdp.time_limit or math.inf, learner.learning_rate
+    n_states, n_actions = mdp.outcome_row.shape
+    tables = [np.zeros((n_states, n_actions)), potential.values.copy()]
+    tables[0][~mdp.terminal] += learner.initial_value
+    tables[1][~mdp.terminal] += learner.initial_value
+    draw = random_bits(stream_start(seed, ""))
+    mean, variance, seen, acted = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+    ahead = acting = 1
+    share, fresh, episodes, returns = guard.share, True, 0, []
+    training, trust, counts = [math.nan], [share], [0]
+    for step in range(1, steps + 1):
+        if fresh:
+            state, length, total = pick(mdp.start.tolist(), unit(next(draw))), 0, 0.0
+        bits = next(draw)
+        if (bits >> 32) / 2**32 < learner.epsilon:
+            action = below(bits, n_actions)
+        else:
+            action = draw_best(tables[acting][state].tolist(), bits)[0]
+        row = mdp.outcome_row[state, action]
+        outcome = pick(mdp.probability[row].tolist(), unit(scramble(bits)))
+        after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
+        ended = bool(mdp.terminal[after])
+        for q in tables:
+            target = reward + (0.0 if ended else gamma * q[after].max())
+            q[state, action] += rate * (target - q[state, action])
+        length, total, state = length + 1, total + reward, after
+        fresh = ended or length >= limit
+        if fresh:
+            episodes += 1
+            returns.append(total)
+            part = max(1.0 / guard.memory, 1.0 / (seen[acting] + 1.0))
+            surprise = total - mean[acting]
+            mean[acting] += part * surprise
+            variance[acting] = (1.0 - part) * (variance[acting] + part * surprise * surprise)
+            seen[acting] += 1.0
+            if min(seen) >= FEWEST:
+                gap = mean[1] - mean[0]
+                ahead = 1 if gap >= 0.0 else 0
+                error = (variance[0] + variance[1]) * (1.0 / guard.memory)
+                if gap * gap > guard.sure * guard.sure * error:
+                    share += guard.pace * ((1.0 - guard.least if ahead else guard.least) - share)
+            acted[acting] += length
+            acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
+            acted = [FADING * x for x in acted]
+        if step % every == 0:
+            training.append(plain_sum(returns) / len(returns) if returns else math.nan)
+            trust.append(share)
+            counts.append(episodes)
+            returns = []
+    return tables, ahead, training, trust, counts
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_potential):
+    task = random_mdp(seed, time_limit=[None, 6][seed % 2])
+    phi = random_potential(task, "initialise", seed)
+    guard = Guard(share=0.6, least=0.2, pace=0.3, sure=0.5, memory=7)
+    learner = cr.QLearning(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
+    result = cr.learn(task, learner, 3000, potential=phi, guard=guard, every=100, seeds=[seed])
+    tables, ahead, training, trust, counts = guarded_naively(
+        task, learner, 3000, phi, guard, every=100, seed=seed
+    )
+    np.testing.assert_array_equal(result.values[0], tables[ahead])
+    np.testing.assert_array_equal(result.training_return[0], training)
+    np.testing.assert_array_equal(result.trust[0], trust)
+    np.testing.assert_array_equal(result.episodes[0], counts)
+    assert len(set(trust)) > 5  # the comparison moved
+
+
+def test_trust_is_not_a_number_without_a_guard():
+    assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).trust).all()
+
+
+def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_potential):
+    task = random_mdp(3, time_limit=10)
+    result = cr.learn(
+        task,
+        budget=2000,
+        every=100,
+        seeds=4,
+        potential=random_potential(task, "initialise"),
+        guard=Guard(),
+    )
+    for values, last in zip(result.values, result.greedy_return[:, -1], strict=True):
+        phi = cr.StateActionPotential(task, values)
+        again = cr.learn(task, cr.QLearning(learning_rate=0.0), 1, potential=phi)
+        assert again.greedy_return[0, 0] == pytest.approx(last, abs=1e-12)

@@ -1,0 +1,328 @@
+"""Following a potential's greedy policy, and fitting its size to what it earned."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.following import follow, greedy_start
+from curricle.learning.run import Prelude
+from curricle.transfer.calibration import Calibrate, attempt, calibrate
+from curricle.transfer.mapped import mapped_potential
+
+LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)
+HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
+EDGES = [
+    cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator=name))
+    for name in HUNT.predator_names
+]
+
+
+def optimum(task):
+    return cr.StateActionPotential(task, cr.solve(task).action_values)
+
+
+def mapped(aggregate=cr.minimum):
+    values = cr.solve(CHASE).action_values
+    return mapped_potential(HUNT, EDGES, [values, values], aggregate)
+
+
+def test_what_was_promised_stands_beside_what_was_earned():
+    met = follow(optimum(LINE), episodes=2)
+    assert met.states.tolist() == [0, 1, 2, 0, 1, 2]
+    np.testing.assert_allclose(met.promised, met.earned)
+    assert met.lengths.tolist() == [3, 3]
+    assert met.ended.all()
+    assert met.returns.tolist() == [197.0, 197.0]
+    assert not met.tail.any()
+    assert not met.beyond.any()
+
+
+def test_an_episode_cut_off_goes_on_in_what_is_promised_beyond():
+    away = cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1)))  # west, for ever
+    met = follow(away, episodes=1)
+    assert met.lengths.tolist() == [10]
+    assert not met.ended.any()
+    assert met.one_reward
+    np.testing.assert_allclose(met.tail, 0.5 ** np.arange(10, 0, -1))
+    assert (met.beyond == 8.0).all()
+    np.testing.assert_allclose(met.earned, -2 * (1 - met.tail))
+
+
+@pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
+def test_a_potential_read_on_the_fly_is_followed_like_its_array(aggregate):
+    lazy = mapped(aggregate)
+    array = cr.StateActionPotential(HUNT, lazy.values)
+    one, other = (follow(phi, episodes=50, seed=3) for phi in (lazy, array))
+    for name in vars(one):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for method in ("exact", "rollouts"):
+        judge = GreedyEvaluation(method=method)
+        assert greedy_start(lazy, judge) == greedy_start(array, judge)
+
+
+def test_the_greedy_start_is_the_first_checkpoint_of_learning():
+    phi = mapped()
+    first = cr.learn(HUNT, budget=1, potential=phi).greedy_return[0, 0]
+    assert greedy_start(phi, GreedyEvaluation()) == first
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
+def test_a_scaled_optimum_is_scaled_back(factor):
+    found = calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
+    assert found.scale == pytest.approx(factor)
+    assert found.shift == 0.0
+    assert found.explained == pytest.approx(1.0)
+    np.testing.assert_allclose(found.potential.values, optimum(LINE).values)
+
+
+@pytest.mark.parametrize("quantile", [None, 0.3])
+def test_a_shifted_optimum_is_shifted_back(quantile):
+    found = calibrate(optimum(LINE).rescaled(0.5, -40.0), episodes=5, shift=True, quantile=quantile)
+    assert (found.scale, found.shift) == pytest.approx((2.0, 80.0))
+
+
+def test_the_scale_is_the_least_squares_one():
+    phi = mapped(cr.mean)
+    met = follow(phi, episodes=200, seed=7, stream="calibrate")
+    assert met.ended.all()
+    expected, *_ = np.linalg.lstsq(met.promised[:, None], met.earned)
+    assert calibrate(phi, seed=7).scale == pytest.approx(expected[0])
+
+
+@pytest.mark.parametrize("quantile", [0.1, 0.25, 0.5, 0.7])
+@pytest.mark.parametrize("shift", [False, True])
+def test_a_quantile_leaves_that_share_of_the_returns_below(quantile, shift):
+    phi = mapped(cr.minimum)
+    found = calibrate(phi, quantile=quantile, shift=shift)
+    met = follow(phi, episodes=200, stream="calibrate")
+    promised = found.scale * met.promised + found.shift
+    if shift:
+        below = met.earned < promised
+        assert below.mean() == pytest.approx(quantile, abs=0.03)
+    else:  # weighed by size: one number cannot do better
+        size = abs(met.promised)
+        below = size[met.earned < promised - 1e-9].sum() / size.sum()
+        upto = size[met.earned <= promised + 1e-9].sum() / size.sum()
+        assert below <= quantile + 1e-9
+        assert upto >= quantile - 1e-9
+
+
+def test_a_pessimistic_quantile_is_more_pessimistic():
+    scales = [calibrate(mapped(), quantile=q).scale for q in (0.7, 0.4, 0.1)]
+    assert scales == sorted(scales)  # rewards are negative
+
+
+def test_endless_loops_are_worth_what_they_cost():
+    """Cut off at 10 steps of a loop that pays -1 for ever, phi = -1 has to become -1/(1 - gamma)."""
+    ring = cr.FiniteMDP.from_dense(
+        np.array([[[0.0, 1.0]], [[1.0, 0.0]]]),
+        np.array([[-1.0], [-1.5]]),
+        terminal=[False, False],
+        start=[1.0, 0.0],
+        discount=0.9,
+        time_limit=10,
+    )
+    found = calibrate(cr.StateActionPotential(ring, cr.solve(ring).action_values / 4), episodes=1)
+    assert found.scale == pytest.approx(4.0)
+
+
+def test_equal_seeds_agree_and_different_ones_differ():
+    one, same, other = (calibrate(mapped(), seed=seed) for seed in (1, 1, 2))
+    assert one.scale == same.scale != other.scale
+
+
+def test_it_says_what_it_did():
+    assert str(calibrate(mapped())) == (
+        "scale 1.32 fitted on 200 greedy episodes (824 steps, 200 ended): promised -1.69 on "
+        "average, earned -2.21"
+    )
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+
+def refused(phi, **settings):
+    with pytest.raises(cr.CalibrationError) as caught:
+        calibrate(phi, **settings)
+    found = attempt(phi, Calibrate(**settings))
+    assert found.refusal == str(caught.value)
+    assert found.potential is phi
+    assert (found.scale, found.shift) == (1.0, 0.0)
+    assert found.steps > 0  # what it cost is known all the same
+    return found
+
+
+def test_a_potential_that_reaches_nothing_is_refused_early():
+    away = cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1)))
+    found = refused(away)
+    assert found.refusal == (
+        "a calibration needs episodes that reach something: none of 20 ended, and each of their "
+        "200 steps was paid -1"
+    )
+    assert found.episodes == 20
+
+
+def test_a_potential_that_says_nothing_is_refused():
+    found = refused(cr.StateActionPotential(LINE, np.zeros((4, 4))))
+    assert "phi was 0 in 100% of" in found.refusal
+
+
+def test_a_potential_that_is_opposed_to_what_is_earned_is_refused():
+    found = refused(optimum(LINE).rescaled(1.0, -300.0))  # still towards the treasure
+    assert "a calibration needs a positive scale" in found.refusal
+
+
+def test_a_potential_that_has_nothing_to_do_with_what_is_earned_is_refused():
+    rng = np.random.default_rng(1)
+    phi = cr.StateActionPotential(HUNT, rng.normal(-9, 1, size=(729, 25)))
+    assert "must account for 2% of what is earned" in refused(phi, shift=True).refusal
+
+
+def test_promises_that_were_not_put_to_the_test_are_not_raised():
+    """The way to the treasure is underrated; a far corner is promised more than ever was met."""
+    values = optimum(LINE).values / 4
+    far = cr.GridWorld(["S..T", "####", "...."], discount=0.5, time_limit=10)
+    q = np.zeros((8, 4))
+    q[:4], q[4:] = values, 1000.0
+    found = refused(cr.StateActionPotential(far, q))
+    assert "must not raise promises that were not put to the test: a factor of 4" in found.refusal
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"episodes": 0}, "episodes of a calibration must be a whole number, at least 1: got 0"),
+        ({"quantile": 1.0}, "quantile of a calibration must lie between 0 and 1: got 1"),
+        ({"quantile": "low"}, "quantile of a calibration must be a number: got 'low'"),
+        ({"shift": 1}, "shift of a calibration must be a bool: got 1"),
+    ],
+)
+def test_settings_out_of_range(settings, message):
+    with pytest.raises(cr.SettingError) as caught:
+        Calibrate(**settings)
+    assert str(caught.value) == message
+
+
+def test_a_state_potential_is_none_to_be_calibrated():
+    with pytest.raises(cr.PotentialError, match="must be a StateActionPotential"):
+        calibrate(optimum(LINE).to_state())
+
+
+def test_episodes_without_a_near_end_are_refused():
+    long = cr.GridWorld("S..T", time_limit=1_000_000)
+    with pytest.raises(cr.SettingError, match=r"must not exceed 50,000,000 steps in all"):
+        calibrate(optimum(long))
+
+
+def test_a_potential_on_the_fly_is_scaled_by_positive_numbers_only():
+    with pytest.raises(cr.PotentialError, match="positive numbers only: got -1"):
+        mapped().rescaled(-1.0)
+
+
+@pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
+def test_rescaling_on_the_fly_is_rescaling_the_array(aggregate):
+    lazy = mapped(aggregate)
+    array = cr.StateActionPotential(HUNT, lazy.values)
+    np.testing.assert_allclose(
+        lazy.rescaled(2.5, -0.75).values, array.rescaled(2.5, -0.75).values, atol=1e-12
+    )
+
+
+# -- in a curriculum, and on the account of the target ----------------------------------------------
+
+
+def curriculum(**changes):
+    edges = [
+        cr.Transfer("chase", "hunt", edge.mapping, **{"calibrate": True, **changes})
+        for edge in EDGES
+    ]
+    return cr.Curriculum(
+        tasks={"chase": CHASE, "hunt": HUNT},
+        transfers=edges,
+        aggregate=cr.minimum,
+        budget={"chase": 20_000, "hunt": 5_000},
+        every={"hunt": 100},
+    )
+
+
+def test_a_curriculum_calibrates_the_aggregate_of_each_seed():
+    result = curriculum().train(seeds=[4, 9])
+    raw = curriculum(calibrate=False).train(seeds=[4, 9])
+    assert raw.calibrations == {}
+    for k, seed in enumerate((4, 9)):
+        found = result.calibrations["hunt"][k]
+        again = attempt(
+            raw.potentials["hunt"][k], Calibrate(), seed=seed, stream="hunt/calibration"
+        )
+        assert found.scale == again.scale > 1.1
+        np.testing.assert_array_equal(result.potentials["hunt"][k].values, again.potential.values)
+
+
+def test_calibration_is_charged_to_the_target():
+    result = curriculum().train(seeds=2)
+    hunt = result["hunt"]
+    assert hunt.steps_used.tolist() == [5000, 5000]
+    for k, found in enumerate(result.calibrations["hunt"]):
+        ends = np.cumsum(found.prelude.lengths)
+        spent = hunt.steps <= found.steps
+        np.testing.assert_array_equal(
+            hunt.episodes[k, spent], np.searchsorted(ends, hunt.steps[spent], side="right")
+        )
+        first = found.prelude.returns[ends <= 100].mean()
+        assert hunt.training_return[k, 1] == pytest.approx(first)
+        assert (hunt.greedy_return[k, spent] == hunt.greedy_return[k, 0]).all()
+
+
+@pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
+@pytest.mark.parametrize("guard", [None, cr.Guard()])
+def test_a_prelude_moves_learning_along_the_axis(learner, guard):
+    if guard and isinstance(learner, cr.SARSA):
+        pytest.skip("guards are for Q-learning")
+    phi, options = mapped(), {"every": 50, "guard": guard, "seeds": [3]}
+    prelude = Prelude(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
+    late = cr.learn(HUNT, learner, 1130, potential=phi, before=[prelude], **options)
+    plain = cr.learn(HUNT, learner, 1000, potential=phi, **options)
+    np.testing.assert_array_equal(late.values, plain.values)
+    assert late.episodes_used[0] == plain.episodes_used[0] + 3
+    assert late.episodes[0, :3].tolist() == [0, 1, 2]
+    assert late.training_return[0, 1:3].tolist() == [-30.0, -5.0]
+    assert np.ptp(late.greedy_return[0, :3]) == 0
+
+
+def test_a_refused_seed_goes_on_with_a_warning():
+    """After one step the source knows nothing, so its policy promises nothing."""
+    plan = cr.Curriculum(
+        tasks={"chase": CHASE, "hunt": HUNT},
+        transfers=[cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=True)],
+        budget={"chase": 1, "hunt": 10_000},
+    )
+    with pytest.warns(UserWarning, match="2 of 2 seeds of 'hunt' take their potential as it is"):
+        result = plan.train(seeds=2)
+    assert all(found.refusal for found in result.calibrations["hunt"])
+
+
+def test_transfers_into_a_task_must_agree_on_calibration():
+    with pytest.raises(cr.CurriculumError) as caught:
+        cr.Curriculum(
+            tasks={"chase": CHASE, "hunt": HUNT},
+            transfers=[EDGES[0], cr.Transfer("chase", "hunt", EDGES[1].mapping, calibrate=True)],
+        )
+    assert str(caught.value) == (
+        "all transfers into a task are calibrated together and must agree on it: those into "
+        "'hunt' do not"
+    )
+
+
+def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
+    with pytest.raises(cr.CurriculumError, match="must be True, False or a Calibrate: got 3"):
+        cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=3)
+
+
+@pytest.mark.parametrize(
+    ("budget", "n"), [(130, 1), (cr.Episodes(3), 1), (1000, 2)], ids=["steps", "episodes", "number"]
+)
+def test_a_budget_must_exceed_its_prelude(budget, n):
+    prelude = Prelude(np.array([30, 40, 60]), np.zeros(3))
+    with pytest.raises(cr.SettingError, match="must exceed what was spent|one prelude a seed"):
+        cr.learn(HUNT, budget=budget, before=[prelude] * n)

@@ -1,0 +1,284 @@
+"""Which arm is better, against SciPy and against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from curricle.errors import SettingError
+from curricle.study.ordering import (
+    holm,
+    performance_profile,
+    probability_of_improvement,
+    sign_flip_test,
+)
+from curricle.study.statistics import bootstrap, stratified_bootstrap
+
+NAN, INF = np.nan, np.inf
+
+
+def normal(*shape, seed=7):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def bounds(interval):
+    return (interval.low, interval.high)
+
+
+# Performance profile
+
+
+def test_profile_counts_runs_strictly_above():
+    profile = performance_profile([0.1, 0.5, 0.5, 0.9], [0.0, 0.5, 0.9])
+    assert profile.estimate.tolist() == [1.0, 0.25, 0.0]
+    assert profile.n == 4
+
+
+def test_profile_pools_the_runs_of_all_tasks():
+    scores = np.array([[0.1, 0.9], [0.3, 0.7], [0.5, 0.6]])
+    assert performance_profile(scores, [0.4]).estimate == pytest.approx([4 / 6])
+    ragged = [[0.1, 0.3, 0.5], [0.9]]
+    assert performance_profile(ragged, [0.4]).estimate.tolist() == [0.5]
+
+
+def test_profile_at_one_threshold_is_the_stratified_bootstrap_of_a_share():
+    scores = normal(6, 4)
+    profile = performance_profile(scores, [0.2], seed=3)
+    share = stratified_bootstrap((scores > 0.2).astype(float), np.mean, seed=3)
+    assert profile.estimate == pytest.approx([share.estimate])
+    assert bounds(profile) == (pytest.approx([share.low]), pytest.approx([share.high]))
+
+
+def test_profile_of_one_task_resamples_all_seeds_alike():
+    scores = normal(12)
+    profile, column = (performance_profile(each, [0.0, 1.0]) for each in (scores, scores[:, None]))
+    assert np.array_equal(profile.low, column.low)
+    np.testing.assert_allclose(profile.high[0], bootstrap(scores > 0).high)
+
+
+def test_profile_keeps_every_task_in_its_place():
+    # Between tasks the runs differ, within one they agree: nothing is left to chance.
+    scores = np.tile([0.0, 1.0, 2.0], (5, 1))
+    profile = performance_profile(scores, [0.5])
+    assert bounds(profile) == (pytest.approx([2 / 3]), pytest.approx([2 / 3]))
+    assert performance_profile(scores.ravel(), [0.5]).low < 0.6
+
+
+def test_profile_takes_infinite_scores_and_thresholds_but_hides_no_nan():
+    assert performance_profile([-INF, 0.0, INF], [-INF, 0.0]).estimate.tolist() == [2 / 3, 1 / 3]
+    profile = performance_profile([NAN, 1.0, 2.0], [0.0, 1.5])
+    assert np.isnan([profile.estimate, profile.low, profile.high]).all()
+
+
+def test_profile_is_frozen_and_prints_its_ends():
+    profile = performance_profile([0.0, 1.0, 2.0, 3.0], [0.5, 1.5, 2.5])
+    assert not any(each.flags.writeable for each in (profile.estimate, *bounds(profile)))
+    assert str(profile).startswith("3 values, first 0.75 [0.25, 1.00], last 0.250 [0.000, 0.750]")
+
+
+@pytest.mark.parametrize(
+    ("scores", "thresholds", "settings", "message"),
+    [
+        ([], [0.0], {}, r"scores must have shape \(K, M\), neither 0, .*: got \[\(0,\)\]"),
+        ([[1.0], []], [0.0], {}, r"one array \(K,\) per task: got \[\(1,\), \(0,\)\]"),
+        (np.zeros((2, 2, 2)), [0.0], {}, r"got \[\(2, 2, 2\)\]"),
+        (["good"], [0.0], {}, "scores must be an array of numbers: got"),
+        ([1.0], 0.5, {}, r"thresholds must have shape \(L,\) with L at least 1: got \(\)"),
+        ([1.0], [], {}, r"thresholds must have shape .*: got \(0,\)"),
+        ([1.0], [0.5, NAN], {}, "thresholds must be numbers: threshold 1 is nan"),
+        ([1.0], [0.5], {"confidence": 0}, "confidence must be between 0 and 1: got 0"),
+        ([1.0], [0.5], {"resamples": 0}, "resamples must be a whole number, at least 1: got 0"),
+    ],
+)
+def test_profile_refuses(scores, thresholds, settings, message):
+    with pytest.raises(SettingError, match=message):
+        performance_profile(scores, thresholds, **settings)
+
+
+# Probability of improvement
+
+
+def test_improvement_by_hand():
+    assert probability_of_improvement([1.0, 3.0], [2.0]).estimate == 0.5
+    assert probability_of_improvement([1.0, 2.0], [2.0, 3.0]).estimate == 0.125
+    assert probability_of_improvement([INF, INF], [0.0, INF]).estimate == 0.75
+
+
+@pytest.mark.parametrize("digits", [1, 16])  # the first makes ties
+def test_improvement_is_mann_whitneys_u_per_pair(digits):
+    a, b = normal(13, seed=1).round(digits), normal(8, seed=2).round(digits)
+    expected = scipy.stats.mannwhitneyu(a, b).statistic / (13 * 8)
+    assert probability_of_improvement(a, b).estimate == pytest.approx(expected)
+
+
+def test_improvement_agrees_with_scipys_bootstrap_of_two_samples():
+    # Both draw 20,000 resamples, so a bound differs by about 1 % of the interval's width.
+    a, b = normal(15, seed=1) + 0.5, normal(20, seed=2)
+    ours = probability_of_improvement(a, b, resamples=20_000)
+    theirs = scipy.stats.bootstrap(
+        (a, b),
+        lambda x, y, axis: np.mean(x[..., :, None] > y[..., None, :], axis=(-2, -1)),
+        n_resamples=20_000,
+        batch=1000,
+        method="percentile",
+        rng=np.random.default_rng(3),
+    ).confidence_interval
+    slack = 0.06 * (theirs.high - theirs.low)
+    assert bounds(ours) == (
+        pytest.approx(theirs.low, abs=slack),
+        pytest.approx(theirs.high, abs=slack),
+    )
+
+
+def test_improvement_without_overlap_has_no_width():
+    interval = probability_of_improvement([5.0, 6.0], [1.0, 2.0, 3.0])
+    assert (interval.estimate, *bounds(interval), interval.n) == (1.0, 1.0, 1.0, 2)
+
+
+def test_improvement_hides_no_nan_and_one_seed_has_no_interval():
+    interval = probability_of_improvement([NAN, 9.0, 9.0], [1.0, 2.0])
+    assert np.isnan([interval.estimate, *bounds(interval)]).all()
+    single = probability_of_improvement([1.5], [1.0, 2.0])
+    assert single.estimate == 0.5
+    assert np.isnan(bounds(single)).all()
+
+
+def test_improvement_draws_by_its_seed():
+    a, b = normal(9, seed=1), normal(9, seed=2)
+    one, same, other = (probability_of_improvement(a, b, resamples=99, seed=s) for s in (1, 1, 2))
+    assert bounds(one) == bounds(same) != bounds(other)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "settings", "message"),
+    [
+        ([], [1.0], {}, r"a must have shape \(K,\) with K at least 1: got \(0,\)"),
+        ([1.0], [[1.0]], {}, r"b must have shape \(K,\) with K at least 1: got \(1, 1\)"),
+        ([1.0], "b", {}, "b must be an array of numbers: got 'b'"),
+        ([1.0], [1.0], {"confidence": 1.5}, "confidence must be between 0 and 1: got 1.5"),
+        ([1.0], [1.0], {"confidence": NAN}, "confidence must be finite: got nan"),
+        ([1.0], [1.0], {"resamples": 2.5}, "resamples must be a whole number, at least 1: got 2.5"),
+    ],
+)
+def test_improvement_refuses(a, b, settings, message):
+    with pytest.raises(SettingError, match=message):
+        probability_of_improvement(a, b, **settings)
+
+
+# Sign flips
+
+
+def test_sign_flips_by_hand():
+    # Of (+-1 +-2 +-3) only +6 and -6 are as far out as 6; of (+-1 +-2 -+3), all reach 0.
+    assert sign_flip_test([1.0, 2.0, 3.0]) == 2 / 8
+    assert sign_flip_test([1.0, 2.0, -3.0]) == 1.0
+    assert sign_flip_test([1.0, 1.0, -1.0]) == 1.0
+    assert sign_flip_test([4.0]) == 1.0
+
+
+def test_no_difference_at_all_is_no_evidence():
+    assert sign_flip_test(np.zeros(5)) == 1.0
+    assert sign_flip_test(np.zeros(50), resamples=20) == 1.0
+
+
+@pytest.mark.parametrize("digits", [0, 1, 16])  # the first two make ties and zeros
+@pytest.mark.parametrize("seeds", [2, 5, 10, 14])
+def test_all_signs_are_counted_as_scipy_does(seeds, digits):
+    differences = (normal(seeds) + 0.4).round(digits)
+    expected = scipy.stats.permutation_test(
+        (differences,),
+        lambda x, axis: np.abs(np.sum(x, axis=axis)),
+        permutation_type="samples",
+        alternative="greater",
+        n_resamples=np.inf,
+    ).pvalue
+    assert sign_flip_test(differences) == pytest.approx(expected)
+
+
+def test_random_signs_come_close_to_all_signs():
+    # The p-value of all 2^18 sign vectors; 20,000 draws miss it by 5 standard errors at most.
+    differences = normal(18) + 0.3
+    sums = np.zeros(1)
+    for each in differences:
+        sums = np.concatenate([sums - each, sums + each])
+    exact = np.mean(np.abs(sums) >= abs(differences.sum()) - 1e-9)
+    drawn = sign_flip_test(differences, resamples=20_000)
+    assert drawn == pytest.approx(exact, abs=5 * np.sqrt(exact * (1 - exact) / 20_000))
+    assert 0.01 < exact < 0.99
+
+
+def test_many_normal_differences_give_students_p_value():
+    differences = normal(200) + 0.15
+    expected = scipy.stats.ttest_1samp(differences, 0.0).pvalue
+    assert sign_flip_test(differences) == pytest.approx(expected, abs=0.015)
+
+
+def test_equal_sums_count_in_spite_of_rounding():
+    # 0.1 + 0.2 - 0.3 is 0 on paper only, and 0.1 + 0.2 + 0.3 is not 0.3 + 0.2 + 0.1.
+    assert sign_flip_test([0.1, 0.2, -0.3]) == 1.0
+    assert sign_flip_test([0.1, 0.2, 0.3]) == sign_flip_test([0.3, 0.2, 0.1]) == 0.25
+
+
+def test_few_seeds_cannot_give_a_small_p_value():
+    for seeds in (5, 14):
+        assert sign_flip_test(np.arange(1.0, seeds + 1)) == 2.0 ** (1 - seeds)
+    assert sign_flip_test(np.arange(1.0, 41.0), resamples=999) == 1 / 1000
+
+
+def test_random_signs_follow_the_seed():
+    differences = normal(20)
+    one, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
+    assert one == same != other
+
+
+@pytest.mark.parametrize(
+    ("differences", "settings", "message"),
+    [
+        ([], {}, r"differences must have shape \(K,\) with K at least 1: got \(0,\)"),
+        ([[1.0]], {}, r"got \(1, 1\)"),
+        ([1.0, NAN], {}, "differences must be finite: seed 1 has nan"),
+        ([-INF, NAN], {}, "differences must be finite: seed 0 has -inf"),
+        (["x"], {}, "differences must be an array of numbers"),
+        ([1.0], {"resamples": 0}, "resamples must be a whole number, at least 1: got 0"),
+    ],
+)
+def test_sign_flips_refuse(differences, settings, message):
+    with pytest.raises(SettingError, match=message):
+        sign_flip_test(differences, **settings)
+
+
+# Holm
+
+
+@pytest.mark.parametrize(
+    ("p_values", "adjusted"),
+    [
+        ([0.01, 0.04, 0.03, 0.005], [0.03, 0.06, 0.06, 0.02]),
+        ([0.01, 0.02, 0.03, 0.04, 0.05], [0.05, 0.08, 0.09, 0.09, 0.09]),  # R: p.adjust
+        ([0.3, 0.9, 0.0], [0.6, 0.9, 0.0]),
+        ([0.5, 0.6], [1.0, 1.0]),
+        ([0.2], [0.2]),
+    ],
+)
+def test_holm_by_hand(p_values, adjusted):
+    assert holm(p_values) == pytest.approx(np.array(adjusted))
+    named = holm(dict(zip("vwxyz", p_values, strict=False)))
+    assert named == pytest.approx(dict(zip("vwxyz", adjusted, strict=False)))
+    assert all(type(each) is float for each in named.values())
+
+
+@pytest.mark.parametrize(
+    ("p_values", "message"),
+    [
+        ([], r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
+        ({}, r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
+        (0.5, r"got \(\)"),
+        ([0.5, 1.5], r"p-values must lie in \[0, 1\]: test 1 has 1.5"),
+        ([NAN], r"p-values must lie in \[0, 1\]: test 0 has nan"),
+        ({"maze": -0.1}, r"p-value of maze must lie in \[0, 1\]: got -0.1"),
+        ({"maze": NAN}, "p-value of maze must be finite: got nan"),
+        ({"maze": None}, "p-value of maze must be a number: got None"),
+    ],
+)
+def test_holm_refuses(p_values, message):
+    with pytest.raises(SettingError, match=message):
+        holm(p_values)

@@ -1,0 +1,125 @@
+"""Adding seeds until the answer is clear: what is asked for, when it stops, what it says."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from curricle.errors import SettingError
+from curricle.study.sequential import add_seeds
+
+NAN = np.nan
+NOISE = np.random.default_rng(7).normal(size=1000)
+
+
+def noisy(mean=0.0, spread=1.0):
+    return lambda seeds: mean + spread * NOISE[np.array(seeds)]
+
+
+def recorded(measure):
+    """The measure, and the list of the seeds it is asked for."""
+    asked = []
+
+    def asking(seeds):
+        asked.append(list(seeds))
+        return measure(seeds)
+
+    return asking, asked
+
+
+@pytest.mark.parametrize(
+    ("first", "most", "totals"),
+    [(10, 100, [10, 20, 40, 80, 100]), (5, 20, [5, 10, 20]), (4, 5, [4, 5]), (3, 3, [3])],
+)
+def test_totals_double_and_each_seed_is_asked_for_once(first, most, totals):
+    measure, asked = recorded(noisy())
+    result = add_seeds(measure, first=first, most=most, precision=1e-9)
+    assert np.cumsum([len(each) for each in asked]).tolist() == totals
+    assert [seed for batch in asked for seed in batch] == list(range(most))
+    assert np.array_equal(result.values, NOISE[:most])
+    assert (result.stopped_by, result.looks, result.planned) == ("most", len(totals), len(totals))
+
+
+@pytest.mark.parametrize(("first", "most", "planned"), [(2, 2, 1), (3, 3, 1), (10, 100, 5)])
+@pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
+def test_interval_is_students_at_the_shared_confidence(first, most, planned, confidence):
+    result = add_seeds(noisy(2.0), first=first, most=most, precision=1e-9, confidence=confidence)
+    values = 2.0 + NOISE[:most]
+    expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(
+        1 - (1 - confidence) / planned
+    )
+    interval = result.interval
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high), rel=1e-9)
+    assert interval.estimate == pytest.approx(values.mean())
+    assert (interval.confidence, interval.n) == (confidence, most)
+
+
+def test_it_stops_as_soon_as_the_mean_is_precise():
+    result = add_seeds(noisy(), precision=0.4)
+    assert (result.stopped_by, result.looks) == ("precision", 3)
+    assert result.interval.high - result.interval.low <= 2 * 0.4
+    before = scipy.stats.ttest_1samp(NOISE[:20], 0.0).confidence_interval(0.99)
+    assert before.high - before.low > 2 * 0.4
+
+
+def test_it_stops_at_a_difference_of_either_sign():
+    for mean in (3.0, -3.0):
+        result = add_seeds(noisy(mean), difference=True)
+        assert (result.stopped_by, result.values.size, result.looks) == ("difference", 10, 1)
+        assert result.interval.low * result.interval.high > 0
+
+
+def test_without_a_difference_it_spends_all_seeds():
+    balanced = add_seeds(lambda seeds: [(-1.0) ** seed for seed in seeds], difference=True)
+    assert (balanced.stopped_by, balanced.values.size) == ("most", 100)
+    assert balanced.interval.low < 0 < balanced.interval.high
+    zeros = add_seeds(lambda seeds: np.zeros(len(seeds)), difference=True)
+    assert zeros.stopped_by == "most"
+
+
+def test_a_goal_met_at_the_last_look_counts():
+    result = add_seeds(noisy(), first=20, most=20, precision=5.0)
+    assert (result.stopped_by, result.looks) == ("precision", 1)
+
+
+def test_what_it_hands_out_is_frozen_and_prints():
+    result = add_seeds(noisy(3.0), difference=True)
+    assert not result.values.flags.writeable
+    assert str(result) == f"{result.interval}; stopped by difference at look 1 of 5"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "one of them: got precision=None and difference=False"),
+        ({"precision": 1.0, "difference": True}, "got precision=1.0 and difference=True"),
+        ({"precision": 0.0}, "precision must be above 0: got 0.0"),
+        ({"precision": NAN}, "precision must be finite: got nan"),
+        ({"difference": True, "first": 1}, "first must be a whole number, at least 2: got 1"),
+        ({"difference": True, "first": 2.5}, "first must be a whole number, at least 2: got 2.5"),
+        ({"difference": True, "most": 9}, "most must be a whole number, at least 10: got 9"),
+        ({"difference": True, "confidence": 1}, "confidence must be between 0 and 1: got 1"),
+        ({"difference": True, "confidence": "x"}, "confidence must be a number: got 'x'"),
+    ],
+)
+def test_settings_are_refused_before_anything_is_measured(settings, message):
+    measure, asked = recorded(noisy())
+    with pytest.raises(SettingError, match=message):
+        add_seeds(measure, **settings)
+    assert asked == []
+
+
+@pytest.mark.parametrize(
+    ("measure", "message"),
+    [
+        (lambda seeds: 1.0, r"one number per seed: got shape \(\) for 10 seeds"),
+        (lambda seeds: np.zeros((len(seeds), 1)), r"got shape \(10, 1\) for 10 seeds"),
+        (lambda seeds: ["x"] * len(seeds), "what measure returns must be an array of numbers"),
+        (
+            lambda seeds: [NAN if seed == 13 else (-1.0) ** seed for seed in seeds],
+            "measure must return finite numbers: seed 13 has nan",
+        ),
+    ],
+)
+def test_a_measure_that_does_not_measure_is_refused(measure, message):
+    with pytest.raises(SettingError, match=message):
+        add_seeds(measure, difference=True)
