@@ -47,6 +47,10 @@ from .learning.schedules import (
     linear as linear,
 )
 from .learning.storage import SparseValues as SparseValues, Storage as Storage
+from .study.alignment import differences as differences
+from .study.compare import compare as compare
+from .study.comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
+from .study.forecast import Forecast as Forecast, Foreseen as Foreseen, forecast as forecast
 from .study.metrics import (
     Curve as Curve,
     Times as Times,
@@ -112,4 +116,5 @@ from .transfer.mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
+from .transfer.realism import Realism as Realism, Target as Target, realism as realism
 from .transfer.search import Projection as Projection, find_projections as find_projections

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,20 +18,25 @@ from curricle.learning.following import PairPotential
 from curricle.learning.guard import Guard
 from curricle.learning.learn import How, LearningResult, check_guard, learn
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.potential import StateActionPotential
 from curricle.learning.storage import Storage
 from curricle.tasks.task import Task, dynamics, same_task
-from curricle.transfer.aggregation import Aggregate, aggregate, mean
+from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
 from curricle.transfer.edge import Transfer
-from curricle.transfer.mapped import mapped_potential
+from curricle.transfer.mapped import combined_potential
 
-Value = TypeVar("Value")
 DEFAULT_BUDGET = 100_000
-SETTINGS = (
-    "aggregate", "learner", "budget", "how", "guard", "every", "evaluation", "storage"
-)  # fmt: skip
-"""What may be one value for all tasks or a dict from task to value."""
+SETTINGS: dict[str, Any] = {
+    "aggregate": mean,
+    "learner": QLearning(),
+    "budget": DEFAULT_BUDGET,
+    "how": "initialise",
+    "guard": None,
+    "every": None,
+    "evaluation": GreedyEvaluation(),
+    "storage": Storage(),
+}
+"""What may be one value for all tasks or a dict from task to value, and its default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,24 +145,35 @@ class Curriculum:
 
     def _check_settings(self, name: str) -> None:
         """Check what :meth:`train` will use for a task, before anything is trained."""
-        budget = _pick(self.budget, name, DEFAULT_BUDGET)
+        budget = self.setting("budget", name)
         limits(budget)
-        spacing(_pick(self.every, name, None), budget)
-        how: How = _pick(self.how, name, "initialise")
+        spacing(self.setting("every", name), budget)
+        how: How = self.setting("how", name)
         one_of(f"how of {name}", how, get_args(How), SettingError)
-        learner = _pick(self.learner, name, QLearning())
+        learner = self.setting("learner", name)
         instance(f"learner of {name}", learner, Learner, SettingError)
         if self.into(name):
-            check_guard(_pick(self.guard, name, None), learner, how, guarded=True)
-        evaluation = _pick(self.evaluation, name, GreedyEvaluation())
+            check_guard(self.setting("guard", name), learner, how, guarded=True)
+        evaluation = self.setting("evaluation", name)
         instance(f"evaluation of {name}", evaluation, GreedyEvaluation, SettingError)
-        storage = _pick(self.storage, name, Storage())
+        storage = self.setting("storage", name)
         instance(f"storage of {name}", storage, Storage, SettingError)
-        function = _pick(self.aggregate, name, mean)
+        function = self.setting("aggregate", name)
         if not callable(function):
             raise CurriculumError(
                 f"an aggregate must be a function (N, S, A) -> (S, A): {name} has {function!r}"
             )
+
+    @property
+    def target(self) -> str:
+        """The task that all others lead to; CurriculumError unless there is exactly one."""
+        sources = {transfer.source for transfer in self.transfers}
+        last = [name for name in self.tasks if name not in sources]
+        if len(last) != 1:
+            raise CurriculumError(
+                f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
+            )
+        return last[0]
 
     @cached_property
     def order(self) -> tuple[str, ...]:
@@ -170,6 +186,11 @@ class Curriculum:
         except CycleError as error:
             cycle = " -> ".join(error.args[1])
             raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
+
+    def setting(self, which: str, name: str) -> Any:
+        """Return what a setting, such as ``"learner"``, is for one task."""
+        given = getattr(self, which)
+        return given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
 
     def into(self, name: str) -> tuple[Transfer, ...]:
         """Return the transfers into a task."""
@@ -189,6 +210,7 @@ class Curriculum:
         self,
         seeds: int | Sequence[int] = 1,
         *,
+        only: Sequence[str] | None = None,
         trained: Mapping[str, LearningResult] | None = None,
         workers: int | None = None,
         progress: Callable[[str], Any] | None = None,
@@ -202,6 +224,8 @@ class Curriculum:
             A task's random stream is named after it, so that a result does not depend on
             which other tasks are there. Where a seed cannot be calibrated, its potential enters as
             it is, with a warning; ``calibrations`` of the result says why.
+        only : sequence of str, optional
+            Tasks to train, with all that they build on; every task by default.
         trained : dict of str to LearningResult, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
         workers : int, optional
@@ -220,27 +244,29 @@ class Curriculum:
         results = self._checked(trained or {}, numbers)
         potentials: dict[str, list[PairPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
+        wanted = set(self.order if only is None else only)
+        wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in self.order:
-            if name in results:
+            if name in results or name not in wanted:
                 continue
-            potentials[name] = self._potentials(name, results, len(numbers))
+            potentials[name] = self.potentials(name, results)
             fitted = self._calibrated(name, potentials[name], numbers)
             if fitted:
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
-            how: How = _pick(self.how, name, "initialise")
+            how: How = self.setting("how", name)
             phi = [p.to_state() for p in potentials[name]] if how == "state" else potentials[name]
             results[name] = learn(
                 self.tasks[name],
-                _pick(self.learner, name, QLearning()),
-                _pick(self.budget, name, DEFAULT_BUDGET),
+                self.setting("learner", name),
+                self.setting("budget", name),
                 seeds=numbers,
                 potential=phi or None,
                 how=how,
-                guard=_pick(self.guard, name, None) if phi else None,
-                every=_pick(self.every, name, None),
-                evaluation=_pick(self.evaluation, name, GreedyEvaluation()),
-                storage=_pick(self.storage, name, Storage()),
+                guard=self.setting("guard", name) if phi else None,
+                every=self.setting("every", name),
+                evaluation=self.setting("evaluation", name),
+                storage=self.setting("storage", name),
                 stream=name,
                 before=[one.prelude for one in fitted] or None,
                 workers=workers,
@@ -269,11 +295,33 @@ class Curriculum:
             )
         return found
 
-    def _potentials(
-        self, name: str, results: Mapping[str, LearningResult], n_seeds: int
+    def potentials(
+        self,
+        name: str,
+        results: Mapping[str, LearningResult],
+        *,
+        transfers: Sequence[Transfer] | None = None,
+        function: Aggregate | None = None,
     ) -> list[PairPotential]:
-        """Return the aggregated potential of each seed; none for a task without sources."""
-        edges = self.into(name)
+        """Return the potential that each seed's sources give a task; none without sources.
+
+        Parameters
+        ----------
+        name : str
+            The target.
+        results : dict of str to LearningResult
+            Of its sources, for the same K seeds.
+        transfers : sequence of Transfer, optional
+            To read; all into the task by default.
+        function : callable, optional
+            To aggregate with; the task's own by default.
+
+        Raises
+        ------
+        CurriculumError
+            When a source's values were not kept, or not in a dense table.
+        """
+        edges = self.into(name) if transfers is None else tuple(transfers)
         if not edges:
             return []
         for source in {edge.source for edge in edges}:
@@ -282,17 +330,9 @@ class Curriculum:
                     f"a source's values must be kept, in dense tables: those of {source!r}, which "
                     f"{name!r} reads, are not (storage)"
                 )
-        task, function = self.tasks[name], _pick(self.aggregate, name, mean)
-
-        def potential(k: int) -> PairPotential:
-            values = [results[edge.source].values[k] for edge in edges]
-            mapped = mapped_potential(task, edges, values, function)
-            if mapped is not None:
-                return mapped
-            each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
-            return StateActionPotential(task, aggregate(function, np.stack(each)))
-
-        return [potential(k) for k in range(n_seeds)]
+        aggregate = self.setting("aggregate", name) if function is None else function
+        tables = zip(*(results[edge.source].values for edge in edges), strict=True)
+        return [combined_potential(self.tasks[name], edges, values, aggregate) for values in tables]
 
     def _checked(
         self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
@@ -347,9 +387,3 @@ class CurriculumResult:
         for source in self.curriculum.ancestors(name):
             spent += self.nodes[source].steps_used
         return spent
-
-
-def _pick(setting: Any, name: str, default: Value) -> Value:
-    """Return a setting's value for one task."""
-    result: Value = setting.get(name, default) if isinstance(setting, Mapping) else setting
-    return result

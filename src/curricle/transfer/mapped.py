@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from curricle.learning.potential import MappedPotential
+from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.reading import MAXIMUM, MEAN, MINIMUM, TOTAL, Reading
 from curricle.tasks.machine import inverse_of
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
-from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
+from curricle.transfer.aggregation import Aggregate, aggregate, maximum, mean, minimum, total
 from curricle.transfer.by_name import ComponentMapping
 from curricle.transfer.edge import Transfer
 
@@ -20,6 +20,31 @@ COMBINED: dict[Aggregate, int] = {
     mean: MEAN,
     total: TOTAL,
 }
+
+
+def combined_potential(
+    task: Task,
+    transfers: Sequence[Transfer],
+    source_values: Sequence[npt.ArrayLike],
+    function: Aggregate,
+) -> MappedPotential | StateActionPotential:
+    """Return the aggregated potential of transfers: read on the fly where it can be, or an array.
+
+    The arguments are those of :func:`mapped_potential`.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, identity
+    >>> maze = GridWorld("S.T")
+    >>> edges = [Transfer("a", "b", identity(maze), scale=c) for c in (1, 2)]
+    >>> combined_potential(maze, edges, [np.ones((3, 4))] * 2, mean).values[0]
+    array([1.5, 1.5, 1.5, 1.5])
+    """
+    mapped = mapped_potential(task, transfers, source_values, function)
+    if mapped is not None:
+        return mapped
+    each = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
+    return StateActionPotential(task, aggregate(function, np.stack(each)))
 
 
 def mapped_potential(

@@ -1,0 +1,110 @@
+"""Whether two tasks are one problem, and what tells them apart if not."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.task import Dynamics, Task, dynamics, has_tables, same_task, tables
+from curricle.transfer.places import state_name
+
+FloatArray = npt.NDArray[np.float64]
+LARGEST = 5_000_000
+"""Pairs (S x A) up to which tables are compared."""
+CLOSE = 1e-9
+
+
+def differences(one: Task, other: Task) -> tuple[str, ...]:
+    """Return what two tasks differ in, each with both values or a place; nothing if they are one.
+
+    Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
+    tables where these fit, and the parameters of tasks of one kind.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Rewards
+    >>> for line in differences(GridWorld("S.T"), GridWorld("S.T", rewards=Rewards(treasure=9))):
+    ...     print(line)
+    reward (from state 1 (row 0, column 1): 199 against 8)
+    rewards (Rewards(step=-1.0, ...) against Rewards(step=-1.0, ...))
+    """
+    if same_task(one, other):
+        return ()
+    mine, yours = dynamics(one), dynamics(other)
+    found = list(_outside(mine, yours))
+    if not found or found[0].split()[0] not in ("states", "actions"):
+        pairs = mine.states.size * mine.actions.size
+        if has_tables(one) and has_tables(other) and pairs <= LARGEST:
+            inside = list(_inside(tables(one), tables(other)))
+            if not found and not inside:
+                return ()  # other words for the same problem
+            found += inside
+    found += [line for line in _parameters(one, other) if line.split()[0] not in _firsts(found)]
+    return tuple(found) or ("rules (given by functions, which cannot be compared)",)
+
+
+def _firsts(lines: list[str]) -> set[str]:
+    return {line.split()[0] for line in lines}
+
+
+def _outside(one: Dynamics, other: Dynamics) -> Iterator[str]:
+    for kind in ("states", "actions"):
+        mine, yours = getattr(one, kind), getattr(other, kind)
+        if mine != yours:
+            yield f"{kind} ({mine.size:,} against {yours.size:,})"
+    for name in ("discount", "time_limit"):
+        mine, yours = getattr(one, name), getattr(other, name)
+        if mine != yours:
+            yield f"{name} ({mine} against {yours})"
+
+
+def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
+    """Name a state of each kind of difference between tables over the same spaces."""
+    space = one.states
+    ends = np.flatnonzero(one.terminal != other.terminal)
+    if ends.size:
+        yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
+    alive = ~(one.terminal | other.terminal)
+    # A random weight for each state: two distributions of successors with the same mean weight are
+    # the same, but for chance.
+    weight = np.random.default_rng(0).normal(size=space.size)
+    names = ("reward", "transitions", "rewarded outcomes")
+    for name, mine, yours in zip(
+        names, _moments(one, weight), _moments(other, weight), strict=True
+    ):
+        apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
+        where = np.argwhere(apart & alive[:, None])
+        if len(where):
+            s, a = where[0]
+            values = f": {mine[s, a]:g} against {yours[s, a]:g}" if name == "reward" else ""
+            yield f"{name} (from {state_name(space, int(s))}{values})"
+            break  # the others differ in consequence
+    if abs(one.start - other.start).max() > CLOSE:
+        s = int(abs(one.start - other.start).argmax())
+        yield f"start ({state_name(space, s)}: {one.start[s]:.3g} against {other.start[s]:.3g})"
+
+
+def _moments(mdp: FiniteMDP, weight: FloatArray) -> list[FloatArray]:
+    """Return E r, E w(s') and E r w(s') of each pair, (S, A)."""
+    reward = np.where(mdp.probability > 0, mdp.reward, 0.0)
+    weighed = weight[mdp.next_state]
+    each = (reward, weighed, reward * weighed)
+    return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in each]
+
+
+def _parameters(one: Any, other: Any) -> Iterator[str]:
+    if type(one) is not type(other) or not is_dataclass(one) or isinstance(one, FiniteMDP):
+        return
+    for part in fields(one):
+        mine, yours = getattr(one, part.name), getattr(other, part.name)
+        if part.compare and part.init and not _equal(mine, yours):
+            yield f"{part.name} ({mine!r} against {yours!r})"
+
+
+def _equal(mine: Any, yours: Any) -> bool:
+    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
+        return np.array_equal(mine, yours)
+    return bool(mine == yours)

@@ -1,0 +1,283 @@
+"""Comparing curricula with learning the target directly, and with each other, fairly.
+
+All arms spend the same total of steps, source steps included; seed k of every arm draws from the
+same random stream in the target; and arms whose targets are not one problem are refused.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, number
+from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import limits, seed_tuple, spacing
+from curricle.learning.learn import LearningResult, learn
+from curricle.study.alignment import differences
+from curricle.study.comparison import DIRECT, Arm, Comparison, joined
+from curricle.study.controls import (
+    Control,
+    check_controls,
+    learn_changed,
+    source_control,
+    value_controls,
+)
+from curricle.study.curve import Curve
+from curricle.study.sequential import add_seeds
+from curricle.study.threshold import fraction_of_optimum, midpoint
+from curricle.transfer.realism import Target
+
+FRACTION = 0.9
+"""How far from untaught to optimal the default threshold lies."""
+
+
+def compare(
+    arms: Curriculum | Mapping[str, Curriculum],
+    *,
+    seeds: int | Sequence[int] = 30,
+    controls: Sequence[Control] = (),
+    threshold: float | None = None,
+    window: int = 5,
+    precision: float | None = None,
+    difference: bool = False,
+    most_seeds: int = 100,
+    workers: int | None = None,
+    progress: Callable[[str], Any] | None = None,
+) -> Comparison:
+    """Return how curricula do against learning their target directly, at the same total budget.
+
+    The target's budget, in steps, is what every arm would have without sources; the direct learner
+    gets as many steps more as the most expensive arm spends on its sources, and the other arms
+    what is left of that total.
+
+    Parameters
+    ----------
+    arms : Curriculum or dict of str to Curriculum
+        All with the same target; the name "direct" is taken.
+    seeds : int or sequence of int
+        Or, with `precision` or `difference`, the number of seeds to begin with.
+    controls : sequence of str
+        Of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``; run for each
+        curriculum (``controls.py`` says what they show).
+    threshold : float, optional
+        Return that counts as learnt. By default nine tenths of the way from an untaught to an
+        optimal policy; midway through the direct learner's curve if the target cannot be solved.
+    window : int
+        Checkpoints over which curves are smoothed before they reach the threshold.
+    precision : float, optional
+        Add seeds until the first arm's gain is known to plus or minus so much return.
+    difference : bool
+        Add seeds until the first arm's gain is known to differ from 0.
+    most_seeds : int
+        When to stop adding.
+    workers : int, optional
+        Threads over seeds.
+    progress : callable, optional
+        Called with a few words for each arm done.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    CurriculumError
+        When arms are not comparable; the message names what their targets differ in.
+    SettingError
+        When a setting makes no sense; nothing has been trained then.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 5000})
+    >>> found = compare(plan, seeds=5, controls=["placebo"])
+    >>> list(found.arms), found.total
+    (['direct', 'transfer', 'transfer, placebo'], 5500)
+    """
+    plan = _Plan.of(arms, controls, workers, progress)
+    if threshold is not None:
+        number("threshold", threshold, SettingError)
+    if precision is None and not difference:
+        found = plan.run(seed_tuple(seeds))
+    else:
+        found = plan.run_until(seeds, precision, difference, most_seeds)
+    if threshold is None:
+        threshold = plan.threshold(found[DIRECT])
+    return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The arms, checked, and what they share."""
+
+    arms: Mapping[str, Curriculum]
+    controls: Sequence[Control]
+    target: str
+    budget: int
+    total: int
+    every: int
+    workers: int | None
+    progress: Callable[[str], Any]
+
+    @classmethod
+    def of(
+        cls,
+        given: Curriculum | Mapping[str, Curriculum],
+        controls: Sequence[Control],
+        workers: int | None,
+        progress: Callable[[str], Any] | None,
+    ) -> "_Plan":
+        arms = {"transfer": given} if isinstance(given, Curriculum) else dict(given)
+        if not arms:
+            raise CurriculumError("a comparison needs at least one curriculum: got none")
+        for name, arm in arms.items():
+            instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+            if name == DIRECT:
+                raise CurriculumError(f"an arm {DIRECT!r} is always there: name yours otherwise")
+        check_controls(controls)
+        first = next(iter(arms.values()))
+        _check_comparable(arms)
+        target = first.target
+        budget = first.setting("budget", target)
+        if limits(budget)[0] >= limits(10**18)[0]:
+            raise SettingError(
+                f"a comparison at one total budget needs the target's in steps: {target!r} has "
+                f"{budget}"
+            )
+        every = spacing(first.setting("every", target), budget)
+        most = max(_most_source_steps(arm) for arm in arms.values())
+        total = -(-(limits(budget)[0] + most) // every) * every
+        tick = progress or (lambda words: None)
+        return cls(arms, controls, target, limits(budget)[0], total, every, workers, tick)
+
+    def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
+        """Return all arms for these seeds, the direct learner first."""
+        first = next(iter(self.arms.values()))
+        direct = learn(
+            first.tasks[self.target],
+            first.setting("learner", self.target),
+            self.total,
+            seeds=seeds,
+            every=self.every,
+            evaluation=first.setting("evaluation", self.target),
+            storage=first.setting("storage", self.target),
+            stream=self.target,
+            workers=self.workers,
+        )
+        self.progress(DIRECT)
+        found = {DIRECT: self._arm(direct, np.zeros(len(seeds), np.int64))}
+        for name, curriculum in self.arms.items():
+            for label, arm in self._with_controls(curriculum, seeds):
+                called = f"{name}, {label}" if label else name
+                found[called] = arm
+                self.progress(called)
+        return found
+
+    def _with_controls(
+        self, curriculum: Curriculum, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, Arm]]:
+        result, left = self._trained(curriculum, seeds)
+        spent = result.source_steps(self.target)
+        yield "", self._arm(result[self.target], spent)
+        for label, change in value_controls(self.controls):
+            changed = learn_changed(result, change, left, self.every, self.workers)
+            yield label, self._arm(changed, spent, control=True)
+        for control in ("random_start", "pretraining"):
+            if control in self.controls:
+                other = source_control(curriculum, control, int(spent.max()))
+                again, _ = self._trained(other, seeds)
+                yield (
+                    control.replace("_", " "),
+                    self._arm(again[self.target], again.source_steps(self.target), control=True),
+                )
+
+    def _trained(
+        self, curriculum: Curriculum, seeds: Sequence[int]
+    ) -> tuple[CurriculumResult, int]:
+        """Return a curriculum's training and the target steps that its sources left."""
+        sources = curriculum.train(
+            seeds, only=curriculum.ancestors(self.target), workers=self.workers
+        )
+        spent = sum(result.steps_used for result in sources.nodes.values())
+        left = self.total - int(np.max(spent))
+        names = curriculum.tasks
+        budgets = {name: curriculum.setting("budget", name) for name in names}
+        spacings = {name: curriculum.setting("every", name) for name in names}
+        longer = replace(
+            curriculum,
+            budget={**budgets, self.target: left},
+            every={**spacings, self.target: self.every},
+        )
+        return longer.train(seeds, trained=sources.nodes, workers=self.workers), left
+
+    def _arm(
+        self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
+    ) -> Arm:
+        """Return a training on the axis that all arms share; a curve's last value is held."""
+        n = self.total // self.every + 1
+        place = np.minimum(np.arange(n), len(result.steps) - 1)
+        curve = Curve(np.arange(n) * self.every, result.greedy_return[:, place], spent)
+        return Arm(curve, result.training_return[:, place], result.trust[:, place], control)
+
+    def run_until(
+        self, first: Any, precision: float | None, difference: bool, most: int
+    ) -> dict[str, Arm]:
+        """Return all arms for as many seeds as it takes."""
+        batches = list[dict[str, Arm]]()
+
+        def gain(seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+            batches.append(self.run(tuple(seeds)))
+            direct, arm = (batches[-1][name] for name in (DIRECT, next(iter(self.arms))))
+            return arm.gain(direct)
+
+        add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
+        return joined(batches)
+
+    def threshold(self, direct: Arm) -> float:
+        """Return the default threshold."""
+        first = next(iter(self.arms.values()))
+        place = Target.of(first.tasks[self.target], first.setting("evaluation", self.target))
+        if place.solution is None:
+            return midpoint(direct.curve)
+        return fraction_of_optimum(place.optimum, place.untaught, FRACTION)
+
+
+def _most_source_steps(curriculum: Curriculum) -> int:
+    """Return a bound of the steps that a curriculum's sources take."""
+    most = 0
+    for name in curriculum.ancestors(curriculum.target):
+        steps, episodes = limits(curriculum.setting("budget", name))
+        limit = getattr(curriculum.tasks[name], "time_limit", None)
+        most += min(steps, episodes * limit) if limit is not None else steps
+    return most
+
+
+def _check_comparable(arms: Mapping[str, Curriculum]) -> None:
+    """Raise CurriculumError unless all arms have one target, learnt and judged alike."""
+    (name, first), *others = arms.items()
+    target = first.target
+    for other_name, other in others:
+        pair = f"{name!r} and {other_name!r}"
+        if other.target != target:
+            raise CurriculumError(
+                f"arms must share their target: {pair} have {target!r} and {other.target!r}"
+            )
+        apart = differences(first.tasks[target], other.tasks[target])
+        if apart:
+            raise CurriculumError(
+                f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
+            )
+        for which in ("evaluation", "budget", "learner", "every"):
+            mine, yours = first.setting(which, target), other.setting(which, target)
+            if mine != yours:
+                raise CurriculumError(
+                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
+                )

@@ -1,0 +1,254 @@
+"""What a comparison found: arms on one axis, what they gained, and how sure that is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import one_of
+from curricle.errors import CurriculumError
+from curricle.study.curve import Curve, charge_source
+from curricle.study.metrics import asymptotic_performance, jumpstart, total_reward
+from curricle.study.ordering import holm, probability_of_improvement, sign_flip_test
+from curricle.study.statistics import Interval, bootstrap, interquartile_mean, paired_difference
+from curricle.study.threshold import Times, steps_saved, time_to_threshold
+
+FloatArray = npt.NDArray[np.float64]
+DIRECT = "direct"
+SIGNIFICANT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """One way of learning the target.
+
+    Attributes
+    ----------
+    curve : Curve
+        Greedy return, (K, T), over target steps; with the source steps of each seed.
+    training_return : (K, T) float64
+    trust : (K, T) float64
+        As in :class:`LearningResult`.
+    control : bool
+        Whether it is a control of another arm.
+
+    Examples
+    --------
+    >>> flat = np.zeros((2, 3))
+    >>> steps = np.array([0, 10, 20])
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat, False)
+    >>> arm.gain(Arm(Curve(steps, flat), flat, flat, False))
+    array([3., 3.])
+    """
+
+    curve: Curve
+    training_return: FloatArray = field(repr=False)
+    trust: FloatArray = field(repr=False)
+    control: bool
+
+    def charged(self, direct: "Arm") -> Curve:
+        """Return the curve on the axis of total steps, source steps included."""
+        return charge_source(direct.curve, self.curve)
+
+    def gain(self, direct: "Arm") -> FloatArray:
+        """Return the mean height of the charged curve above the direct learner's, (K,)."""
+        return np.subtract(total_reward(self.charged(direct)), total_reward(direct.curve))
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """One arm against the direct learner, over K seeds.
+
+    Attributes
+    ----------
+    jumpstart : Interval
+        Return at the first target step, above the direct learner's first; sources free (weak).
+    saved : Interval
+        Target steps to the threshold saved, sources free (weak).
+    saved_charged : Interval
+        The same with source steps charged (strong).
+    gain : Interval
+        Mean height of the charged curve above the direct learner's (strong), in return.
+    final : Interval
+        Return at the end of the total budget, above the direct learner's (strong).
+    better : Interval
+        Probability that a run of the arm has the higher charged curve on average (strong).
+    p : float
+        Two-sided, of no gain, by flipping signs of the paired differences.
+    adjusted : float
+        The same, corrected for the number of arms compared (Holm).
+    """
+
+    jumpstart: Interval
+    saved: Interval
+    saved_charged: Interval
+    gain: Interval
+    final: Interval
+    better: Interval
+    p: float
+    adjusted: float
+
+    @property
+    def verdict(self) -> str:
+        """Whether it paid, in two words."""
+        if not self.adjusted < SIGNIFICANT:
+            return "no difference shown"
+        return "pays" if self.gain.estimate > 0 else "costs more than it brings"
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Arms x seeds on one axis. Prints as a table.
+
+    Attributes
+    ----------
+    target : str
+    arms : dict of str to Arm
+        The direct learner first.
+    budget : int
+        Target steps that the weak measures are taken over.
+    total : int
+        Steps that every arm spends, sources included; the strong measures are taken over these.
+    threshold : float
+        Return.
+    window : int
+        Checkpoints that curves are smoothed over before they reach it.
+    """
+
+    target: str
+    arms: Mapping[str, Arm]
+    budget: int
+    total: int
+    threshold: float
+    window: int
+
+    def __getitem__(self, name: str) -> Arm:
+        one_of("an arm", name, self.arms, CurriculumError)
+        return self.arms[name]
+
+    @property
+    def direct(self) -> Arm:
+        """The target learnt directly."""
+        return self.arms[DIRECT]
+
+    @property
+    def seeds(self) -> int:
+        """K."""
+        return len(self.direct.curve.values)
+
+    def times(self, name: str, *, strong: bool = True) -> Times:
+        """Return an arm's steps to the threshold; seeds that never got there are kept."""
+        curve = self[name].curve if strong else self._free(name)
+        if strong:
+            curve = self[name].charged(self.direct)
+        return time_to_threshold(curve, self.threshold, window=self.window)
+
+    def height(self, name: str) -> Interval:
+        """Return the interquartile mean over seeds of an arm's mean charged return."""
+        values = total_reward(self[name].charged(self.direct))
+        return bootstrap(values, interquartile_mean)
+
+    @cached_property
+    def contrasts(self) -> dict[str, Contrast]:
+        """Each arm against the direct learner."""
+        names = [name for name in self.arms if name != DIRECT]
+        p = {name: sign_flip_test(self.arms[name].gain(self.direct)) for name in names}
+        adjusted = holm(p)
+        return {name: self._contrast(name, p[name], adjusted[name]) for name in names}
+
+    def _free(self, name: str) -> Curve:
+        """Return an arm's curve over the target's budget, source steps left aside."""
+        curve = self[name].curve
+        n = int(np.searchsorted(curve.steps, self.budget, side="right"))
+        return Curve(curve.steps[:n], curve.values[:, :n])
+
+    def _contrast(self, name: str, p: float, adjusted: float) -> Contrast:
+        direct, arm = self.direct, self[name]
+        free, base, charged = self._free(name), self._free(DIRECT), arm.charged(direct)
+        saved = {
+            strong: steps_saved(one, other, self.threshold, window=self.window)
+            for strong, one, other in ((False, base, free), (True, direct.curve, charged))
+        }
+        return Contrast(
+            jumpstart=bootstrap(jumpstart(base, free)),
+            saved=bootstrap(saved[False]),
+            saved_charged=bootstrap(saved[True]),
+            gain=bootstrap(arm.gain(direct)),
+            final=paired_difference(
+                asymptotic_performance(charged), asymptotic_performance(direct.curve)
+            ),
+            better=probability_of_improvement(total_reward(charged), total_reward(direct.curve)),
+            p=p,
+            adjusted=adjusted,
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table as data: a dict for each arm, intervals as name, name_low, name_high."""
+        return [{"arm": name, **self._row(name)} for name in self.arms]
+
+    def _row(self, name: str) -> dict[str, Any]:
+        times = self.times(name)
+        row: dict[str, Any] = {
+            "control": self[name].control,
+            "seeds": self.seeds,
+            "source_steps": float(self[name].curve.source_steps.mean()),
+            "steps_to_threshold": times.restricted_mean(),
+            "reached": int(times.reached.sum()),
+        }
+        row |= _spread("return", self.height(name))
+        if name != DIRECT:
+            contrast = self.contrasts[name]
+            for measure in ("jumpstart", "saved", "saved_charged", "gain", "final", "better"):
+                row |= _spread(measure, getattr(contrast, measure))
+            row |= {"p": contrast.p, "p_adjusted": contrast.adjusted, "verdict": contrast.verdict}
+        return row
+
+    def __str__(self) -> str:
+        width = max(len(name) for name in self.arms) + 2
+        lines = [
+            f"{self.target!r} in {self.total:,} steps, sources charged; {self.seeds} seeds; "
+            f"threshold {self.threshold:.4g}",
+            f"{'':{width}}{'steps to threshold':>21}  {'mean return (IQM)':<28}"
+            f"{'gain over direct':<28}verdict",
+        ]
+        for name in self.arms:
+            times = self.times(name)
+            missed = int((~times.reached).sum())
+            text = f"{times.restricted_mean():,.0f}" + (f" ({missed} never)" if missed else "")
+            text = "> " * (missed > 0) + text
+            line = f"{name:{width}}{text:>21}  {_short(self.height(name)):<28}"
+            if name != DIRECT:
+                contrast = self.contrasts[name]
+                line += f"{_short(contrast.gain):<28}{contrast.verdict}"
+                line += f" (p = {contrast.adjusted:.2g})"
+            lines.append(line.rstrip())
+        return "\n".join(lines)
+
+
+def joined(batches: Sequence[Mapping[str, Arm]]) -> dict[str, Arm]:
+    """Return arms whose seeds were run in several batches as arms of all seeds."""
+    return {
+        name: Arm(
+            Curve(
+                arm.curve.steps,
+                np.concatenate([batch[name].curve.values for batch in batches]),
+                np.concatenate([batch[name].curve.source_steps for batch in batches]),
+            ),
+            np.concatenate([batch[name].training_return for batch in batches]),
+            np.concatenate([batch[name].trust for batch in batches]),
+            arm.control,
+        )
+        for name, arm in batches[0].items()
+    }
+
+
+def _short(interval: Interval) -> str:
+    """Return an interval without its number of seeds."""
+    return str(interval).rsplit(",", 1)[0]
+
+
+def _spread(name: str, interval: Interval) -> dict[str, Any]:
+    return {name: interval.estimate, f"{name}_low": interval.low, f"{name}_high": interval.high}

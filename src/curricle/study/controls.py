@@ -1,0 +1,136 @@
+"""Controls: arms that share everything with a curriculum but what is supposed to help.
+
+- ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
+  helps as much, seeing many states was the help, not the easier task.
+- ``pretraining``: the source is the target itself, for as many steps. If it helps as much,
+  training longer was the help.
+- ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
+  of that size do.
+- ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong size.
+- ``negated``: -phi. It should do harm where phi helps.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from curricle.checks import one_of
+from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.errors import SettingError
+from curricle.learning.following import PairPotential
+from curricle.learning.learn import LearningResult, learn
+from curricle.learning.potential import StateActionPotential
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.task import Task, tables
+from curricle.transfer.edge import Transfer
+from curricle.transfer.mapping import ENDED, StateActionMapping
+
+Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
+CONTROLS: tuple[Control, ...] = ("random_start", "pretraining", "placebo", "scaled", "negated")
+SOURCE = "control source"
+
+
+def check_controls(controls: Sequence[str]) -> None:
+    """Raise SettingError unless all are names of controls."""
+    for name in controls:
+        one_of("a control", name, CONTROLS, SettingError)
+
+
+def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
+    """Return the curriculum whose only source is its target, trained for so many steps.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    control : {"random_start", "pretraining"}
+        With a uniform start, or the target's own.
+    steps : int
+        What the curriculum's own sources took.
+
+    Examples
+    --------
+    >>> maze = GridWorld("S..T")
+    >>> plan = source_control(Curriculum({"maze": maze}), "random_start", 500)
+    >>> plan.order, plan.tasks[SOURCE].mdp.start.round(2)
+    (('control source', 'maze'), array([0.33, 0.33, 0.33, 0.  ]))
+    """
+    name = curriculum.target
+    task = curriculum.tasks[name]
+    source = _started_anywhere(task) if control == "random_start" else task
+    settings = {
+        which: {SOURCE: own, name: own}
+        for which in ("learner", "evaluation", "storage")
+        for own in [curriculum.setting(which, name)]
+    }
+    return Curriculum(
+        tasks={SOURCE: source, name: task},
+        transfers=[Transfer(SOURCE, name, _onto_itself(task, source))],
+        how={name: curriculum.setting("how", name)},
+        guard={name: curriculum.setting("guard", name)},
+        budget={SOURCE: steps, name: curriculum.setting("budget", name)},
+        every={SOURCE: steps, name: curriculum.setting("every", name)},
+        **settings,
+    )
+
+
+Change = Callable[[PairPotential, int], PairPotential]
+"""phi and a seed -> another phi."""
+
+
+def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
+    """Yield the name of each control that changes phi's values, and how it does."""
+    if "placebo" in controls:
+        yield "placebo", _shuffled
+    if "scaled" in controls:
+        yield "scaled x 0.5", lambda phi, _: phi.rescaled(0.5)
+        yield "scaled x 2", lambda phi, _: phi.rescaled(2.0)
+    if "negated" in controls:
+        yield "negated", lambda phi, _: StateActionPotential(phi.task, -phi.values)
+
+
+def learn_changed(
+    result: CurriculumResult, change: Change, budget: int, every: int, workers: int | None
+) -> LearningResult:
+    """Return the target learnt as its curriculum does, from potentials that were changed."""
+    curriculum = result.curriculum
+    name = curriculum.target
+    how, seeds = curriculum.setting("how", name), result[name].seeds
+    changed = [change(phi, k) for phi, k in zip(result.potentials[name], seeds, strict=True)]
+    return learn(
+        curriculum.tasks[name],
+        curriculum.setting("learner", name),
+        budget,
+        seeds=seeds,
+        potential=[phi.to_state() for phi in changed] if how == "state" else changed,
+        how=how,
+        guard=curriculum.setting("guard", name),
+        every=every,
+        evaluation=curriculum.setting("evaluation", name),
+        storage=curriculum.setting("storage", name),
+        stream=name,
+        before=[one.prelude for one in result.calibrations.get(name, ())] or None,
+        workers=workers,
+    )
+
+
+def _shuffled(phi: PairPotential, seed: int) -> PairPotential:
+    """Return phi with its values dealt anew to all pairs that are not terminal."""
+    values, ends = phi.values.copy(), tables(phi.task).terminal
+    alive = values[~ends]
+    values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
+    return StateActionPotential(phi.task, values)
+
+
+def _started_anywhere(task: Task) -> Task:
+    if isinstance(task, GridWorld):
+        return task.with_start("uniform")
+    mdp = tables(task)
+    return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
+
+
+def _onto_itself(task: Task, source: Task) -> StateActionMapping:
+    mdp = tables(task)
+    index = np.arange(mdp.outcome_row.size).reshape(mdp.outcome_row.shape)
+    return StateActionMapping(task, source, np.where(mdp.terminal[:, None], ENDED, index))

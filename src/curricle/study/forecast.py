@@ -1,0 +1,283 @@
+"""Forecast: what a curriculum's potentials are like in the target, before it is trained there."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from curricle.checks import one_of
+from curricle.curriculum import Curriculum
+from curricle.errors import CurriculumError
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.following import PairPotential
+from curricle.learning.learn import LearningResult
+from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
+from curricle.transfer.calibration import Calibrate, Calibration, attempt
+from curricle.transfer.coverage import Coverage
+from curricle.transfer.edge import Transfer
+from curricle.transfer.places import state_name
+from curricle.transfer.realism import Realism, Target, realism
+
+AGGREGATES = (minimum, mean, maximum, total)
+EPISODES = 1000
+
+# Where the words of a verdict change; measured on pursuit of 4x4 to 7x7 cells and the paper's maze.
+GAIN = 0.1
+"""Share of the way from untaught to optimal below which a start is no gain."""
+MOST = 0.5
+"""Share of optimistic pairs from which learning is one disappointment after the other."""
+SLIPS, COLLAPSES = 0.2, 0.25
+"""Mean excess, in units of mean abs(V*), from which returns then fall, under epsilon-greedy."""
+ESTIMATED = 0.45
+"""The same where the excess is over what phi's own policy earns, which is less than V*."""
+GLOOM = 20.0
+"""Typical rewards that phi may promise too little on the way before it is said to mislead."""
+RAISED = 1.15
+"""Scale from which a calibration is worth its steps."""
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """One potential as it would enter the target: a single source's, or an aggregate.
+
+    Attributes
+    ----------
+    name : str
+        The transfer, as ``source -> target [n]``, or the aggregate's name.
+    aggregate : bool
+        Whether it is an aggregate of all transfers.
+    used : bool
+        Whether it is what the curriculum would use.
+    seeds : tuple of K Realism
+    calibrations : tuple of K Calibration
+        What following it said about its size.
+    verdict : str
+        In plain words.
+    """
+
+    name: str
+    aggregate: bool
+    used: bool
+    seeds: tuple[Realism, ...] = field(repr=False)
+    calibrations: tuple[Calibration, ...] = field(repr=False)
+    verdict: str
+
+    def mean(self, measure: str) -> float:
+        """Return the mean over seeds of a measure of :class:`Realism`, such as ``"start"``."""
+        return float(np.mean([getattr(one, measure) for one in self.seeds]))
+
+    @property
+    def scale(self) -> float:
+        """The mean scale that a calibration finds; NaN where it finds none for most seeds."""
+        found = [one.scale for one in self.calibrations if not one.refusal]
+        return float(np.mean(found)) if 2 * len(found) > len(self.calibrations) else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """What is to be expected of a target's transfers. Prints as a table with a verdict each.
+
+    Attributes
+    ----------
+    target : str
+    coverage : dict of str to Coverage
+        Of each transfer's mapping.
+    foreseen : tuple of Foreseen
+        Aggregates, the best start first, then each transfer alone.
+    optimum, untaught : float
+        Expected return of an optimal policy (NaN where the target is too large to solve), and of
+        acting at random, as before learning without transfer.
+    solved : bool
+        Whether potentials are compared with the exact Q*.
+    exact : bool
+        Whether returns are exact too.
+    trained : dict of str to LearningResult
+        The sources, for :meth:`Curriculum.train` and :func:`compare` to go on with.
+    """
+
+    target: str
+    coverage: Mapping[str, Coverage]
+    foreseen: tuple[Foreseen, ...]
+    optimum: float
+    untaught: float
+    solved: bool
+    exact: bool
+    trained: Mapping[str, LearningResult] = field(repr=False)
+
+    def __getitem__(self, name: str) -> Foreseen:
+        by_name = {one.name: one for one in self.foreseen}
+        one_of("a potential that was foreseen", name, by_name, CurriculumError)
+        return by_name[name]
+
+    @property
+    def ranking(self) -> tuple[str, ...]:
+        """The aggregates' names, the best start first."""
+        return tuple(one.name for one in self.foreseen if one.aggregate)
+
+    def __str__(self) -> str:
+        seeds = len(self.foreseen[0].seeds)
+        how = "exact" if self.exact else "returns by rollouts"
+        how += "" if self.solved else "; Q* taken to be what phi's own policy earns"
+        lines = [
+            f"Forecast for {self.target!r} from {seeds} seed{'s' * (seeds > 1)} of its sources: "
+            f"optimum {self.optimum:.4g}, untaught {self.untaught:.4g} ({how})"
+        ]
+        lines += [f"{name}: {cover}" for name, cover in self.coverage.items()]
+        width = max(len(one.name) for one in self.foreseen) + 2
+        lines.append(
+            f"{'':{width}}{'start':>8}{'phi > Q*':>10}{'excess':>8}{'rank':>7}{'scale':>7}"
+        )
+        for one in self.foreseen:
+            lines.append(
+                f"{one.name + ' *' * one.used:{width}}{one.mean('start'):>8.3g}"
+                f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>8.2g}"
+                f"{one.mean('rank'):>7.2f}{one.scale:>7.2g}"
+            )
+        lines += [f"{one.name}: {one.verdict}" for one in self.foreseen if one.aggregate]
+        return "\n".join(lines)
+
+
+def forecast(
+    curriculum: Curriculum,
+    target: str | None = None,
+    *,
+    seeds: int | Sequence[int] = 3,
+    aggregates: Sequence[Aggregate] = (),
+    trained: Mapping[str, LearningResult] | None = None,
+    episodes: int = EPISODES,
+    workers: int | None = None,
+) -> Forecast:
+    """Return what to expect of the transfers into a target; only the sources are trained.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    target : str, optional
+        By default the task that all others lead to.
+    seeds : int or sequence of int
+        Of the sources.
+    aggregates : sequence of callable
+        To look at besides the library's four and the curriculum's own.
+    trained : dict of str to LearningResult, optional
+        Sources trained before, for the same seeds.
+    episodes : int
+        Rollouts where the target is too large to be exact.
+    workers : int, optional
+        Threads over seeds.
+
+    Returns
+    -------
+    Forecast
+
+    Raises
+    ------
+    CurriculumError
+        When the target is unknown, not unique or has no transfer into it.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, project
+    >>> hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
+    >>> plan = Curriculum(
+    ...     tasks={"chase": chase, "hunt": hunt},
+    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator=name))
+    ...                for name in hunt.predator_names],
+    ...     aggregate=maximum, budget=50_000)
+    >>> found = forecast(plan)
+    >>> found.ranking
+    ('minimum', 'mean', 'total', 'maximum')
+    """
+    name = curriculum.target if target is None else target
+    edges = curriculum.into(name)
+    if not edges:
+        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
+    sources = curriculum.train(
+        seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
+    ).nodes
+    own = curriculum.setting("aggregate", name)
+    evaluation: GreedyEvaluation = curriculum.setting("evaluation", name)
+    place = Target.of(curriculum.tasks[name], evaluation, episodes=episodes)
+    labels = _labels(edges)
+    bounds = place.optimum, place.untaught
+    # Of a single potential the minimum, the mean and the maximum are one.
+    several = AGGREGATES if len(edges) > 1 else ()
+    functions = tuple(dict.fromkeys((*several, own, *aggregates)))
+    found = []
+    for called, function in zip(_names(functions), functions, strict=True):
+        potentials = curriculum.potentials(name, sources, function=function)
+        found.append(_foresee(called, True, function is own, potentials, place, bounds))
+    found.sort(key=lambda one: -one.mean("start"))
+    for label, edge in labels.items() if len(edges) > 1 else ():
+        potentials = curriculum.potentials(name, sources, transfers=[edge])
+        found.append(_foresee(label, False, False, potentials, place, bounds))
+    return Forecast(
+        target=name,
+        coverage={label: edge.mapping.coverage() for label, edge in labels.items()},
+        foreseen=tuple(found),
+        optimum=bounds[0],
+        untaught=bounds[1],
+        solved=place.solution is not None,
+        exact=place.evaluation.method == "exact",
+        trained=sources,
+    )
+
+
+def _names(functions: Sequence[Aggregate]) -> list[str]:
+    return _numbered([getattr(function, "__name__", str(function)) for function in functions])
+
+
+def _labels(edges: Sequence[Transfer]) -> dict[str, Transfer]:
+    """Return the transfers by name."""
+    names = _numbered([f"{edge.source} -> {edge.target}" for edge in edges])
+    return dict(zip(names, edges, strict=True))
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Return the names, numbered where several are alike."""
+    return [
+        f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]
+
+
+def _foresee(
+    name: str,
+    aggregate: bool,
+    used: bool,
+    potentials: Sequence[PairPotential],
+    place: Target,
+    bounds: tuple[float, float],
+) -> Foreseen:
+    seeds = tuple(realism(phi, place, seed=k) for k, phi in enumerate(potentials))
+    calibrations = tuple(attempt(phi, Calibrate(), seed=k) for k, phi in enumerate(potentials))
+    bare = Foreseen(name, aggregate, used, seeds, calibrations, "")
+    return Foreseen(name, aggregate, used, seeds, calibrations, _verdict(bare, place, *bounds))
+
+
+def _verdict(one: Foreseen, place: Target, optimum: float, untaught: float) -> str:
+    """Return in plain words what to expect, and what to do."""
+    start, excess = one.mean("start"), one.mean("excess") / max(one.mean("size"), 1e-12)
+    words = [f"starts at {start:.3g}"]
+    gains = not start - untaught <= GAIN * (optimum - untaught)
+    if not gains:
+        words.append("no better than untaught")
+    words.append(f"{one.mean('optimistic'):.0%} optimistic")
+    slips, collapses = (SLIPS, COLLAPSES) if one.seeds[0].exact else (ESTIMATED, ESTIMATED)
+    advice = []
+    hopeful = gains and one.mean("optimistic") > MOST
+    if hopeful and excess >= collapses:
+        advice.append("expect a collapse under epsilon-greedy")
+    elif hopeful and excess >= slips:
+        advice.append("may slip back under epsilon-greedy")
+    elif gains:
+        advice.append("expect steady learning")
+    if excess > 0 and one.scale > RAISED:
+        advice.append(f"calibrate with c = {one.scale:.1f}")
+    worst = max(one.seeds, key=lambda seed: np.nan_to_num(seed.gloom))
+    if worst.gloom > GLOOM * place.typical_reward:
+        where = state_name(place.task.states, worst.gloomy_state)
+        advice.append(
+            f"speaks ill of {where}, on the way of the optimal policy, by {worst.gloom:.3g}: "
+            "learn with a guard"
+        )
+    return ", ".join(words) + (": " + "; ".join(advice) if advice else "")

@@ -1,0 +1,224 @@
+"""How realistic a potential is in its target: where it starts, what it overrates and underrates.
+
+Against Q* where the target can be solved; else against what the potential's own policy earns.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.following import PairPotential, follow, greedy_start
+from curricle.learning.planning import Solution, solve
+from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.reading import nothing
+from curricle.tasks.reachable import reachable_states
+from curricle.tasks.task import Task, dynamics, has_tables, tables
+
+FloatArray = npt.NDArray[np.float64]
+LARGEST_SOLVED = 5_000_000
+"""Pairs (S x A) up to which a target is solved to compare a potential with Q*."""
+LARGEST_FOLLOWED = 300_000_000
+"""Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+RANKED = 200_000
+"""Pairs that a rank correlation is taken over at most; drawn without repetition where fewer."""
+
+
+@dataclass(frozen=True)
+class Realism:
+    """How a potential compares with what its target is worth.
+
+    Attributes
+    ----------
+    start : float
+        Expected return of its greedy policy: where learning starts.
+    optimistic : float
+        Share of pairs (s, a) with phi > Q*.
+    excess : float
+        Mean of phi - Q*.
+    size : float
+        Mean of abs(V*), to see an excess against.
+    rank : float
+        Spearman's rank correlation of phi and Q*; NaN where one of them does not vary.
+    right : float
+        Share of states in which what phi prefers is optimal; NaN unless exact.
+    gloom : float
+        The worst that phi does to a state on the way of optimal policies: how much less it
+        promises there than both the truth and silence (0) would. What is spoken ill of is avoided,
+        and so the error stays. NaN unless exact.
+    gloomy_state : int
+        Where that is; -1 if nowhere.
+    exact : bool
+        Against Q*. Otherwise over the steps of its own greedy episodes, whose return from there
+        on, which Q* exceeds, takes the place of Q*.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, StateActionPotential
+    >>> target = Target.of(GridWorld("S.T", discount=0.5))
+    >>> phi = StateActionPotential(target.task, target.solution.action_values + 1)
+    >>> found = realism(phi, target)
+    >>> found.start, found.optimistic, found.excess, round(found.rank, 3), found.right
+    (98.5, 1.0, 1.0, 1.0, 1.0)
+    """
+
+    start: float
+    optimistic: float
+    excess: float
+    size: float
+    rank: float
+    right: float
+    gloom: float
+    gloomy_state: int
+    exact: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A target as potentials are judged in it; solved once, if it can be.
+
+    Attributes
+    ----------
+    task : Task
+    evaluation : GreedyEvaluation
+        Of greedy policies.
+    solution : Solution or None
+        None where the target is too large to solve.
+    typical_reward : float
+        Median size of the rewards other than 0.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> Target.of(GridWorld("S.T", discount=0.5)).optimum
+    98.5
+    """
+
+    task: Task
+    evaluation: GreedyEvaluation
+    solution: Solution | None
+    typical_reward: float
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        evaluation: GreedyEvaluation | None = None,
+        *,
+        episodes: int = 1000,
+    ) -> "Target":
+        """Return a target, evaluated exactly where it can be, else by so many rollouts."""
+        given = GreedyEvaluation() if evaluation is None else evaluation
+        moving = dynamics(task)
+        pairs = moving.states.size * moving.actions.size
+        solution, typical = None, float("nan")
+        method: Literal["exact", "rollouts"] = "rollouts"
+        if has_tables(task) and pairs <= LARGEST_SOLVED:
+            mdp = tables(task)
+            solution = solve(task, tolerance=1e-6)
+            paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
+            typical = float(np.median(paid)) if paid.size else 1.0
+            outcomes = pairs * mdp.probability.shape[1]
+            if outcomes * given.horizon(task) <= LARGEST_FOLLOWED:
+                method = "exact"
+        return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
+
+    @property
+    def optimum(self) -> float:
+        """The expected return of an optimal policy; NaN where the target is not solved."""
+        if self.solution is None:
+            return float("nan")
+        best = StateActionPotential(self.task, self.solution.optimal.astype(float))
+        return greedy_start(best, self.evaluation)
+
+    @property
+    def untaught(self) -> float:
+        """The expected return before anything is learnt, every action alike."""
+        n_actions = dynamics(self.task).actions.size
+        return greedy_start(MappedPotential(self.task, nothing(n_actions, 0.0)), self.evaluation)
+
+
+def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Realism:
+    """Return how a potential compares with what its target is worth.
+
+    Parameters
+    ----------
+    potential : StateActionPotential or MappedPotential
+        Of the target's task.
+    target : Target
+    seed : int
+        Of rollouts, where there are any, and of the pairs that are ranked.
+    """
+    start = greedy_start(potential, target.evaluation, seed=seed)
+    if target.solution is None:
+        return _along_its_way(potential, target, start, seed)
+    mdp = tables(target.task)
+    alive = ~mdp.terminal
+    phi, q = potential.values[alive], target.solution.action_values[alive]
+    # What the proven error of Q* cannot tell from Q* is not above it.
+    above = phi > q + target.solution.error_bound
+    preferred = phi == phi.max(axis=1, keepdims=True)
+    gloom, where = _gloom(potential, target.solution, target.task)
+    return Realism(
+        start=start,
+        optimistic=float(above.mean()),
+        excess=float((phi - q).mean()),
+        size=float(abs(target.solution.values[alive]).mean()),
+        rank=_spearman(phi.ravel(), q.ravel(), seed),
+        right=float((target.solution.optimal[alive] | ~preferred).all(axis=1).mean()),
+        gloom=gloom,
+        gloomy_state=where,
+        exact=True,
+    )
+
+
+def _along_its_way(potential: PairPotential, target: Target, start: float, seed: int) -> Realism:
+    met = follow(potential, episodes=target.evaluation.episodes, seed=seed, stream="realism")
+    earned = met.earned + met.tail * met.beyond
+    return Realism(
+        start=start,
+        optimistic=float((met.promised > earned).mean()),
+        excess=float((met.promised - earned).mean()),
+        size=float(abs(earned).mean()),
+        rank=_spearman(met.promised, earned, seed),
+        right=float("nan"),
+        gloom=float("nan"),
+        gloomy_state=-1,
+        exact=False,
+    )
+
+
+def _gloom(potential: PairPotential, solution: Solution, task: Task) -> tuple[float, int]:
+    """Return the worst of min(V*, 0) - max_a phi on the way of optimal policies, and where."""
+    mdp = tables(task)
+    on_the_way = reachable_states(
+        mdp.start,
+        mdp.terminal,
+        mdp.outcome_row,
+        mdp.probability,
+        mdp.next_state,
+        solution.optimal,
+    )
+    missing = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
+    missing[~on_the_way | mdp.terminal] = 0.0
+    where = int(missing.argmax())
+    return (float(missing[where]), where) if missing[where] > 0 else (0.0, -1)
+
+
+def _spearman(one: FloatArray, other: FloatArray, seed: int) -> float:
+    """Return the rank correlation; ties get the mean of their ranks."""
+    if one.size > RANKED:
+        drawn = np.random.default_rng(seed).choice(one.size, RANKED, False, shuffle=False)
+        one, other = one[drawn], other[drawn]
+    ranks = np.stack([_ranks(one), _ranks(other)])
+    spread = ranks.std(axis=1)
+    if not spread.all():
+        return float("nan")
+    return float(((ranks - ranks.mean(axis=1, keepdims=True)).prod(axis=0)).mean() / spread.prod())
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - (count - 1) / 2)[place])
