@@ -48,6 +48,7 @@ from .learning.schedules import (
 )
 from .learning.storage import SparseValues as SparseValues, Storage as Storage
 from .study.alignment import differences as differences
+from .study.attribution import Attribution as Attribution, Region as Region, attribute as attribute
 from .study.compare import compare as compare
 from .study.comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
 from .study.forecast import Forecast as Forecast, Foreseen as Foreseen, forecast as forecast

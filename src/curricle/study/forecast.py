@@ -14,7 +14,7 @@ from curricle.learning.learn import LearningResult
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
 from curricle.transfer.coverage import Coverage
-from curricle.transfer.edge import Transfer
+from curricle.transfer.edge import numbered, transfer_names
 from curricle.transfer.places import state_name
 from curricle.transfer.realism import Realism, Target, realism
 
@@ -197,13 +197,14 @@ def forecast(
     own = curriculum.setting("aggregate", name)
     evaluation: GreedyEvaluation = curriculum.setting("evaluation", name)
     place = Target.of(curriculum.tasks[name], evaluation, episodes=episodes)
-    labels = _labels(edges)
+    labels = dict(zip(transfer_names(edges), edges, strict=True))
     bounds = place.optimum, place.untaught
     # Of a single potential the minimum, the mean and the maximum are one.
     several = AGGREGATES if len(edges) > 1 else ()
     functions = tuple(dict.fromkeys((*several, own, *aggregates)))
     found = []
-    for called, function in zip(_names(functions), functions, strict=True):
+    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
+    for called, function in zip(names, functions, strict=True):
         potentials = curriculum.potentials(name, sources, function=function)
         found.append(_foresee(called, True, function is own, potentials, place, bounds))
     found.sort(key=lambda one: -one.mean("start"))
@@ -220,24 +221,6 @@ def forecast(
         exact=place.evaluation.method == "exact",
         trained=sources,
     )
-
-
-def _names(functions: Sequence[Aggregate]) -> list[str]:
-    return _numbered([getattr(function, "__name__", str(function)) for function in functions])
-
-
-def _labels(edges: Sequence[Transfer]) -> dict[str, Transfer]:
-    """Return the transfers by name."""
-    names = _numbered([f"{edge.source} -> {edge.target}" for edge in edges])
-    return dict(zip(names, edges, strict=True))
-
-
-def _numbered(names: Sequence[str]) -> list[str]:
-    """Return the names, numbered where several are alike."""
-    return [
-        f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
-        for i, name in enumerate(names)
-    ]
 
 
 def _foresee(

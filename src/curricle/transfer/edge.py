@@ -1,5 +1,6 @@
 """One edge of a curriculum: a source's values, read through a mapping, scaled and shifted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,3 +72,22 @@ class Transfer:
         q = np.asarray(source_values, dtype=np.float64)
         read = self.mapping.read(self.scale * q)
         return np.asarray(read + self.shift * (self.mapping.index != UNMAPPED))
+
+
+def transfer_names(transfers: Sequence[Transfer]) -> list[str]:
+    """Return a name for each transfer, ``source -> target``, numbered where several share it."""
+    return numbered([f"{transfer.source} -> {transfer.target}" for transfer in transfers])
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return the names, numbered where several are alike.
+
+    Examples
+    --------
+    >>> numbered(["a", "b", "a"])
+    ['a [1]', 'b', 'a [2]']
+    """
+    return [
+        f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]
