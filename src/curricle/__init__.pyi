@@ -1,3 +1,5 @@
+from .certificate.certify import certify as certify
+from .certificate.verdict import Certificate as Certificate, Counterexample as Counterexample
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
 from .errors import (
     CalibrationError as CalibrationError,

@@ -22,7 +22,7 @@ def _root() -> None:
 
 @app.command()
 def paper(
-    figure: Annotated[str, typer.Option(help="1, 2, 3, 4, hacking or all.")] = "all",
+    figure: Annotated[str, typer.Option(help="1, 2, 3, 4, trust, hacking or all.")] = "all",
     seeds: Annotated[int, typer.Option(help="Seeds for everything that is learnt.")] = 30,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("paper-results"),
     workers: Annotated[int | None, typer.Option(help="Threads; all processors by default.")] = None,

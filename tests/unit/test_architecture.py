@@ -18,6 +18,7 @@ FLOORS = {
     "tasks": 1,
     "learning": 2,
     "transfer": 3,
+    "certificate": 3,
     "curriculum": 4,
     "interop": 4,
     "study": 5,

@@ -114,7 +114,7 @@ def test_a_pessimistic_quantile_is_more_pessimistic():
 
 
 def test_endless_loops_are_worth_what_they_cost():
-    """Cut off at 10 steps of a loop that pays -1 for ever, phi = -1 has to become -1/(1 - gamma)."""
+    """What is seen of a loop in 10 steps is not what it costs in the long run."""
     ring = cr.FiniteMDP.from_dense(
         np.array([[[0.0, 1.0]], [[1.0, 0.0]]]),
         np.array([[-1.0], [-1.5]]),
@@ -229,7 +229,7 @@ def test_rescaling_on_the_fly_is_rescaling_the_array(aggregate):
     )
 
 
-# -- in a curriculum, and on the account of the target ----------------------------------------------
+# -- in a curriculum, and on the account of the target -------------------------------------------
 
 
 def curriculum(**changes):
@@ -324,5 +324,5 @@ def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
 )
 def test_a_budget_must_exceed_its_prelude(budget, n):
     prelude = Prelude(np.array([30, 40, 60]), np.zeros(3))
-    with pytest.raises(cr.SettingError, match="must exceed what was spent|one prelude a seed"):
+    with pytest.raises(cr.SettingError, match=r"must exceed what was spent|one prelude a seed"):
         cr.learn(HUNT, budget=budget, before=[prelude] * n)

@@ -56,13 +56,13 @@ class Guard:
     Examples
     --------
     >>> Guard(least=0.2)
-    Guard(share=0.5, least=0.2, pace=0.01, sure=2.0, memory=20)
+    Guard(share=0.5, least=0.2, pace=0.003, sure=3.0, memory=20)
     """
 
     share: float = 0.5
     least: float = 0.1
-    pace: float = 0.01
-    sure: float = 2.0
+    pace: float = 0.003
+    sure: float = 3.0
     memory: int = 20
 
     def __post_init__(self) -> None:

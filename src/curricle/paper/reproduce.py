@@ -21,6 +21,7 @@ FIGURES = {
     "2": "curricle.paper.figure2",
     "3": "curricle.paper.figure3",
     "4": "curricle.paper.figure4",
+    "trust": "curricle.paper.trust",
     "hacking": "curricle.paper.hacking",
 }
 INTRODUCTION = """<p>Every figure and claim of the paper, run again. A claim is <em>reproduced</em>
@@ -46,7 +47,7 @@ def reproduce(
     folder : str or Path
         For results of these settings only.
     figures : iterable of str
-        Out of ``1 2 3 4 hacking``.
+        Out of ``1 2 3 4 trust hacking``.
     seeds : int
         Seeds 0 .. seeds - 1 for everything that is learnt.
     workers : int, optional
@@ -80,7 +81,7 @@ def reproduce(
 
 def _summary(name: str) -> str:
     """The file that is written last of a figure's, so that its presence means completeness."""
-    return f"data/{name if name == 'hacking' else 'figure' + name}.json"
+    return f"data/{'figure' * name.isdigit()}{name}.json"
 
 
 def _save(store: ResultsFolder, name: str, result: FigureResult) -> None:

@@ -35,8 +35,9 @@ def outcome_tables(
     n_actions = len(outcomes[0]) if n_states and _has_first(outcomes) else 0
     if not n_actions:
         raise TaskError(
-            "outcomes need states from 0 and at least one action: got "
-            f"{list(outcomes) if isinstance(outcomes, dict) else outcomes!r}"
+            "outcomes need states from 0, each with at least one action (without outcomes if it is "
+            f"terminal): got {n_states} states, and state 0 "
+            + ("lists no action" if n_states and _has_first(outcomes) else "is none of them")
         )
     try:
         for s in range(n_states):

@@ -1,9 +1,9 @@
 """Calibration: how large a potential has to be for the target to keep what it promises.
 
-A source's values are those of another task. Carried over as they are, they promise too much (or too
-little), and learning then falls from one broken promise to the next. c phi + b has the same optimum
-and the same greedy policy as phi, so c and b are free to be fitted: by following that policy through
-the target for a while and comparing what it earns with what phi promised.
+A source's values are those of another task. Carried over as they are, they promise too much (or
+too little), and learning then falls from one broken promise to the next. c phi + b has the same
+optimum and the same greedy policy as phi, so c and b are free to be fitted: by following that policy
+through the target for a while and comparing what it earns with what phi promised.
 """
 
 from dataclasses import dataclass, field
@@ -137,9 +137,9 @@ def calibrate(
 ) -> Calibration:
     """Return a potential scaled (and shifted) to what its own greedy policy earns in the target.
 
-    With G_t the discounted return from step t, c minimises sum_t (G_t - c phi(s_t, a_t))^2. Where an
-    episode is cut off, G_t goes on with c max_a phi(s, a) of the state it was cut off in: a cut is
-    no end, and c stays a linear fit.
+    With G_t the discounted return from step t, c minimises sum_t (G_t - c phi(s_t, a_t))^2. Where
+    an episode is cut off, G_t goes on with c max_a phi(s, a) of the state it was cut off in: a cut
+    is no end, and c stays a linear fit.
 
     Parameters
     ----------
@@ -181,8 +181,8 @@ def attempt(
             "a potential to be calibrated must be a StateActionPotential or a MappedPotential: got "
             f"{potential!r}"
         )
-    # Few episodes tell whether anything is reached; the rest, which begins with the same ones, would
-    # be spent in vain.
+    # Few episodes tell whether anything is reached; the rest, which begins with the same ones,
+    # would be spent in vain.
     met = follow(potential, episodes=min(PROBE, settings.episodes), seed=seed, stream=stream)
     if not _nothing_reached(met):
         met = follow(potential, episodes=settings.episodes, seed=seed, stream=stream)

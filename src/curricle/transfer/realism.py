@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from curricle.errors import SettingError
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential, follow, greedy_start
 from curricle.learning.planning import Solution, solve
@@ -85,7 +86,8 @@ class Target:
     evaluation : GreedyEvaluation
         Of greedy policies.
     solution : Solution or None
-        None where the target is too large to solve.
+        None where the target is too large to solve, or where it has discount 1 and a policy of it
+        would go on for ever but for the time limit.
     typical_reward : float
         Median size of the rewards other than 0.
 
@@ -117,7 +119,7 @@ class Target:
         method: Literal["exact", "rollouts"] = "rollouts"
         if has_tables(task) and pairs <= LARGEST_SOLVED:
             mdp = tables(task)
-            solution = solve(task, tolerance=1e-6)
+            solution = _solution(task)
             paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(paid)) if paid.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
@@ -172,6 +174,15 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
         gloomy_state=where,
         exact=True,
     )
+
+
+def _solution(task: Task) -> Solution | None:
+    try:
+        return solve(task, tolerance=1e-6)
+    except SettingError:
+        if dynamics(task).discount < 1:
+            raise
+        return None  # not every policy ends
 
 
 def _along_its_way(potential: PairPotential, target: Target, start: float, seed: int) -> Realism:

@@ -1,0 +1,1 @@
+"""Certificates: whether a shaping leaves the optimum alone, proven, refuted or sampled."""

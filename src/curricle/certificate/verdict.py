@@ -1,0 +1,145 @@
+"""What is known of a shaping: the certificate, and the state that speaks against it."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+UNKNOWN = float("nan")
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """A state in which an action is optimal in the task or in the shaped task, and not in both.
+
+    Attributes
+    ----------
+    state : int
+    components : dict
+        Name -> value.
+    place : str
+        The state in words.
+    action, shaped_action : int
+        The best action of the task, and of the shaped task.
+    actions : (str, str)
+        Both in words.
+    lost : float
+        By how much the shaped task's action falls short in the task; 0 where both are optimal
+        there, and the shaped task gives up the task's.
+    values, shaped_values : (float, float)
+        What both are worth in the task, and what the policy acts on in the shaped task.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.certificate.certify import certify
+    >>> maze = GridWorld("S.T")
+    >>> found = certify(maze, lambda s, a, after: 300 * (after == s), "reward").counterexample
+    >>> found.components, found.actions
+    ({'row': 0, 'column': 1}, ('east', 'north'))
+    """
+
+    state: int
+    components: dict[str, int]
+    place: str
+    action: int
+    shaped_action: int
+    actions: tuple[str, str]
+    lost: float
+    values: tuple[float, float]
+    shaped_values: tuple[float, float]
+
+    def __str__(self) -> str:
+        best, other = self.actions
+        told = (
+            f"{best} is worth {self.values[0]:.4g} and {other} {self.values[1]:.4g}, under shaping "
+            f"{self.shaped_values[0]:.4g} and {self.shaped_values[1]:.4g}"
+        )
+        if self.lost > 0:
+            return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {told}"
+        return f"in {self.place} shaping gives up {best}, which is as good as any: {told}"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What :func:`certify` found; true as a condition only if the shaping is proven safe.
+
+    Attributes
+    ----------
+    holds : bool or None
+        True: the optimal actions are proven to be the same in every state that can be reached.
+        False: a state is known in which they are not. None: neither is known.
+    how : str
+    method : {"exact", "sampled"}
+    states : int
+        States that can be reached and were compared, ends left out.
+    steps : int
+        Steps sampled.
+    loss : float
+        The most that one action, optimal in the shaped task, loses in one of these states; NaN
+        where states were not compared, like the next four.
+    total_loss : float
+        The most that a policy, optimal in the shaped task, loses from one of them on.
+    tolerance : float
+        Actions that fall short of the best by no more count as optimal.
+    error_bound : float
+        No value that was compared is further from the true one.
+    residual : float
+        How far what was found is from what theory says of a potential: of the values acted on,
+        or for a bonus or reward of F, gamma Phi(s') - Phi(s); sampled, of sums of F.
+    findings : tuple of str
+        What else is to be said, a sentence each.
+    counterexample : Counterexample or None
+        The worst state, where `holds` is False.
+    potential : (S,) float64 or None
+        Phi that a bonus or reward was found to be made of.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, StatePotential
+    >>> from curricle.certificate.certify import certify
+    >>> maze = GridWorld("S.T")
+    >>> certificate = certify(maze, StatePotential(maze, [0.0, 1.0, 0.0]), "state")
+    >>> bool(certificate), certificate.states, certificate.loss
+    (True, 2, 0.0)
+    """
+
+    holds: bool | None
+    how: str
+    method: Literal["exact", "sampled"]
+    states: int = 0
+    steps: int = 0
+    loss: float = UNKNOWN
+    total_loss: float = UNKNOWN
+    tolerance: float = UNKNOWN
+    error_bound: float = UNKNOWN
+    residual: float = UNKNOWN
+    findings: tuple[str, ...] = ()
+    counterexample: Counterexample | None = None
+    potential: FloatArray | None = field(default=None, repr=False)
+
+    def __bool__(self) -> bool:
+        return self.holds is True
+
+    def __str__(self) -> str:
+        said = [self._verdict(), *self.findings]
+        if said[0].endswith(":"):  # all that is known is in the findings
+            said[:2] = [" ".join(said[:2])]
+        return ". ".join(one[0].upper() + one[1:] for one in said) + "."
+
+    def _verdict(self) -> str:
+        if self.holds and not self.states:
+            return "Safe:"
+        if self.holds:
+            return (
+                f"Safe: in all {self.states:,} reachable states the optimal actions of the shaped "
+                f"task are those of the task (values proven to {self.error_bound:.0e})"
+            )
+        if self.holds is None:
+            return "Not proven:"
+        loss = f"a policy optimal in the shaped task can lose {self.total_loss:.4g} in all"
+        if self.counterexample is not None and self.counterexample.lost > 0:
+            return f"NOT safe: {self.counterexample}; {loss}"
+        return f"NOT the same, though no return is lost: {self.counterexample}"

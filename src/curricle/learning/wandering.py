@@ -1,0 +1,171 @@
+"""Wandering: walks of the uniform policy through tasks of any size, tables or none."""
+
+# Numba infers the types of what is compiled here.
+# mypy: allow-untyped-defs, allow-untyped-calls
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.learning.potential import MappedPotential
+from curricle.learning.reading import read_row
+from curricle.learning.run import compiled, stream_start
+from curricle.tasks.draws import below, draw, scramble
+from curricle.tasks.dynamics import Functions, first_state, transition
+from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, dynamics
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Walks:
+    """W walks of up to L steps.
+
+    Attributes
+    ----------
+    states : (W, L + 1) int64
+        From where each starts; after its end the state reached last, repeated.
+    actions : (W, L) int64
+        0 after the end.
+    length : (W,) int64
+        Steps taken.
+    terminated : (W,) bool
+        Whether the walk came to an end of the task; the others were cut off.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> walks = wander(GridWorld("S.T"), walks=2, length=3)
+    >>> walks.states, walks.terminated
+    (array([[0, 0, 1, 2],
+           [0, 0, 0, 1]]), array([ True, False]))
+    """
+
+    states: IntArray
+    actions: IntArray
+    length: IntArray
+    terminated: npt.NDArray[np.bool_]
+
+    @property
+    def taken(self) -> npt.NDArray[np.bool_]:
+        """Which steps were taken, (W, L)."""
+        return np.asarray(np.arange(self.actions.shape[1]) < self.length[:, None])
+
+    @property
+    def ending(self) -> npt.NDArray[np.bool_]:
+        """Which steps led to an end of the task, (W, L)."""
+        last = np.arange(self.actions.shape[1]) == self.length[:, None] - 1
+        return np.asarray(last & self.terminated[:, None])
+
+
+def wander(
+    task: Task,
+    *,
+    walks: int,
+    length: int,
+    seed: int = 0,
+    starts: npt.NDArray[np.integer[Any]] | None = None,
+) -> Walks:
+    """Return walks in which every action is equally likely at every step.
+
+    Parameters
+    ----------
+    task : Task
+        With or without tables.
+    walks, length : int
+        W and L, at least 1. A walk shorter than L has come to an end of the task.
+    seed : int
+        Equal seeds give equal walks.
+    starts : (W,) int array, optional
+        States, not terminal, that the walks start in; drawn as episodes start by default.
+
+    Raises
+    ------
+    SettingError
+        When a number is too small or there is not one start for each walk.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> walks = wander(Pursuit(size=10, predators=3), walks=5, length=100)
+    >>> walks.states.shape, bool(walks.terminated.any())
+    ((5, 101), False)
+    """
+    n = whole_number("walks", walks, 1, SettingError)
+    length = whole_number("the length of a walk in steps", length, 1, SettingError)
+    seed = whole_number("seed", seed, 0, SettingError)
+    moving = dynamics(task)
+    given = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
+    if starts is not None and given.shape != (n,):
+        raise SettingError(f"starts must have shape ({n},), one a walk: got {given.shape}")
+    states = np.zeros((n, length + 1), np.int64)
+    actions = np.zeros((n, length), np.int64)
+    taken, terminated = np.zeros(n, np.int64), np.zeros(n, np.bool_)
+    compiled(_walk, isinstance(moving.model, Functions))(
+        moving.model,
+        np.uint64(moving.actions.size),
+        np.array([stream_start(seed, "wandering")], np.uint64),
+        given,
+        states,
+        actions,
+        taken,
+        terminated,
+    )
+    return Walks(frozen(states), frozen(actions), frozen(taken), frozen(terminated))
+
+
+def phi_at(potential: MappedPotential, states: IntArray) -> npt.NDArray[np.float64]:
+    """Return phi(s, a) of n states, (n, A) float64, without reading it anywhere else.
+
+    Ends of the task are not told apart: what the sources say of them is returned.
+
+    Parameters
+    ----------
+    potential : MappedPotential
+    states : (n,) int array
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, Transfer, project
+    >>> from curricle.transfer.aggregation import maximum
+    >>> from curricle.transfer.mapped import mapped_potential
+    >>> hunt, chase = Pursuit(10, 3), Pursuit(10, 1)
+    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_2"))
+    >>> phi = mapped_potential(hunt, [edge], [np.full((10_000, 5), -2.0)], maximum)
+    >>> phi_at(phi, np.array([12_345_678]))[0, :3]
+    array([-2., -2., -2.])
+    """
+    phi = np.empty((len(states), dynamics(potential.task).actions.size))
+    _read_states(potential.reading, np.asarray(states, np.int64), phi)
+    return phi
+
+
+def _walk(model, n_actions, stream, starts, states, actions, length, terminated):
+    for walk in range(states.shape[0]):
+        if starts.shape[0] > 0:
+            state = np.uint64(starts[walk])
+        else:
+            state = np.uint64(first_state(model, draw(stream)))
+        states[walk, 0] = np.int64(state)
+        over = False
+        for step in range(actions.shape[1]):
+            if not over:
+                bits = draw(stream)
+                action = below(bits, n_actions)
+                state, _, over = transition(model, state, action, scramble(bits))
+                actions[walk, step] = np.int64(action)
+                length[walk] = step + 1
+            states[walk, step + 1] = np.int64(state)
+        terminated[walk] = over
+
+
+@njit(cache=True, nogil=True)
+def _read_states(reading, states, phi):
+    for i in range(states.shape[0]):
+        read_row(reading, np.uint64(states[i]), phi[i])

@@ -1,0 +1,208 @@
+"""The experiments behind the trust figure: forecast, calibration, controls, guard, attribution."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle import (
+    Attribution,
+    CalibrationError,
+    Comparison,
+    Curriculum,
+    Forecast,
+    GreedyEvaluation,
+    Guard,
+    LearningResult,
+    Pursuit,
+    QLearning,
+    Transfer,
+    attribute,
+    calibrate,
+    compare,
+    forecast,
+    learn,
+    maximum,
+    mean,
+    minimum,
+    project,
+    same_position,
+)
+from curricle.paper import transferred_maze as runs
+from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, Tick, maze
+
+AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
+LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
+ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
+SOURCE_STEPS = 400_000
+HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
+"""Size -> time limit and target steps; discount 0.95."""
+SWEEP = (1.2, 1.6, 2.0, 2.5)
+"""Scales tried by hand."""
+FORESEEN, LARGE = 2, 10
+"""Seeds of the forecast, and the most of 7x7."""
+GUARDED = 150_000
+"""Target steps in the maze."""
+LOOK = 20_000
+"""Steps after which the maze's choices are looked at."""
+SIZES = range(3, 11)
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Everything that was run.
+
+    Parameters
+    ----------
+    foreseen : Forecast
+        Of 5x5 pursuit.
+    compared : Comparison
+        5x5: each aggregate as it is, min and mean calibrated.
+    controls : Comparison
+        5x5: mean, calibrated, with all controls.
+    hunts : dict
+        (size, arm) -> training; arms "min", "mean", both ", calibrated", and "mean x c" by hand.
+    maze : dict of str to LearningResult
+        The maze learnt directly, from the 3x3 corner, and from there with a guard.
+    direct : Direct
+        The direct learner of the paper's budget, which sets the threshold.
+    blamed : Attribution
+        Of the 3x3 corner.
+    refused : dict
+        Size of a maze source -> share of seeds whose calibration was refused.
+    """
+
+    foreseen: Forecast
+    compared: Comparison
+    controls: Comparison
+    hunts: Mapping[tuple[int, str], LearningResult]
+    maze: Mapping[str, LearningResult]
+    direct: runs.Direct
+    blamed: Attribution
+    refused: Mapping[int, float]
+
+
+def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
+    """Return all of it."""
+    plans = {name: hunt(5, name) for name in AGGREGATES}
+    foreseen = forecast(plans["mean"], seeds=FORESEEN, workers=workers)
+    tick("pursuit 5x5, forecast")
+    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=True) for name in ("min", "mean")}
+    compared = compare(plans, seeds=seeds, workers=workers, progress=_said(tick, "5x5"))
+    controls = compare(
+        {"mean, calibrated": plans["mean, calibrated"]},
+        seeds=seeds,
+        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
+        workers=workers,
+        progress=_said(tick, "5x5, controls"),
+    )
+    hunts = dict[tuple[int, str], LearningResult]()
+    for size in HUNTS:
+        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE), workers)
+        tick(f"pursuit {size}x{size}, raw and calibrated")
+    direct = runs.direct(maze(-5), seeds, workers)
+    mazes, blamed = _mazes(seeds, workers)
+    tick("maze, guarded")
+    refused = {size: _refused(size, seeds, workers) for size in SIZES}
+    tick("maze, calibration")
+    return Trust(foreseen, compared, controls, hunts, mazes, direct, blamed, refused)
+
+
+def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
+    """Return two predators learning from one, both having to catch."""
+    limit, steps = HUNTS[size]
+    two, one = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
+    return Curriculum(
+        tasks={"chase": one, "hunt": two},
+        transfers=[
+            Transfer("chase", "hunt", project(two, one, predator=name), **transfer)
+            for name in two.predator_names
+        ],
+        aggregate=AGGREGATES[aggregate],
+        learner=LEARNER,
+        budget={"chase": SOURCE_STEPS, "hunt": steps},
+        every={"chase": SOURCE_STEPS, "hunt": steps // 50},
+        evaluation=ROLLOUTS,
+    )
+
+
+def _said(tick: Tick, where: str) -> Tick:
+    return lambda words: tick(f"{where}: {words}")
+
+
+def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
+    """Return min and mean, raw and calibrated; on 5x5 also scaled by hand."""
+    plans = {name: hunt(size, name) for name in ("min", "mean")}
+    plans |= {f"{name}, calibrated": hunt(size, name, calibrate=True) for name in ("min", "mean")}
+    if size == 5:
+        plans |= {
+            f"{name} x {c:g}": hunt(size, name, scale=c) for name in ("min", "mean") for c in SWEEP
+        }
+    sources = plans["mean"].train(seeds, only=["chase"], workers=workers).nodes
+    return {
+        (size, name): plan.train(seeds, trained=sources, workers=workers)["hunt"]
+        for name, plan in plans.items()
+    }
+
+
+def corner_plan(size: int) -> Curriculum:
+    """Return the maze learning from its top-right corner of `size` x `size` cells."""
+    arena = maze(-5)
+    block = runs.corner(arena, size)
+    return Curriculum(
+        tasks={"corner": block, "target": arena},
+        transfers=[Transfer("corner", "target", same_position(arena, block))],
+        learner=runs.LEARNER,
+        budget={"corner": runs.SOURCE_BUDGET, "target": GUARDED},
+        every={"corner": 10_000, "target": runs.EVERY},
+        evaluation=SUMMED,
+    )
+
+
+def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], Attribution]:
+    plan = corner_plan(3)
+    sources = plan.train(seeds, only=["corner"], workers=workers).nodes
+    arms = {"from the 3x3 corner": plan, "the same, guarded": replace(plan, guard=Guard())}
+    results = {
+        "direct": learn(
+            plan.tasks["target"],
+            runs.LEARNER,
+            GUARDED,
+            seeds=seeds,
+            every=runs.EVERY,
+            evaluation=SUMMED,
+            stream="target",
+            workers=workers,
+        )
+    }
+    for name, arm in arms.items():
+        results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
+    return results, attribute(plan, steps=LOOK, seeds=seeds, trained=sources, workers=workers)
+
+
+def _refused(size: int, seeds: int, workers: int | None) -> float:
+    """Return the share of seeds for which a scale is the wrong model."""
+    plan = corner_plan(size)
+    sources = plan.train(seeds, only=["corner"], workers=workers).nodes
+    return float(np.mean([_is_refused(phi, k) for k, phi in _each(plan, sources)]))
+
+
+def _each(plan: Curriculum, sources: Mapping[str, LearningResult]) -> Any:
+    return enumerate(plan.potentials("target", sources))
+
+
+def _is_refused(phi: Any, seed: int) -> bool:
+    try:
+        calibrate(phi, seed=seed)
+    except CalibrationError:
+        return True
+    return False
+
+
+def tenths(result: LearningResult) -> npt.NDArray[np.float64]:
+    """Return the mean training return in each tenth of a run, (K, 10)."""
+    values = result.training_return[:, 1:]
+    parts = np.array_split(np.arange(values.shape[1]), 10)
+    return np.stack([np.nanmean(values[:, part], axis=1) for part in parts], axis=1)
