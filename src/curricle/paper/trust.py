@@ -136,7 +136,7 @@ def _draw_guard(panel: Any, found: Trust) -> None:
         ylim=(-1700, 150),
         title="a source that does harm, and a guard",
     )
-    panel.legend(loc="center right")
+    panel.legend(loc="upper left")
 
 
 def _draw_blame(panel: Any, found: Trust) -> None:
