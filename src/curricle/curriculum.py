@@ -210,7 +210,7 @@ class Curriculum:
         self,
         seeds: int | Sequence[int] = 1,
         *,
-        only: Sequence[str] | None = None,
+        only: str | Sequence[str] | None = None,
         trained: Mapping[str, LearningResult] | None = None,
         workers: int | None = None,
         progress: Callable[[str], Any] | None = None,
@@ -224,8 +224,8 @@ class Curriculum:
             A task's random stream is named after it, so that a result does not depend on
             which other tasks are there. Where a seed cannot be calibrated, its potential enters as
             it is, with a warning; ``calibrations`` of the result says why.
-        only : sequence of str, optional
-            Tasks to train, with all that they build on; every task by default.
+        only : str or sequence of str, optional
+            What to train, with all that it builds on; every task by default.
         trained : dict of str to LearningResult, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
         workers : int, optional
@@ -244,7 +244,7 @@ class Curriculum:
         results = self._checked(trained or {}, numbers)
         potentials: dict[str, list[PairPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
-        wanted = set(self.order if only is None else only)
+        wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in self.order:
             if name in results or name not in wanted:

@@ -7,6 +7,7 @@ import curricle as cr
 from curricle import (
     SARSA,
     Curriculum,
+    CurriculumError,
     Episodes,
     GreedyEvaluation,
     GridWorld,
@@ -294,3 +295,38 @@ def test_a_guard_watches_over_the_tasks_that_have_sources():
         Curriculum(**plan, guard=Guard(), learner=SARSA())
     with pytest.raises(SettingError, match="guard must be a Guard: got True"):
         Curriculum(**plan, guard=True)
+
+
+def test_only_some_tasks_are_trained_with_what_they_build_on():
+    plan = Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=100)
+    assert plan.target == "far"
+    result = plan.train(only="left")
+    assert list(result.nodes) == ["near", "left"]
+    rest = plan.train(trained=result.nodes)
+    whole = plan.train()
+    np.testing.assert_array_equal(rest["far"].values, whole["far"].values)
+    with pytest.raises(CurriculumError, match="a task must be one of"):
+        plan.train(only=["left", "nowhere"])
+
+
+def test_a_curriculum_without_one_last_task_has_no_target():
+    with pytest.raises(CurriculumError, match="one task that no other builds on: got left, right"):
+        _ = Curriculum(
+            tasks={name: TASKS[name] for name in ("near", "left", "right")},
+            transfers=edges(DIAMOND[:2]),
+        ).target
+
+
+def test_potentials_are_those_that_training_starts_from():
+    plan = Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=200, aggregate=minimum)
+    result = plan.train(seeds=2)
+    for given, used in zip(
+        plan.potentials("far", result.nodes), result.potentials["far"], strict=True
+    ):
+        np.testing.assert_array_equal(given.values, used.values)
+    alone = plan.potentials("far", result.nodes, transfers=plan.into("far")[:1])
+    doubled = plan.potentials("far", result.nodes, function=total)
+    single = plan.into("far")[0].potential(result["left"].values[0])
+    np.testing.assert_array_equal(alone[0].values, np.where(MAZE.mdp.terminal[:, None], 0, single))
+    assert (doubled[0].values != result.potentials["far"][0].values).any()
+    assert plan.potentials("near", result.nodes) == []

@@ -5,7 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from curricle import Curve, LearningResult, paired_difference, time_to_threshold
+from curricle import (
+    Curve,
+    LearningResult,
+    certify,
+    paired_difference,
+    time_to_threshold,
+)
+from curricle.paper import hacking
 from curricle.paper.settings import Claim, evidence, over_seeds
 from curricle.paper.transferred_maze import WINDOW
 from curricle.paper.trusted import LOOK, SWEEP, Trust, tenths
@@ -17,6 +24,7 @@ NEAR = 1.05
 
 def claims(found: Trust) -> Iterator[Claim]:
     """Yield the claims."""
+    yield _certified(found)
     yield _ranking(found)
     yield _foretold(found)
     yield _calibrated(found)
@@ -39,6 +47,25 @@ def _end(result: LearningResult) -> Any:
 def _change(result: LearningResult) -> dict[str, Any]:
     parts = tenths(result)
     return evidence(paired_difference(parts[:, -1], parts[:, 0]))
+
+
+def _certified(found: Trust) -> Claim:
+    safe = certify(found.calibrated.task, found.calibrated, "initialise")
+    hint = certify(hacking.MAZE, hacking.nearness(), "bonus")
+    control = certify(hacking.MAZE, hacking.nearness().to_state(), "state")
+    return Claim(
+        "trust.certified",
+        "trust",
+        "Whether a shaping keeps the optimum can be proven: the calibrated potential does, and so "
+        "does the well-meant hint as a potential; as a bonus it does not, and the state is named",
+        "5x5 pursuit, mean calibrated; the 5x5 grid of the reward hacking",
+        _answer(bool(safe) and bool(control) and hint.holds is False),
+        {
+            "calibrated mean": str(safe),
+            "hint as a bonus": str(hint),
+            "as a potential": str(control),
+        },
+    )
 
 
 def _ranking(found: Trust) -> Claim:

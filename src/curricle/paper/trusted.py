@@ -16,8 +16,10 @@ from curricle import (
     GreedyEvaluation,
     Guard,
     LearningResult,
+    MappedPotential,
     Pursuit,
     QLearning,
+    StateActionPotential,
     Transfer,
     attribute,
     calibrate,
@@ -72,6 +74,8 @@ class Trust:
         Of the 3x3 corner.
     refused : dict
         Size of a maze source -> share of seeds whose calibration was refused.
+    calibrated : StateActionPotential or MappedPotential
+        Mean, calibrated, of seed 0 of the forecast.
     """
 
     foreseen: Forecast
@@ -82,6 +86,7 @@ class Trust:
     direct: runs.Direct
     blamed: Attribution
     refused: Mapping[int, float]
+    calibrated: StateActionPotential | MappedPotential
 
 
 def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
@@ -107,7 +112,8 @@ def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
     tick("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
     tick("maze, calibration")
-    return Trust(foreseen, compared, controls, hunts, mazes, direct, blamed, refused)
+    fitted = foreseen["mean"].calibrations[0].potential
+    return Trust(foreseen, compared, controls, hunts, mazes, direct, blamed, refused, fitted)
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
