@@ -49,10 +49,16 @@ from .learning.schedules import (
     linear as linear,
 )
 from .learning.storage import SparseValues as SparseValues, Storage as Storage
+from .report.comparison import draw_comparison as draw_comparison
+from .report.flips import collapse_figure as collapse_figure, draw_flips as draw_flips
+from .report.forecast import draw_forecast as draw_forecast
+from .report.picture import plot as plot
+from .report.potentials import draw_potential as draw_potential, draw_sources as draw_sources
 from .study.alignment import differences as differences
 from .study.attribution import Attribution as Attribution, Region as Region, attribute as attribute
 from .study.compare import compare as compare
 from .study.comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
+from .study.flips import flips as flips
 from .study.forecast import Forecast as Forecast, Foreseen as Foreseen, forecast as forecast
 from .study.metrics import (
     Curve as Curve,

@@ -180,15 +180,16 @@ def _golden(function: Callable[[float], float], low: float, high: float) -> floa
 
 # -- from F to Phi -------------------------------------------------------------------------------
 
-ZERO, BACK, FORTH, CYCLE = range(4)
+ZERO, BACK, FORTH, CYCLE, FREE = range(5)
 
 
 class Step(NamedTuple):
     """Some states whose Phi follows at once.
 
-    ZERO: the states numbered `which` get 0. The others go by one transition for each state:
-    BACK, from s' to s; FORTH, from s to s'; CYCLE, the discounted sum along transitions that lead
-    from one to the next for ever.
+    ZERO: the states numbered `which` get 0. FREE: it gets a number that is to be found, as do all
+    that follow from it. The others go by one transition for each state: BACK, from s' to s; FORTH,
+    from s to s'; CYCLE, the discounted sum along transitions that lead from one to the next for
+    ever.
     """
 
     way: int
@@ -198,8 +199,8 @@ class Step(NamedTuple):
 def _order(moves: Moves, ends_are_zero: bool, discounted: bool) -> list[Step]:
     """Return the order in which Phi of all states that are met follows from F.
 
-    Against the arrows errors shrink, along them they grow: that is the last resort. What F leaves
-    open even then is a constant, and 0 is as good as any.
+    Against the arrows errors shrink, along them they grow: that is the last resort. States that no
+    arrow joins to these follow from one of them, whose Phi the other transitions among them tell.
     """
     known, steps = ~moves.met, list[Step]()
     if ends_are_zero:
@@ -218,7 +219,7 @@ def _order(moves: Moves, ends_are_zero: bool, discounted: bool) -> list[Step]:
         else:
             open_ends = np.flatnonzero(~known & moves.terminal)
             any_state = open_ends if open_ends.size else np.flatnonzero(~known)
-            _know(known, steps, Step(ZERO, any_state[:1]), moves)
+            _know(known, steps, Step(FREE, any_state[:1]), moves)
         _backward(moves, known, steps)
 
 
@@ -229,7 +230,7 @@ def _know(known: BoolArray, steps: list[Step], step: Step, moves: Moves) -> None
 
 def _of(step: Step, moves: Moves) -> npt.NDArray[np.integer[Any]]:
     """Return the states that a step is about."""
-    if step.way == ZERO:
+    if step.way in (ZERO, FREE):
         return step.which
     return (moves.target if step.way == FORTH else moves.source)[step.which]
 
@@ -259,19 +260,23 @@ def _for_ever(moves: Moves, known: BoolArray, steps: list[Step]) -> None:
         _know(known, steps, Step(CYCLE, left[first]), moves)
 
 
-def _potential(moves: Moves, discount: float, steps: list[Step]) -> FloatArray:
-    """Return Phi for a discount, (S,), found in this order."""
+def _potential(
+    moves: Moves, discount: float, steps: list[Step], f: FloatArray, free: float
+) -> FloatArray:
+    """Return Phi for a discount, (S,), found in this order, with this value in free places."""
     phi = np.zeros(len(moves.terminal))
     for step in steps:
         states, which = _of(step, moves), step.which
-        if step.way == BACK:
-            phi[states] = discount * phi[moves.target[which]] - moves.f[which]
+        if step.way == FREE:
+            phi[states] = free
+        elif step.way == BACK:
+            phi[states] = discount * phi[moves.target[which]] - f[which]
         elif step.way == FORTH and discount > 0:
-            phi[states] = (moves.f[which] + phi[moves.source[which]]) / discount
+            phi[states] = (f[which] + phi[moves.source[which]]) / discount
         elif step.way == CYCLE:
             place = np.zeros(len(phi), np.int64)
             place[states] = np.arange(len(states))
-            after, weight, total = place[moves.target[which]], discount, -moves.f[which]
+            after, weight, total = place[moves.target[which]], discount, -f[which]
             while weight > 1e-20:  # the first 1, 2, 4, ... steps
                 total = total + weight * total[after]
                 after, weight = after[after], weight**2
@@ -281,8 +286,29 @@ def _potential(moves: Moves, discount: float, steps: list[Step]) -> FloatArray:
 
 def _fitted(moves: Moves, discount: float, steps: list[Step], which: Any = slice(None)) -> Fit:
     """Return Phi for a discount and the residual of some transitions."""
+    source, target = moves.source[which], moves.target[which]
     # Far along the arrows at a small discount numbers may overflow: that is no fit then.
     with np.errstate(over="ignore", invalid="ignore"):
-        phi = _potential(moves, discount, steps)
-        there, here = phi[moves.target[which]], phi[moves.source[which]]
-        return Fit(discount, frozen(phi), moves.f[which] - discount * there + here)
+        phi = _potential(moves, discount, steps, moves.f, 0.0)
+        left = moves.f[which] - discount * phi[target] + phi[source]
+        if any(step.way == FREE for step in steps):
+            # Phi is linear in the free numbers, and so is what is left: one each where arrows join.
+            slope = _potential(moves, discount, steps, np.zeros_like(moves.f), 1.0)
+            change = slope[source] - discount * slope[target]
+            part = _parts(moves, steps)
+            n = int(part.max()) + 1
+            steep = np.bincount(part[source], change * change, n)
+            pull = np.bincount(part[source], change * left, n)
+            best = np.divide(-pull, steep, out=np.zeros(n), where=steep > 1e-18)
+            phi = phi + best[part] * slope
+            left = left + best[part[source]] * change
+        return Fit(discount, frozen(phi), left)
+
+
+def _parts(moves: Moves, steps: list[Step]) -> IntArray:
+    """Return which free number each state follows from, (S,); 0 for none."""
+    part, latest = np.zeros(len(moves.terminal), np.int64), 0
+    for step in steps:
+        latest += step.way == FREE
+        part[_of(step, moves)] = latest
+    return part

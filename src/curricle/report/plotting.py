@@ -8,6 +8,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from curricle.study.curve import Curve, smooth
 from curricle.study.statistics import bootstrap
@@ -53,7 +55,7 @@ def draw_curve(
     colour: str,
     window: int = 1,
     strong: bool = False,
-    dashes: str = "-",
+    dashes: Any = "-",
 ) -> None:
     """Draw the mean over seeds with its 95 % bootstrap band.
 
@@ -61,8 +63,10 @@ def draw_curve(
     ----------
     axes : Axes
     curve : Curve
-    label, colour, dashes : str
-        Name in the legend, key of `COLOURS`, line style.
+    label, colour : str
+        Name in the legend; key of `COLOURS`, or any colour of Matplotlib's.
+    dashes : str or tuple
+        Line style, as Matplotlib's.
     window : int
         Checkpoints to smooth over.
     strong : bool
@@ -70,10 +74,11 @@ def draw_curve(
     """
     values = smooth(curve.filled(), window)
     steps = curve.steps + (curve.source_steps.mean() if strong else 0)
-    axes.plot(steps, values.mean(axis=0), dashes, color=COLOURS[colour], label=label, lw=1.5)
+    shade = COLOURS.get(colour, colour)
+    axes.plot(steps, values.mean(axis=0), linestyle=dashes, color=shade, label=label, lw=1.5)
     if len(values) > 1:
         band = bootstrap(values, resamples=1000)
-        axes.fill_between(steps, band.low, band.high, color=COLOURS[colour], alpha=0.2, lw=0)
+        axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
 
 
 def draw_maze(
@@ -100,28 +105,16 @@ def draw_maze(
     value_label : str
         What the values are, with the unit; beside the colour bar.
     """
-    (top, left), height, width = maze.origin, len(maze.map), len(maze.map[0])
-    _grid(axes, top, left, height, width)
+    draw_grid(axes, maze.origin, (len(maze.map), len(maze.map[0])))
     if values is not None:
         _values(axes, maze, values, value_label)
-    for name, row, column in maze.objects:
-        if values is None:
-            axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color=TINTS[name], alpha=0.8))
-        at = (column, row) if values is None else (column - 0.32, row - 0.32)
-        light = name == "pit" and values is None
-        axes.text(
-            at[0],
-            at[1],
-            LETTERS[name],
-            ha="center",
-            va="center",
-            color="w" if light else "k",
-            fontsize=8,
-            fontweight="bold",
-        )
-    walls = {(top + r, left + c) for r in range(height) for c in range(width)}
-    for row, column in walls - {(int(r), int(c)) for r, c in maze.cells}:
-        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color="#222222"))
+    for name, row, column in maze.objects if values is None else ():
+        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color=TINTS[name], alpha=0.8))
+        colour = "w" if name == "pit" else "k"
+        draw_letter(axes, LETTERS[name], row, column, colour=colour)
+    if values is not None:
+        label_objects(axes, maze)
+    draw_walls(axes, maze)
     for state in np.flatnonzero(marked) if marked is not None else ():
         row, column = maze.cells[state]
         axes.add_patch(
@@ -135,7 +128,18 @@ def draw_maze(
         axes.plot(cells[0, 1], cells[0, 0], "o", color=COLOURS["sky"], ms=6)
 
 
-def _grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
+def draw_grid(axes: Axes, origin: tuple[int, int], shape: tuple[int, int]) -> None:
+    """Draw the lines between the cells of a grid, north on top.
+
+    Parameters
+    ----------
+    axes : Axes
+    origin : (int, int)
+        Row and column of the top-left cell.
+    shape : (int, int)
+        Rows and columns.
+    """
+    (top, left), (height, width) = origin, shape
     axes.set_xlim(left - 0.5, left + width - 0.5)
     axes.set_ylim(top + height - 0.5, top - 0.5)
     axes.set_aspect("equal")
@@ -147,6 +151,56 @@ def _grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
         axes.axvline(x - 0.5, color="#dddddd", lw=0.5, zorder=0)
     for y in range(top, top + height + 1):
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
+
+
+def draw_walls(axes: Axes, maze: GridWorld) -> None:
+    """Fill the cells of a maze that are walls."""
+    (top, left), height, width = maze.origin, len(maze.map), len(maze.map[0])
+    walls = {(top + r, left + c) for r in range(height) for c in range(width)}
+    for row, column in sorted(walls - {(int(r), int(c)) for r, c in maze.cells}):
+        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, color="#222222"))
+
+
+def label_objects(axes: Axes, maze: GridWorld, *, corner: bool = True) -> None:
+    """Write the letter of each object over its cell: into a corner, or the middle."""
+    shift = 0.32 * corner
+    for name, row, column in maze.objects:
+        letter = draw_letter(axes, LETTERS[name], row - shift, column - shift)
+        if not corner:
+            letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
+
+
+def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
+    """Write columns of text to the right of a panel: a head above it, then one entry a row.
+
+    Parameters
+    ----------
+    axes : Axes
+        Whose row r lies at y = r.
+    columns : sequence of sequence of str
+        The head first; may be empty.
+    """
+    place: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5}
+    left = 6.0
+    for head, *rows in columns:
+        axes.annotate(head, (1, 1), (left, 8), xycoords="axes fraction", color="#555555", **place)
+        for row, text in enumerate(rows):
+            axes.annotate(text, (1, row), (left, 0), xycoords=("axes fraction", "data"), **place)
+        left += 4.0 * max(len(text) for text in (head, *rows)) + 8
+
+
+def draw_letter(axes: Axes, text: str, row: float, column: float, *, colour: str = "k") -> Text:
+    """Return a bold letter, drawn at a place of a grid."""
+    return axes.text(
+        column,
+        row,
+        text,
+        ha="center",
+        va="center",
+        color=colour,
+        fontsize=8,
+        fontweight="bold",
+    )
 
 
 def _values(axes: Axes, maze: GridWorld, values: npt.NDArray[np.float64], label: str) -> None:

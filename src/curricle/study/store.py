@@ -90,15 +90,7 @@ class ResultsFolder:
         """Write a file in one move and return its path."""
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        write_whole(path, content)
         return path
 
     def write_json(self, name: str, content: Any) -> None:
@@ -117,3 +109,16 @@ class ResultsFolder:
         sink = pa.BufferOutputStream()
         pq.write_table(pa.table(dict(columns)), sink)
         self.write(name, sink.getvalue().to_pybytes())
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file beside its place and move it there when it is complete."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
