@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.places import state_name
 from curricle.tasks.task import Dynamics, Task, dynamics, has_tables, same_task, tables
-from curricle.transfer.places import state_name
 
 FloatArray = npt.NDArray[np.float64]
 LARGEST = 5_000_000
@@ -35,19 +35,20 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
         return ()
     mine, yours = dynamics(one), dynamics(other)
     found = list(_outside(mine, yours))
-    if not found or found[0].split()[0] not in ("states", "actions"):
-        pairs = mine.states.size * mine.actions.size
-        if has_tables(one) and has_tables(other) and pairs <= LARGEST:
-            inside = list(_inside(tables(one), tables(other)))
-            if not found and not inside:
-                return ()  # other words for the same problem
-            found += inside
-    found += [line for line in _parameters(one, other) if line.split()[0] not in _firsts(found)]
-    return tuple(found) or ("rules (given by functions, which cannot be compared)",)
-
-
-def _firsts(lines: list[str]) -> set[str]:
-    return {line.split()[0] for line in lines}
+    alike = not found or found[0].split()[0] not in ("states", "actions")
+    small = mine.states.size * mine.actions.size <= LARGEST
+    looked_up = alike and small and has_tables(one) and has_tables(other)
+    if looked_up:
+        found += _inside(tables(one), tables(other))
+        if not found:
+            return ()  # other words for the same problem
+    by_parameters = type(one) is type(other) and is_dataclass(one)
+    if by_parameters and (not isinstance(one, FiniteMDP) or (alike and not looked_up)):
+        firsts = {line.split()[0] for line in found}
+        found += [line for line in _parameters(one, other) if line.split()[0] not in firsts]
+    if not found and not by_parameters:
+        found = ["rules (too large, or given by functions, to be compared)"]
+    return tuple(found)
 
 
 def _outside(one: Dynamics, other: Dynamics) -> Iterator[str]:
@@ -71,9 +72,10 @@ def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     # A random weight for each state: two distributions of successors with the same mean weight are
     # the same, but for chance.
     weight = np.random.default_rng(0).normal(size=space.size)
+    unit = max(_largest_reward(one), _largest_reward(other))
     names = ("reward", "transitions", "rewarded outcomes")
     for name, mine, yours in zip(
-        names, _moments(one, weight), _moments(other, weight), strict=True
+        names, _moments(one, weight, unit), _moments(other, weight, unit), strict=True
     ):
         apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
         where = np.argwhere(apart & alive[:, None])
@@ -87,24 +89,40 @@ def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
         yield f"start ({state_name(space, s)}: {one.start[s]:.3g} against {other.start[s]:.3g})"
 
 
-def _moments(mdp: FiniteMDP, weight: FloatArray) -> list[FloatArray]:
-    """Return E r, E w(s') and E r w(s') of each pair, (S, A)."""
-    reward = np.where(mdp.probability > 0, mdp.reward, 0.0)
-    weighed = weight[mdp.next_state]
-    each = (reward, weighed, reward * weighed)
+def _moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
+    """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A).
+
+    The last tells joint distributions of reward and successor apart that agree in the others.
+    """
+    reward, weighed = _rewards(mdp), weight[mdp.next_state]
+    each = (reward, weighed, np.cos(reward / unit + weighed))
     return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in each]
 
 
+def _rewards(mdp: FiniteMDP) -> FloatArray:
+    """Return the rewards, 0 where nothing pays them: rows of terminal states may hold anything."""
+    used = np.zeros((len(mdp.reward), 1), dtype=bool)
+    used[mdp.outcome_row[~mdp.terminal]] = True
+    return np.where(used & (mdp.probability > 0), mdp.reward, 0.0)
+
+
+def _largest_reward(mdp: FiniteMDP) -> float:
+    return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
+
+
 def _parameters(one: Any, other: Any) -> Iterator[str]:
-    if type(one) is not type(other) or not is_dataclass(one) or isinstance(one, FiniteMDP):
-        return
     for part in fields(one):
         mine, yours = getattr(one, part.name), getattr(other, part.name)
         if part.compare and part.init and not _equal(mine, yours):
-            yield f"{part.name} ({mine!r} against {yours!r})"
+            arrays = isinstance(mine, np.ndarray) and isinstance(yours, np.ndarray)
+            yield f"{part.name} ({'entries' if arrays else f'{mine!r} against {yours!r}'})"
 
 
 def _equal(mine: Any, yours: Any) -> bool:
+    """Return whether two parameters are equal, arrays inside tuples included."""
+    if isinstance(mine, tuple) and isinstance(yours, tuple):
+        alike = type(mine) is type(yours) and len(mine) == len(yours)
+        return alike and all(map(_equal, mine, yours))
     if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
         return np.array_equal(mine, yours)
     return bool(mine == yours)

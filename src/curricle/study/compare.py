@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, number
+from curricle.checks import instance, number, whole_number
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import limits, seed_tuple, spacing
+from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
 from curricle.learning.learn import LearningResult, learn
 from curricle.study.alignment import differences
 from curricle.study.comparison import DIRECT, Arm, Comparison, joined
 from curricle.study.controls import (
     Control,
     check_controls,
+    check_fit,
     learn_changed,
     source_control,
     value_controls,
@@ -28,6 +29,7 @@ from curricle.study.controls import (
 from curricle.study.curve import Curve
 from curricle.study.sequential import add_seeds
 from curricle.study.threshold import fraction_of_optimum, midpoint
+from curricle.tasks.task import dynamics
 from curricle.transfer.realism import Target
 
 FRACTION = 0.9
@@ -50,8 +52,9 @@ def compare(
     """Return how curricula do against learning their target directly, at the same total budget.
 
     The target's budget, in steps, is what every arm would have without sources; the direct learner
-    gets as many steps more as the most expensive arm spends on its sources, and the other arms
-    what is left of that total.
+    gets as many steps more as the most expensive arm spends on its sources (or can spend at most,
+    where a source's budget is in episodes), and the other arms what is left of that total, seed by
+    seed.
 
     Parameters
     ----------
@@ -64,7 +67,7 @@ def compare(
         curriculum (``controls.py`` says what they show).
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from an untaught to an
-        optimal policy; midway through the direct learner's curve if the target cannot be solved.
+        optimal policy; midway through the direct learner's curve where that tells nothing.
     window : int
         Checkpoints over which curves are smoothed before they reach the threshold.
     precision : float, optional
@@ -103,14 +106,22 @@ def compare(
     (['direct', 'transfer', 'transfer, placebo'], 5500)
     """
     plan = _Plan.of(arms, controls, workers, progress)
-    if threshold is not None:
+    window = whole_number("window", window, 1, SettingError)
+    if window > plan.budget // plan.every + 1:
+        raise SettingError(
+            f"window must be at most {plan.budget // plan.every + 1}, the checkpoints within the "
+            f"target's budget: got {window}"
+        )
+    if threshold is None:
+        place = plan.place()
+    else:
         number("threshold", threshold, SettingError)
     if precision is None and not difference:
         found = plan.run(seed_tuple(seeds))
     else:
         found = plan.run_until(seeds, precision, difference, most_seeds)
     if threshold is None:
-        threshold = plan.threshold(found[DIRECT])
+        threshold = _threshold(place, found[DIRECT])
     return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
 
 
@@ -135,7 +146,8 @@ class _Plan:
         workers: int | None,
         progress: Callable[[str], Any] | None,
     ) -> "_Plan":
-        arms = {"transfer": given} if isinstance(given, Curriculum) else dict(given)
+        arms = {"transfer": given} if isinstance(given, Curriculum) else given
+        instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
         if not arms:
             raise CurriculumError("a comparison needs at least one curriculum: got none")
         for name, arm in arms.items():
@@ -147,16 +159,18 @@ class _Plan:
         _check_comparable(arms)
         target = first.target
         budget = first.setting("budget", target)
-        if limits(budget)[0] >= limits(10**18)[0]:
+        if isinstance(budget, Episodes):
             raise SettingError(
                 f"a comparison at one total budget needs the target's in steps: {target!r} has "
                 f"{budget}"
             )
+        for name, arm in arms.items():
+            check_fit(controls, name, arm)
         every = spacing(first.setting("every", target), budget)
         most = max(_most_source_steps(arm) for arm in arms.values())
         total = -(-(limits(budget)[0] + most) // every) * every
         tick = progress or (lambda words: None)
-        return cls(arms, controls, target, limits(budget)[0], total, every, workers, tick)
+        return cls(dict(arms), controls, target, limits(budget)[0], total, every, workers, tick)
 
     def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
         """Return all arms for these seeds, the direct learner first."""
@@ -184,48 +198,68 @@ class _Plan:
     def _with_controls(
         self, curriculum: Curriculum, seeds: Sequence[int]
     ) -> Iterator[tuple[str, Arm]]:
-        result, left = self._trained(curriculum, seeds)
+        result, longest = self._trained(curriculum, seeds)
         spent = result.source_steps(self.target)
         yield "", self._arm(result[self.target], spent)
         for label, change in value_controls(self.controls):
-            changed = learn_changed(result, change, left, self.every, self.workers)
+            changed = learn_changed(result, change, longest, self.every, self.workers)
             yield label, self._arm(changed, spent, control=True)
         for control in ("random_start", "pretraining"):
             if control in self.controls:
-                other = source_control(curriculum, control, int(spent.max()))
-                again, _ = self._trained(other, seeds)
-                yield (
-                    control.replace("_", " "),
-                    self._arm(again[self.target], again.source_steps(self.target), control=True),
-                )
+                arm = self._from_itself(curriculum, control, seeds, spent)
+                yield control.replace("_", " "), arm
+
+    def _from_itself(
+        self,
+        curriculum: Curriculum,
+        control: Control,
+        seeds: Sequence[int],
+        spent: npt.NDArray[np.int64],
+    ) -> Arm:
+        """Return a control whose source takes each seed as long as the curriculum's sources did."""
+        parts, places = list[dict[str, Arm]](), []
+        for steps in np.unique(spent):
+            place = np.flatnonzero(spent == steps)
+            other = source_control(curriculum, control, int(steps))
+            again, _ = self._trained(other, [seeds[k] for k in place.tolist()])
+            parts.append({control: self._arm(again[self.target], spent[place], control=True)})
+            places.append(place)
+        return joined(parts)[control].taken(np.argsort(np.concatenate(places)))
 
     def _trained(
         self, curriculum: Curriculum, seeds: Sequence[int]
     ) -> tuple[CurriculumResult, int]:
-        """Return a curriculum's training and the target steps that its sources left."""
+        """Return a curriculum's training and its target steps: what the cheapest sources left."""
         sources = curriculum.train(
             seeds, only=curriculum.ancestors(self.target), workers=self.workers
         )
         spent = sum(result.steps_used for result in sources.nodes.values())
-        left = self.total - int(np.max(spent))
+        longest = self.total - int(np.min(spent))
         names = curriculum.tasks
         budgets = {name: curriculum.setting("budget", name) for name in names}
         spacings = {name: curriculum.setting("every", name) for name in names}
         longer = replace(
             curriculum,
-            budget={**budgets, self.target: left},
+            budget={**budgets, self.target: longest},
             every={**spacings, self.target: self.every},
         )
-        return longer.train(seeds, trained=sources.nodes, workers=self.workers), left
+        return longer.train(seeds, trained=sources.nodes, workers=self.workers), longest
 
     def _arm(
         self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
     ) -> Arm:
-        """Return a training on the axis that all arms share; a curve's last value is held."""
+        """Return a training on the axis that all arms share, each seed up to its own total.
+
+        After what its sources left of it a seed's last value is held.
+        """
         n = self.total // self.every + 1
-        place = np.minimum(np.arange(n), len(result.steps) - 1)
-        curve = Curve(np.arange(n) * self.every, result.greedy_return[:, place], spent)
-        return Arm(curve, result.training_return[:, place], result.trust[:, place], control)
+        last = np.minimum((self.total - spent) // self.every, len(result.steps) - 1)
+        place = np.minimum(np.arange(n), last[:, None])
+        greedy, training, trust = (
+            np.take_along_axis(found, place, axis=1)
+            for found in (result.greedy_return, result.training_return, result.trust)
+        )
+        return Arm(Curve(np.arange(n) * self.every, greedy, spent), training, trust, control)
 
     def run_until(
         self, first: Any, precision: float | None, difference: bool, most: int
@@ -241,22 +275,28 @@ class _Plan:
         add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
         return joined(batches)
 
-    def threshold(self, direct: Arm) -> float:
-        """Return the default threshold."""
+    def place(self) -> Target:
+        """Return the target, solved if it can be."""
         first = next(iter(self.arms.values()))
-        place = Target.of(first.tasks[self.target], first.setting("evaluation", self.target))
-        if place.solution is None:
-            return midpoint(direct.curve)
-        return fraction_of_optimum(place.optimum, place.untaught, FRACTION)
+        return Target.of(first.tasks[self.target], first.setting("evaluation", self.target))
+
+
+def _threshold(place: Target, direct: Arm) -> float:
+    """Return the default threshold."""
+    best, worst = place.optimum, place.untaught
+    # Judged without discount, what is optimal with it need not be better than acting at random.
+    if place.solution is None or best <= worst:
+        return midpoint(direct.curve)
+    return fraction_of_optimum(best, worst, FRACTION)
 
 
 def _most_source_steps(curriculum: Curriculum) -> int:
     """Return a bound of the steps that a curriculum's sources take."""
     most = 0
     for name in curriculum.ancestors(curriculum.target):
-        steps, episodes = limits(curriculum.setting("budget", name))
-        limit = getattr(curriculum.tasks[name], "time_limit", None)
-        most += min(steps, episodes * limit) if limit is not None else steps
+        budget = curriculum.setting("budget", name)
+        every = spacing(curriculum.setting("every", name), budget)
+        most += longest_run(dynamics(curriculum.tasks[name]).time_limit, budget, every)
     return most
 
 

@@ -19,6 +19,7 @@ from curricle.study.threshold import Times, steps_saved, time_to_threshold
 FloatArray = npt.NDArray[np.float64]
 DIRECT = "direct"
 SIGNIFICANT = 0.05
+UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,11 @@ class Arm:
         """Return the curve on the axis of total steps, source steps included."""
         return charge_source(direct.curve, self.curve)
 
+    def taken(self, seeds: npt.NDArray[np.int64]) -> "Arm":
+        """Return the arm with the seeds in these rows, in this order."""
+        curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
+        return Arm(curve, self.training_return[seeds], self.trust[seeds], self.control)
+
     def gain(self, direct: "Arm") -> FloatArray:
         """Return the mean height of the charged curve above the direct learner's, (K,)."""
         return np.subtract(total_reward(self.charged(direct)), total_reward(direct.curve))
@@ -70,8 +76,11 @@ class Contrast:
         Target steps to the threshold saved, sources free (weak).
     saved_charged : Interval
         The same with source steps charged (strong).
+    gain_free : Interval
+        Mean height of the curve above the direct learner's over the target's budget, sources free
+        (weak), in return.
     gain : Interval
-        Mean height of the charged curve above the direct learner's (strong), in return.
+        The same over the total budget with source steps charged (strong).
     final : Interval
         Return at the end of the total budget, above the direct learner's (strong).
     better : Interval
@@ -85,6 +94,7 @@ class Contrast:
     jumpstart: Interval
     saved: Interval
     saved_charged: Interval
+    gain_free: Interval
     gain: Interval
     final: Interval
     better: Interval
@@ -141,9 +151,7 @@ class Comparison:
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never got there are kept."""
-        curve = self[name].curve if strong else self._free(name)
-        if strong:
-            curve = self[name].charged(self.direct)
+        curve = self[name].charged(self.direct) if strong else self._free(name)
         return time_to_threshold(curve, self.threshold, window=self.window)
 
     def height(self, name: str) -> Interval:
@@ -176,6 +184,7 @@ class Comparison:
             jumpstart=bootstrap(jumpstart(base, free)),
             saved=bootstrap(saved[False]),
             saved_charged=bootstrap(saved[True]),
+            gain_free=paired_difference(total_reward(free), total_reward(base)),
             gain=bootstrap(arm.gain(direct)),
             final=paired_difference(
                 asymptotic_performance(charged), asymptotic_performance(direct.curve)
@@ -186,7 +195,10 @@ class Comparison:
         )
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the table as data: a dict for each arm, intervals as name, name_low, name_high."""
+        """Return the table as data: a dict for each arm, intervals as name, name_low, name_high.
+
+        All have the same keys; what compares an arm with the direct learner is NaN for that one.
+        """
         return [{"arm": name, **self._row(name)} for name in self.arms]
 
     def _row(self, name: str) -> dict[str, Any]:
@@ -199,11 +211,20 @@ class Comparison:
             "reached": int(times.reached.sum()),
         }
         row |= _spread("return", self.height(name))
-        if name != DIRECT:
-            contrast = self.contrasts[name]
-            for measure in ("jumpstart", "saved", "saved_charged", "gain", "final", "better"):
-                row |= _spread(measure, getattr(contrast, measure))
-            row |= {"p": contrast.p, "p_adjusted": contrast.adjusted, "verdict": contrast.verdict}
+        contrast = self.contrasts.get(name)
+        for measure in (
+            "jumpstart",
+            "saved",
+            "saved_charged",
+            "gain_free",
+            "gain",
+            "final",
+            "better",
+        ):
+            row |= _spread(measure, UNKNOWN if contrast is None else getattr(contrast, measure))
+        row["p"] = float("nan") if contrast is None else contrast.p
+        row["p_adjusted"] = float("nan") if contrast is None else contrast.adjusted
+        row["verdict"] = "" if contrast is None else contrast.verdict
         return row
 
     def __str__(self) -> str:
@@ -211,19 +232,19 @@ class Comparison:
         lines = [
             f"{self.target!r} in {self.total:,} steps, sources charged; {self.seeds} seeds; "
             f"threshold {self.threshold:.4g}",
-            f"{'':{width}}{'steps to threshold':>21}  {'mean return (IQM)':<28}"
-            f"{'gain over direct':<28}verdict",
+            f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
+            f"{'gain over direct':<22}{'sources free':<22}verdict",
         ]
         for name in self.arms:
             times = self.times(name)
             missed = int((~times.reached).sum())
             text = f"{times.restricted_mean():,.0f}" + (f" ({missed} never)" if missed else "")
             text = "> " * (missed > 0) + text
-            line = f"{name:{width}}{text:>21}  {_short(self.height(name)):<28}"
+            line = f"{name:{width}}{text:>20}  {_short(self.height(name)):<23}"
             if name != DIRECT:
                 contrast = self.contrasts[name]
-                line += f"{_short(contrast.gain):<28}{contrast.verdict}"
-                line += f" (p = {contrast.adjusted:.2g})"
+                line += f"{_short(contrast.gain):<22}{_short(contrast.gain_free):<22}"
+                line += f"{contrast.verdict} (p = {contrast.adjusted:.2g})"
             lines.append(line.rstrip())
         return "\n".join(lines)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from curricle.checks import one_of
 from curricle.curriculum import Curriculum, CurriculumResult
-from curricle.errors import SettingError
+from curricle.errors import CurriculumError, SettingError
 from curricle.learning.following import PairPotential
 from curricle.learning.learn import LearningResult, learn
 from curricle.learning.potential import StateActionPotential
@@ -36,6 +36,27 @@ def check_controls(controls: Sequence[str]) -> None:
     """Raise SettingError unless all are names of controls."""
     for name in controls:
         one_of("a control", name, CONTROLS, SettingError)
+
+
+def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
+    """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
+
+    TaskError comes from a target whose tables, which all but ``scaled`` need, do not exist.
+    """
+    if not controls:
+        return
+    name = curriculum.target
+    if not curriculum.into(name):
+        raise CurriculumError(
+            f"controls need a transfer into the target: arm {arm!r} has none into {name!r}"
+        )
+    if any(control != "scaled" for control in controls):
+        tables(curriculum.tasks[name])
+        if curriculum.setting("storage", name).kind == "sparse":
+            raise CurriculumError(
+                "controls other than 'scaled' need dense tables of the target: the storage of "
+                f"{name!r} is sparse in arm {arm!r}"
+            )
 
 
 def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
@@ -61,9 +82,10 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     source = _started_anywhere(task) if control == "random_start" else task
     settings = {
         which: {SOURCE: own, name: own}
-        for which in ("learner", "evaluation", "storage")
+        for which in ("learner", "evaluation")
         for own in [curriculum.setting(which, name)]
     }
+    storage = curriculum.setting("storage", name)
     return Curriculum(
         tasks={SOURCE: source, name: task},
         transfers=[Transfer(SOURCE, name, _onto_itself(task, source))],
@@ -71,6 +93,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
         guard={name: curriculum.setting("guard", name)},
         budget={SOURCE: steps, name: curriculum.setting("budget", name)},
         every={SOURCE: steps, name: curriculum.setting("every", name)},
+        storage={SOURCE: replace(storage, keep=True), name: storage},
         **settings,
     )
 

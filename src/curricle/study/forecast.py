@@ -11,11 +11,11 @@ from curricle.errors import CurriculumError
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.learn import LearningResult
+from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
 from curricle.transfer.coverage import Coverage
 from curricle.transfer.edge import numbered, transfer_names
-from curricle.transfer.places import state_name
 from curricle.transfer.realism import Realism, Target, realism
 
 AGGREGATES = (minimum, mean, maximum, total)
@@ -92,7 +92,7 @@ class Forecast:
     exact : bool
         Whether returns are exact too.
     trained : dict of str to LearningResult
-        The sources, for :meth:`Curriculum.train` and :func:`compare` to go on with.
+        The sources, for :meth:`Curriculum.train` to go on with.
     """
 
     target: str
@@ -176,7 +176,7 @@ def forecast(
 
     Examples
     --------
-    >>> from curricle import Pursuit, project
+    >>> from curricle import Pursuit, Transfer, project
     >>> hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
     >>> plan = Curriculum(
     ...     tasks={"chase": chase, "hunt": hunt},
@@ -191,12 +191,12 @@ def forecast(
     edges = curriculum.into(name)
     if not edges:
         raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
-    sources = curriculum.train(
-        seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).nodes
     own = curriculum.setting("aggregate", name)
     evaluation: GreedyEvaluation = curriculum.setting("evaluation", name)
     place = Target.of(curriculum.tasks[name], evaluation, episodes=episodes)
+    sources = curriculum.train(
+        seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
+    ).nodes
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     bounds = place.optimum, place.untaught
     # Of a single potential the minimum, the mean and the maximum are one.
@@ -241,7 +241,8 @@ def _verdict(one: Foreseen, place: Target, optimum: float, untaught: float) -> s
     """Return in plain words what to expect, and what to do."""
     start, excess = one.mean("start"), one.mean("excess") / max(one.mean("size"), 1e-12)
     words = [f"starts at {start:.3g}"]
-    gains = not start - untaught <= GAIN * (optimum - untaught)
+    # Where the optimum is unknown any better start is a gain.
+    gains = start - untaught > GAIN * np.nan_to_num(optimum - untaught)
     if not gains:
         words.append("no better than untaught")
     words.append(f"{one.mean('optimistic'):.0%} optimistic")

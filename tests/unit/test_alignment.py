@@ -1,0 +1,304 @@
+"""What two tasks differ in, and that one problem in other words differs in nothing."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle.study import alignment
+from curricle.study.alignment import differences
+
+MAZE = GridWorld(["S.F", "..T"])
+HUNT = Pursuit(3, 2)
+COIN = [[[(0.5, 1, 2.0), (0.5, 2, -1.0)], [(1.0, 1, 0.0)]], [[(1.0, 2, 1.0)]] * 2, [[], []]]
+
+
+def coin(outcomes=COIN, **changes):
+    settings = {"terminal": [False, False, True], "start": 0, "discount": 0.9} | changes
+    return FiniteMDP.from_outcomes(outcomes, **settings)
+
+
+def changed(pair, outcomes, **settings):
+    """Return the coin task with other outcomes of one pair."""
+    lists = [list(state) for state in COIN]
+    lists[pair[0]][pair[1]] = outcomes
+    return coin(lists, **settings)
+
+
+def names(one, other):
+    """Return what differs, without the values; both ways round it is the same."""
+    found = [line.split(" (")[0] for line in differences(one, other)]
+    assert found == [line.split(" (")[0] for line in differences(other, one)]
+    return found
+
+
+# -- one problem ---------------------------------------------------------------------------------
+
+
+def permuted(mdp, seed):
+    """Return the same MDP with its outcome rows in another order, and each row's outcomes too."""
+    rng = np.random.default_rng(seed)
+    rows = rng.permutation(len(mdp.probability))
+    places = np.stack([rng.permutation(mdp.probability.shape[1]) for _ in rows])
+    moved = {
+        name: np.take_along_axis(getattr(mdp, name)[rows], places, axis=1)
+        for name in ("probability", "next_state", "reward")
+    }
+    return replace(mdp, outcome_row=np.argsort(rows)[mdp.outcome_row], **moved)
+
+
+def split(mdp):
+    """Return the same MDP with each outcome in two halves, and one that never happens."""
+    nothing = np.zeros((len(mdp.probability), 1))
+    return replace(
+        mdp,
+        probability=np.hstack([mdp.probability / 2, nothing, mdp.probability / 2]),
+        next_state=np.hstack([mdp.next_state, nothing.astype(int), mdp.next_state]),
+        reward=np.hstack([mdp.reward, nothing + 99, mdp.reward]),
+    )
+
+
+def unshared(mdp):
+    """Return the same MDP with an outcome row for each pair, those of terminal states filled."""
+    rows = mdp.outcome_row.ravel()
+    ends = np.repeat(mdp.terminal, mdp.outcome_row.shape[1])
+    return replace(
+        mdp,
+        outcome_row=np.arange(rows.size).reshape(mdp.outcome_row.shape),
+        probability=mdp.probability[rows],
+        next_state=mdp.next_state[rows],
+        reward=np.where(ends[:, None], np.inf, mdp.reward[rows]),
+    )
+
+
+@pytest.mark.parametrize("task", [MAZE, HUNT, coin()], ids=["maze", "pursuit", "coin"])
+def test_one_problem_in_other_words(task):
+    for other in (task.mdp, permuted(task.mdp, 1), split(task.mdp), unshared(task.mdp)):
+        assert differences(task, other) == ()
+        assert differences(other, task) == ()
+
+
+@given(st.integers(0, 10_000))
+def test_random_problems_are_themselves_and_no_other(seed):
+    rng = np.random.default_rng(seed)
+    p = rng.dirichlet(np.ones(4), size=(4, 2))
+    task = FiniteMDP.from_dense(
+        p, rng.normal(size=p.shape), terminal=[False] * 3 + [True], start=0, discount=0.5
+    )
+    assert differences(task, split(permuted(task, seed))) == ()
+    other = replace(task, reward=task.reward + np.where(np.arange(8) == seed % 6, 1e-6, 0)[:, None])
+    assert names(task, other) == ["reward"]
+    swapped = task.next_state.copy()
+    swapped[seed % 6, :2] = swapped[seed % 6, 1::-1]
+    assert names(task, replace(task, next_state=swapped)) == ["transitions"]
+
+
+def test_equal_values_are_one_problem():
+    assert differences(MAZE, GridWorld(["S.F", "..T"])) == ()
+    assert differences(HUNT, Pursuit(3, 2)) == ()
+    assert differences(coin(), coin()) == ()
+
+
+def test_other_parameters_may_give_the_same_problem():
+    """Without a wall to bump into, and with no pit to fall into, their rewards do not matter."""
+    assert differences(MAZE, GridWorld(["S.F", "..T"], rewards=Rewards(pit=-1))) == ()
+    assert differences(HUNT, Pursuit(3, 2, capture=2)) == ()
+
+
+# -- each difference, with values or a place -----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("other", "lines"),
+    [
+        (
+            GridWorld(["S.F", "..T"], discount=0.5, time_limit=9),
+            ("discount (0.99 against 0.5)", "time_limit (200 against 9)"),
+        ),
+        (
+            GridWorld(["S.F", "..T"], ends=["treasure", "fire"]),
+            (
+                "end rule (state 2 (row 0, column 2) ends one of them only)",
+                "ends (('pit', 'treasure') against ('fire', 'treasure'))",
+            ),
+        ),
+        (
+            GridWorld(["S.F", "..T"], start="uniform"),
+            ("start (state 0 (row 0, column 0): 1 against 0.2)",),
+        ),
+        (
+            GridWorld(["S.F", "..T"], rewards=Rewards(fire=-5)),
+            (
+                "reward (from state 1 (row 0, column 1): -501 against -6)",
+                "rewards (Rewards(step=-1.0, treasure=200.0, fire=-500.0, near_fire=-250.0, "
+                "pit=-2500.0, bump=0.0) against Rewards(step=-1.0, treasure=200.0, fire=-5.0, "
+                "near_fire=-250.0, pit=-2500.0, bump=0.0))",
+            ),
+        ),
+        (
+            GridWorld(["S.F", "..T"], origin=(1, 0)),
+            ("states (6 against 6)", "origin ((0, 0) against (1, 0))"),
+        ),
+        (
+            GridWorld(["S.", ".T"]),
+            (
+                "states (6 against 4)",
+                "map (('S.F', '..T') against ('S.', '.T'))",
+            ),
+        ),
+    ],
+    ids=["horizon", "end", "start", "reward", "place", "size"],
+)
+def test_mazes(other, lines):
+    assert differences(MAZE, other) == lines
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (Pursuit(3, 2, step_reward=-2.0), ["reward", "step_reward"]),
+        (Pursuit(3, 2, prey=np.tile([1.0, 0, 0, 0, 0], (9, 1))), ["reward", "prey"]),
+        (Pursuit(3, 2, capture="any"), ["end rule", "reward", "start", "capture"]),
+        (Pursuit(3, 2, capture="as_published"), ["end rule", "start", "capture"]),
+        (Pursuit(3, 2, discount=0.9, time_limit=None), ["discount", "time_limit"]),
+        (Pursuit(3, 2, moves=4), ["actions", "moves"]),
+        (Pursuit(3, 1), ["states", "actions", "predators"]),
+        (MAZE, ["states", "actions"]),
+    ],
+)
+def test_pursuits(other, expected):
+    """Where more is caught in a step, the mean reward of it differs too."""
+    assert names(HUNT, other) == expected
+
+
+@pytest.mark.parametrize(
+    ("other", "line"),
+    [
+        (
+            changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)]),
+            "reward (from state 0: 0.5 against -0.5)",
+        ),
+        (changed((1, 1), [(1.0, 0, 1.0)]), "transitions (from state 1)"),
+        (
+            changed((0, 0), [(0.5, 2, 2.0), (0.5, 1, -1.0)]),
+            "rewarded outcomes (from state 0)",
+        ),
+        (  # the same mean reward for the same successor, but a gamble
+            changed((0, 1), [(0.5, 1, -7.0), (0.5, 1, 7.0)]),
+            "rewarded outcomes (from state 0)",
+        ),
+        (coin(start=1), "start (state 0: 1 against 0)"),
+        (coin(start=[0.75, 0.25, 0.0]), "start (state 0: 1 against 0.75)"),
+        (coin(discount=0.8), "discount (0.9 against 0.8)"),
+        (coin(time_limit=5), "time_limit (None against 5)"),
+        (coin(terminal=[False, True, True]), "end rule (state 1 ends one of them only)"),
+        (
+            coin(states=Space([Component("place", 3)])),
+            "states (3 against 3)",
+        ),
+    ],
+)
+def test_tables(other, line):
+    assert differences(coin(), other) == (line,)
+
+
+def test_the_first_state_that_differs_is_named():
+    other = changed((1, 0), [(1.0, 2, 5.0)])
+    assert differences(coin(), other) == ("reward (from state 1: 1 against 5)",)
+
+
+def test_rounding_is_no_difference():
+    thirds = [(1 / 3, 1, 0.1 + 0.2), (1 / 3, 2, 0.0), (1 / 3, 0, 0.0)]
+    again = [(1 - 2 / 3, 1, 0.3), (1 / 3, 0, 0.0), (1 / 3, 2, 0.0)]
+    assert differences(changed((0, 0), thirds), changed((0, 0), again)) == ()
+
+
+# -- tasks without tables ------------------------------------------------------------------------
+
+
+def begin(data, bits):
+    return 1
+
+
+def walk(data, state, action, bits):
+    return (state + 1) % 4, -1.0, state == 3
+
+
+def stand(data, state, action, bits):
+    return state, -1.0, False
+
+
+class Data(NamedTuple):
+    weights: np.ndarray
+    size: int
+
+
+SPACES = Space([Component("place", 4)]), Space([Component("move", 2)])
+
+
+def computed(step=walk, weights=(1.0, 2.0), **settings):
+    return ComputedMDP(*SPACES, begin, step, data=Data(np.array(weights), 4), **settings)
+
+
+def test_the_same_functions_on_equal_data_are_one_problem():
+    assert differences(computed(), computed()) == ()
+
+
+@pytest.mark.parametrize(
+    ("other", "name"),
+    [
+        (computed(stand), "step"),
+        (computed(weights=(1.0, 3.0)), "data"),
+        (ComputedMDP(*SPACES, begin, walk, data=4), "data"),
+        (computed(discount=0.5), "discount"),
+        (computed(time_limit=None), "time_limit"),
+    ],
+)
+def test_functions_and_data_are_told_apart(other, name):
+    assert names(computed(), other) == [name]
+
+
+def test_functions_cannot_be_compared_with_tables():
+    tables = FiniteMDP.from_dense(
+        np.tile(np.eye(4)[:, None], (1, 2, 1)),
+        np.full(4, -1.0),
+        terminal=[True, False, False, False],
+        start=1,
+        discount=0.99,
+        time_limit=200,
+        states=SPACES[0],
+        actions=SPACES[1],
+    )
+    rules = "rules (too large, or given by functions, to be compared)"
+    assert differences(computed(), tables) == (rules,)
+    assert differences(tables, computed(discount=0.5)) == ("discount (0.99 against 0.5)",)
+
+
+class Mine:
+    """A user's own kind of task."""
+
+    def __init__(self, mdp):
+        self.states, self.actions, self._mdp = mdp.states, mdp.actions, mdp
+
+    @property
+    def mdp(self):
+        return self._mdp
+
+
+def test_a_task_of_ones_own_is_compared_by_its_tables():
+    assert differences(Mine(coin()), coin()) == ()
+    assert differences(Mine(coin()), coin(start=1)) == ("start (state 0: 1 against 0)",)
+
+
+def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
+    monkeypatch.setattr(alignment, "LARGEST", 10)
+    assert names(HUNT, Pursuit(3, 2, torus=True)) == ["torus"]
+    assert differences(HUNT, HUNT.mdp) == (
+        "rules (too large, or given by functions, to be compared)",
+    )
+    monkeypatch.setattr(alignment, "LARGEST", 1)
+    assert differences(coin(), coin()) == ()
+    assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]

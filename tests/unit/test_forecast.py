@@ -1,0 +1,331 @@
+"""What is foreseen of a curriculum before its target is trained."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import curriculum as training
+from curricle.transfer import realism as judging
+
+SUMMED = cr.GreedyEvaluation(discounted=False)
+
+
+def pursuit(size, aggregate, **settings):
+    """Return the curriculum of one predator for two, and its tasks' names."""
+    rules = {"discount": 0.95, "time_limit": 100}
+    hunt, chase = cr.Pursuit(size, 2, **rules), cr.Pursuit(size, 1, **rules)
+    edges = [
+        cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
+        for name in hunt.predator_names
+    ]
+    tasks = {"chase": chase, "hunt": hunt}
+    return cr.Curriculum(tasks=tasks, transfers=edges, aggregate=aggregate, **settings)
+
+
+@pytest.fixture
+def trained(monkeypatch):
+    """Return the list of the tasks that are trained from now on."""
+    calls, learn = [], cr.learn
+
+    def noted(task, *args, **settings):
+        calls.append(settings["stream"])
+        return learn(task, *args, **settings)
+
+    monkeypatch.setattr(training, "learn", noted)
+    return calls
+
+
+# -- pursuit: the order that training will have, before it -----------------------------------------
+
+
+@pytest.mark.parametrize("seeds", [1, [7, 8]])
+def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
+    """Trained, minimum and mean start best and mean falls from -10 to -17 a training episode."""
+    found = cr.forecast(pursuit(5, cr.minimum, budget=400_000), seeds=seeds)
+    assert trained == ["chase"]
+    assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
+    assert (found.solved, found.exact) == (True, True)
+    least, middle, most, twice = (found[name] for name in ("minimum", "mean", "maximum", "total"))
+    assert least.mean("start") > middle.mean("start") > most.mean("start")
+    assert found.untaught < middle.mean("start") < least.mean("start") < found.optimum
+    assert re.search(
+        r"% optimistic: expect steady learning; calibrate with c = 1\.[45]$", least.verdict
+    )
+    assert re.search(
+        r", 99% optimistic: expect a collapse under epsilon-greedy; calibrate with c = 1\.[6-9]$",
+        middle.verdict,
+    )
+    assert "no better than untaught" in most.verdict
+    assert "expect" not in most.verdict
+    # Twice the mean: the same policy, hence the same start, and no longer optimistic.
+    assert twice.mean("start") == middle.mean("start")
+    assert twice.mean("optimistic") < 0.1
+    assert twice.verdict.endswith("% optimistic: expect steady learning")
+    assert [one.name for one in found.foreseen if not one.aggregate] == [
+        "chase -> hunt [1]",
+        "chase -> hunt [2]",
+    ]
+    assert [one.used for one in found.foreseen] == [one.name == "minimum" for one in found.foreseen]
+
+
+def test_a_target_too_large_to_solve_is_foreseen_along_its_way(trained):
+    """8x8 pursuit has 6.6 million pairs."""
+    plan = pursuit(8, cr.mean, budget=400_000)
+    found = cr.forecast(plan, seeds=1, episodes=200)
+    assert trained == ["chase"]
+    assert (found.solved, found.exact) == (False, False)
+    assert np.isnan(found.optimum)
+    assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
+    assert "optimum nan" in str(found)
+    assert "(returns by rollouts; Q* taken to be what phi's own policy earns)" in str(found)
+    assert "expect a collapse under epsilon-greedy" in found["mean"].verdict
+    assert "calibrate with c = " in found["minimum"].verdict
+
+
+# -- verdicts, from values made up by hand ---------------------------------------------------------
+
+LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)  # 98.5 and 199, towards the east
+Q = cr.solve(LINE, tolerance=1e-6).action_values
+SIZE = (98.5 + 199) / 2
+COST = cr.GridWorld("S..T", discount=0.5, time_limit=50, rewards=cr.Rewards(treasure=0))
+
+
+def copy_of(task, values, **settings):
+    """Return a curriculum that takes a task's own values over, and the source with these."""
+    plan = cr.Curriculum(
+        tasks={"source": task, "target": task},
+        transfers=[cr.Transfer("source", "target", cr.identity(task))],
+        budget=10,
+        **settings,
+    )
+    source = plan.train(only=["source"])["source"]
+    return plan, {"source": replace(source, values=np.asarray(values, dtype=float)[None])}
+
+
+def foreseen(task, values):
+    plan, sources = copy_of(task, values)
+    return cr.forecast(plan, seeds=1, trained=sources)["mean"]
+
+
+def test_the_optimum_promises_steady_learning():
+    assert foreseen(LINE, Q).verdict == "starts at 98.5, 0% optimistic: expect steady learning"
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.19, "expect steady learning"),
+        (0.21, "may slip back under epsilon-greedy"),
+        (0.26, "expect a collapse under epsilon-greedy"),
+    ],
+)
+def test_optimism_is_measured_against_the_values(share, words):
+    verdict = foreseen(LINE, Q + share * SIZE).verdict
+    assert verdict == f"starts at 98.5, 100% optimistic: {words}"
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.4, "steady learning"), (0.5, "a collapse")])
+def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
+    """It is over what is earned on the way, (98.5 + 199) / 2 a step here too."""
+    monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
+    assert f": expect {words}" in foreseen(LINE, Q + share * SIZE).verdict
+
+
+def test_optimism_about_few_pairs_is_no_danger():
+    """Half of the pairs overrated a lot: excess 150 of 148.75."""
+    values = Q.copy()
+    values[:2, 1] = Q[:2, 1] + 600
+    assert foreseen(LINE, values).verdict.endswith("25% optimistic: expect steady learning")
+
+
+def test_what_leads_nowhere_is_no_gain(monkeypatch):
+    """It walks west for ever, for -2."""
+    verdict = foreseen(LINE, -Q).verdict
+    assert verdict.startswith("starts at -2, no better than untaught, ")
+    assert "expect" not in verdict
+    monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)  # nor where the optimum is unknown
+    assert foreseen(LINE, -Q).verdict.startswith("starts at -2, no better than untaught, ")
+
+
+def test_too_small_a_size_is_to_be_calibrated():
+    """Half of Q*, which is negative: 50 % too much, and all of it put right by a factor of 2."""
+    half = cr.solve(COST, tolerance=1e-6).action_values / 2
+    found = foreseen(COST, half)
+    assert found.scale == pytest.approx(2.0)
+    assert found.verdict == (
+        "starts at -1.75, 100% optimistic: expect a collapse under epsilon-greedy; "
+        "calibrate with c = 2.0"
+    )
+
+
+def test_what_speaks_ill_of_the_way_needs_a_guard():
+    """The second cell is promised 199 - 230 = -31, where nothing would promise 0."""
+    verdict = foreseen(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
+    assert verdict == (
+        "starts at 98.5, 0% optimistic: expect steady learning; speaks ill of state 1 (row 0, "
+        "column 1), on the way of the optimal policy, by 31: learn with a guard"
+    )
+    # Up to 20 typical rewards, of -1 here, are let pass.
+    assert "ill" not in foreseen(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict
+
+
+def test_a_scale_that_most_seeds_cannot_be_given_is_none():
+    plan, sources = copy_of(LINE, Q)
+    silent = {
+        "source": replace(
+            plan.train(3, only=["source"])["source"], values=np.stack([Q, 0 * Q, 0 * Q])
+        )
+    }
+    found = cr.forecast(plan, seeds=3, trained=silent)["mean"]
+    assert [bool(one.refusal) for one in found.calibrations] == [False, True, True]
+    assert np.isnan(found.scale)
+    assert cr.forecast(plan, seeds=1, trained=sources)["mean"].scale == pytest.approx(1.0)
+
+
+# -- what is looked at -----------------------------------------------------------------------------
+
+
+def test_of_a_single_transfer_one_potential_is_foreseen():
+    plan, sources = copy_of(LINE, Q)
+    found = cr.forecast(plan, trained=sources, seeds=1)
+    assert found.ranking == ("mean",)
+    assert [one.name for one in found.foreseen] == ["mean"]
+    assert found["mean"].used
+    assert list(found.coverage) == ["source -> target"]
+
+
+def test_aggregates_of_ones_own_are_foreseen_beside_the_others():
+    def mean(potentials):
+        return np.sort(potentials, axis=0)[-1]
+
+    lambdas = [lambda p: p.min(axis=0), lambda p: np.median(p, axis=0)]
+    plan = pursuit(3, lambdas[0], budget=20_000)
+    found = cr.forecast(plan, seeds=2, aggregates=[lambdas[1], mean, cr.maximum])
+    assert sorted(found.ranking) == [
+        "<lambda> [1]", "<lambda> [2]", "maximum", "mean [1]", "mean [2]", "minimum", "total",
+    ]  # fmt: skip
+    starts = [found[name].mean("start") for name in found.ranking]
+    assert starts == sorted(starts, reverse=True)
+    for mine, theirs in (
+        ("<lambda> [1]", "minimum"),
+        ("<lambda> [2]", "mean [1]"),
+        ("mean [2]", "maximum"),
+    ):
+        assert found[mine].seeds == found[theirs].seeds
+    assert [one.name for one in found.foreseen if one.used] == ["<lambda> [1]"]
+
+
+def test_each_seed_is_judged_as_its_own_source():
+    plan = pursuit(3, cr.minimum, budget=20_000)
+    found = cr.forecast(plan, seeds=[4, 9])
+    result = plan.train([4, 9], trained=found.trained)
+    target = cr.Target.of(plan.tasks["hunt"])
+    for phi, one in zip(result.potentials["hunt"], found["minimum"].seeds, strict=True):
+        assert cr.realism(phi, target) == one
+    starts = [one.start for one in found["minimum"].seeds]
+    assert found["minimum"].mean("start") == pytest.approx(np.mean(starts))
+    assert starts[0] != starts[1]
+
+
+def test_the_target_may_be_any_task_with_transfers_into_it(trained):
+    maze = cr.GridWorld(["S..", "...", "..T"])
+    tasks = {"near": maze.crop(rows=(1, 3), columns=(1, 3)), "left": maze, "far": maze}
+    plan = cr.Curriculum(
+        tasks=tasks,
+        transfers=[
+            cr.Transfer("near", "left", cr.same_position(maze, tasks["near"])),
+            cr.Transfer("left", "far", cr.identity(maze)),
+        ],
+        budget=500,
+        evaluation=SUMMED,
+    )
+    found = cr.forecast(plan, "left", seeds=1)
+    assert trained == ["near"]
+    assert found.target == "left"
+    assert found.optimum == 196.0  # 200 less four steps, not discounted
+    cr.forecast(plan, seeds=1, trained=found.trained)
+    assert trained == ["near", "left"]
+
+
+# -- as text ---------------------------------------------------------------------------------------
+
+
+def test_a_forecast_prints_as_a_table():
+    plan, sources = copy_of(LINE, Q + 1)
+    assert str(cr.forecast(plan, seeds=1, trained=sources)) == "\n".join([
+        "Forecast for 'target' from 1 seed of its sources: optimum 98.5, untaught 11.86 (exact)",
+        "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end, 0.0% "
+        "unmapped; 0 of 8 source pairs never used, the others read by 1.0 target pairs on "
+        "average, 1 at most",
+        "         start  phi > Q*  excess   rank  scale",
+        "mean *    98.5      100%       1   1.00   0.99",
+        "mean: starts at 98.5, 100% optimistic: expect steady learning",
+    ])  # fmt: skip
+
+
+def test_the_table_holds_the_numbers():
+    found = cr.forecast(pursuit(3, cr.minimum, budget=20_000), seeds=2)
+    lines = str(found).split("\n")
+    assert lines[0].startswith("Forecast for 'hunt' from 2 seeds of its sources: optimum ")
+    assert [line.split(":")[0] for line in lines[1:3]] == list(found.coverage)
+    for one, line in zip(found.foreseen, lines[4:10], strict=True):
+        name, *numbers = re.split(r"\s{2,}", line.strip())
+        assert name == one.name + " *" * one.used
+        share = float(numbers.pop(1).rstrip("%")) / 100
+        expected = [one.mean(m) for m in ("start", "excess", "rank")] + [one.scale]
+        assert [float(number) for number in numbers] == pytest.approx(expected, rel=0.05, abs=0.005)
+        assert share == pytest.approx(one.mean("optimistic"), abs=0.0051)
+    assert lines[10:] == [f"{name}: {found[name].verdict}" for name in found.ranking]
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("moon", "a task must be one of near, far, other: got 'moon'"),
+        ("near", "a forecast needs a task with transfers into it: 'near' has none"),
+        (None, "a curriculum must have one task that no other builds on: got far, other"),
+    ],
+)
+def test_a_target_that_makes_no_sense(target, message, trained):
+    plan = cr.Curriculum(
+        tasks={"near": LINE, "far": LINE, "other": LINE},
+        transfers=[cr.Transfer("near", "far", cr.identity(LINE))],
+        budget=10,
+    )
+    with pytest.raises(cr.CurriculumError) as caught:
+        cr.forecast(plan, target, seeds=1)
+    assert str(caught.value) == message
+    assert trained == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"episodes": 0}, "episodes of an evaluation must be a whole number, at least 1: got 0"),
+        ({"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_before_training(settings, message, trained):
+    with pytest.raises(cr.SettingError) as caught:
+        cr.forecast(pursuit(3, cr.mean, budget=10), **settings)
+    assert str(caught.value) == message
+    assert trained == []
+
+
+def test_a_name_that_was_not_foreseen():
+    plan, sources = copy_of(LINE, Q)
+    with pytest.raises(cr.CurriculumError) as caught:
+        cr.forecast(plan, seeds=1, trained=sources)["minimum"]
+    assert str(caught.value) == "a potential that was foreseen must be one of mean: got 'minimum'"
+
+
+def test_sources_of_other_seeds_are_refused():
+    plan, sources = copy_of(LINE, Q)
+    with pytest.raises(cr.CurriculumError, match=r"must have the seeds asked for, \(0, 1\)"):
+        cr.forecast(plan, seeds=2, trained=sources)
