@@ -50,14 +50,14 @@ def permuted(mdp, seed):
     return replace(mdp, outcome_row=np.argsort(rows)[mdp.outcome_row], **moved)
 
 
-def split(mdp):
+def split(mdp, unheard_of=99):
     """Return the same MDP with each outcome in two halves, and one that never happens."""
     nothing = np.zeros((len(mdp.probability), 1))
     return replace(
         mdp,
         probability=np.hstack([mdp.probability / 2, nothing, mdp.probability / 2]),
         next_state=np.hstack([mdp.next_state, nothing.astype(int), mdp.next_state]),
-        reward=np.hstack([mdp.reward, nothing + 99, mdp.reward]),
+        reward=np.hstack([mdp.reward, nothing + unheard_of, mdp.reward]),
     )
 
 
@@ -203,6 +203,14 @@ def test_pursuits(other, expected):
 )
 def test_tables(other, line):
     assert differences(coin(), other) == (line,)
+
+
+def test_what_never_happens_blunts_no_comparison():
+    gamble = changed((0, 1), [(0.5, 1, -7.0), (0.5, 1, 7.0)])
+    for unheard_of in (1e100, -1e100):
+        lottery = split(coin(), unheard_of)
+        assert differences(coin(), lottery) == ()
+        assert names(gamble, lottery) == ["rewarded outcomes"]
 
 
 def test_the_first_state_that_differs_is_named():

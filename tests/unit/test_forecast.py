@@ -161,6 +161,13 @@ def test_too_small_a_size_is_to_be_calibrated():
     )
 
 
+def test_modesty_is_no_reason_to_calibrate():
+    """Half of a Q* that is positive would be put right by a factor of 2 too, but does no harm."""
+    found = foreseen(LINE, Q / 2)
+    assert found.scale == pytest.approx(2.0)
+    assert found.verdict == "starts at 98.5, 0% optimistic: expect steady learning"
+
+
 def test_what_speaks_ill_of_the_way_needs_a_guard():
     """The second cell is promised 199 - 230 = -31, where nothing would promise 0."""
     verdict = foreseen(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict

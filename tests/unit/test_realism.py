@@ -174,6 +174,12 @@ def test_the_bounds_of_a_target():
     assert target.typical_reward == 1.0  # cells pay -1, -1 and 199
 
 
+def test_the_typical_reward_is_the_median_of_those_that_are_paid():
+    outcomes = [[[(0.5, 0, 0.0), (0.5, 0, -2.0)], [(0.5, 0, 4.0), (0.5, 0, 7.0)]]]
+    task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.5, terminal=[False])
+    assert cr.Target.of(task).typical_reward == 4.0
+
+
 def test_a_target_with_rewards_of_nothing_is_measured_in_ones():
     idle = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0)]]], start=0, discount=0.5, terminal=[False])
     assert cr.Target.of(idle).typical_reward == 1.0
@@ -202,9 +208,11 @@ def test_ranks_correlate_as_scipy_has_it(task, levels):
     assert 0.2 < abs(found) < 0.9999
 
 
-def test_what_does_not_vary_has_no_rank():
+def test_what_does_not_vary_has_no_rank_and_is_nowhere_right():
     phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
-    assert np.isnan(cr.realism(phi, cr.Target.of(MAZE)).rank)
+    found = cr.realism(phi, cr.Target.of(MAZE))
+    assert np.isnan(found.rank)
+    assert found.right == 0.0  # it prefers what is wrong as much as what is right
 
 
 def test_many_pairs_are_ranked_by_some_of_them(monkeypatch):

@@ -2,8 +2,8 @@
 
 A source's values are those of another task. Carried over as they are, they promise too much (or
 too little), and learning then falls from one broken promise to the next. c phi + b has the same
-optimum and the same greedy policy as phi, so c and b are free to be fitted: by following that policy
-through the target for a while and comparing what it earns with what phi promised.
+optimum and the same greedy policy as phi, so c and b are free to be fitted: by following that
+policy through the target for a while and comparing what it earns with what phi promised.
 """
 
 from dataclasses import dataclass, field
