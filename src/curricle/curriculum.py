@@ -120,7 +120,7 @@ class Curriculum:
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             self._check_settings(name)
-            self._calibration(name)
+            self.calibration(name)
         _ = self.order
 
     def _check_ends(self, transfer: Transfer) -> None:
@@ -133,7 +133,7 @@ class Curriculum:
                     f"the task {name!r} in {transfer.source} -> {transfer.target}"
                 )
 
-    def _calibration(self, name: str) -> Calibrate | None:
+    def calibration(self, name: str) -> Calibrate | None:
         """Return how the potential of a task is calibrated; None if it is not."""
         settings = {transfer.calibration for transfer in self.into(name)}
         if len(settings) > 1:
@@ -250,8 +250,10 @@ class Curriculum:
             if name in results or name not in wanted:
                 continue
             potentials[name] = self.potentials(name, results)
-            fitted = self._calibrated(name, potentials[name], numbers)
-            if fitted:
+            fitted = list[Calibration]()
+            if (settings := self.calibration(name)) is not None:
+                fitted = calibrated(name, potentials[name], settings, numbers)
+                _warn_of_refusals(name, fitted)
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
             how: How = self.setting("how", name)
@@ -274,26 +276,6 @@ class Curriculum:
             if progress is not None:
                 progress(name)
         return CurriculumResult(self, results, potentials, calibrations)
-
-    def _calibrated(
-        self, name: str, potentials: Sequence[PairPotential], seeds: Sequence[int]
-    ) -> list[Calibration]:
-        """Return the calibration of each seed's potential; none where none is asked for."""
-        settings = self._calibration(name)
-        if settings is None:
-            return []
-        found = [
-            attempt(potential, settings, seed=seed, stream=f"{name}/calibration")
-            for potential, seed in zip(potentials, seeds, strict=True)
-        ]
-        refused = [one.refusal for one in found if one.refusal]
-        if refused:
-            warnings.warn(
-                f"{len(refused)} of {len(seeds)} seeds of {name!r} take their potential as it is: "
-                f"{refused[0]}",
-                stacklevel=3,
-            )
-        return found
 
     def potentials(
         self,
@@ -348,6 +330,26 @@ class Curriculum:
                     f"{result.seeds}"
                 )
         return dict(trained)
+
+
+def calibrated(
+    name: str, potentials: Sequence[PairPotential], settings: Calibrate, seeds: Sequence[int]
+) -> list[Calibration]:
+    """Return the calibration of each seed's potential of a task."""
+    return [
+        attempt(potential, settings, seed=seed, stream=f"{name}/calibration")
+        for potential, seed in zip(potentials, seeds, strict=True)
+    ]
+
+
+def _warn_of_refusals(name: str, found: Sequence[Calibration]) -> None:
+    refused = [one.refusal for one in found if one.refusal]
+    if refused:
+        warnings.warn(
+            f"{len(refused)} of {len(found)} seeds of {name!r} take their potential as it is: "
+            f"{refused[0]}",
+            stacklevel=3,
+        )
 
 
 @dataclass(frozen=True, eq=False)

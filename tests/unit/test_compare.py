@@ -730,7 +730,11 @@ RING = cr.ComputedMDP(
         ),
         (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
         (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
-        (corner(), {"seeds": 1, "precision": 1.0}, "first must be a whole number, at least 2"),
+        (
+            corner(),
+            {"seeds": 1, "precision": 1.0},
+            "to begin adding with must be a whole number, at least 2",
+        ),
         (corner(), {"seeds": 5, "precision": 0.0}, "precision must be above 0: got 0"),
         (
             corner(),

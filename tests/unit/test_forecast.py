@@ -336,3 +336,30 @@ def test_sources_of_other_seeds_are_refused():
     plan, sources = copy_of(LINE, Q)
     with pytest.raises(cr.CurriculumError, match=r"must have the seeds asked for, \(0, 1\)"):
         cr.forecast(plan, seeds=2, trained=sources)
+
+
+def test_a_calibrated_curriculum_is_foreseen_as_it_will_enter():
+    raw = pursuit(3, cr.mean, budget=5000)
+    transfers = [
+        cr.Transfer(edge.source, edge.target, edge.mapping, calibrate=True)
+        for edge in raw.transfers
+    ]
+    plan = replace(raw, transfers=transfers)
+    found = cr.forecast(plan, seeds=[4, 5])
+    (fitted,) = (one for one in found.foreseen if one.used)
+    assert fitted.name == "mean, calibrated"
+    result = plan.train([4, 5], trained=found.trained)
+    place = cr.Target.of(plan.tasks["hunt"])
+    for one, phi in zip(fitted.seeds, result.potentials["hunt"], strict=True):
+        assert one.excess == cr.realism(phi, place).excess
+    assert fitted.mean("excess") < found["mean"].mean("excess")
+    assert fitted.scale == pytest.approx(1.0, abs=0.1)
+
+
+def test_an_aggregate_may_be_any_object_that_can_be_called():
+    class Cautious(list):  # no hash
+        def __call__(self, potentials):
+            return potentials.min(axis=0) - 1
+
+    found = cr.forecast(pursuit(3, Cautious(), budget=2000), seeds=1)
+    assert any(one.used for one in found.foreseen)

@@ -266,6 +266,7 @@ class _Plan:
     ) -> dict[str, Arm]:
         """Return all arms for as many seeds as it takes."""
         batches = list[dict[str, Arm]]()
+        first = whole_number("seeds to begin adding with", first, 2, SettingError)
 
         def gain(seeds: Sequence[int]) -> npt.NDArray[np.float64]:
             batches.append(self.run(tuple(seeds)))

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from curricle.checks import one_of
-from curricle.curriculum import Curriculum
+from curricle.curriculum import Curriculum, calibrated
 from curricle.errors import CurriculumError
+from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.learn import LearningResult
@@ -197,16 +198,24 @@ def forecast(
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
+    numbers = seed_tuple(seeds)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     bounds = place.optimum, place.untaught
     # Of a single potential the minimum, the mean and the maximum are one.
     several = AGGREGATES if len(edges) > 1 else ()
-    functions = tuple(dict.fromkeys((*several, own, *aggregates)))
-    found = []
+    functions, found = list[Aggregate](), list[Foreseen]()
+    for function in (*several, own, *aggregates):
+        if not any(function is known for known in functions):
+            functions.append(function)
+    settings = curriculum.calibration(name)
     names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     for called, function in zip(names, functions, strict=True):
         potentials = curriculum.potentials(name, sources, function=function)
-        found.append(_foresee(called, True, function is own, potentials, place, bounds))
+        used = function is own and settings is None
+        found.append(_foresee(called, True, used, potentials, place, bounds))
+        if function is own and settings is not None:
+            fitted = [one.potential for one in calibrated(name, potentials, settings, numbers)]
+            found.append(_foresee(f"{called}, calibrated", True, True, fitted, place, bounds))
     found.sort(key=lambda one: -one.mean("start"))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])

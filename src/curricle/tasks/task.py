@@ -54,7 +54,7 @@ def dynamics(task: Any) -> Dynamics:
 
 def has_tables(task: Any) -> bool:
     """Return whether a task can be turned into tables (if they fit)."""
-    return hasattr(type(task), "mdp")
+    return hasattr(type(task), "mdp") or "mdp" in getattr(task, "__dict__", {})
 
 
 def tables(task: Any) -> FiniteMDP:

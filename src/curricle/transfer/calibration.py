@@ -264,8 +264,8 @@ def _fit(met: Followed, settings: Calibrate) -> tuple[float, float, float]:
     told = promised != 0
     promised, earned, counted = promised[told], met.earned[told], 1.0 - met.tail[told]
     if not settings.shift:
-        products = promised @ earned
-        explained = products**2 / ((promised @ promised) * (earned @ earned))
+        products, size = promised @ earned, (promised @ promised) * (earned @ earned)
+        explained = products**2 / size if size > 0 else 0.0
         if settings.quantile is None:
             return float(products / (promised @ promised)), 0.0, float(explained)
         return _scale_at(settings.quantile, promised, earned), 0.0, float(explained)

@@ -78,7 +78,9 @@ def mapped_potential(
     lookups = [
         t.mapping.lookups() if isinstance(t.mapping, ComponentMapping) else None for t in transfers
     ]
-    if function not in COMBINED or any(found is None for found in lookups):
+    # By identity: an aggregate may be any object that can be called, also one without a hash.
+    combine = next((code for known, code in COMBINED.items() if known is function), None)
+    if combine is None or any(found is None for found in lookups):
         return None
     values, shares = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
     first, nowhere, shares_at, actions = [], [], [], []
@@ -106,7 +108,7 @@ def mapped_potential(
         shares_at=frozen(np.array(shares_at)),
         shares=frozen(np.concatenate(shares)),
         action=frozen(np.stack(actions)),
-        combine=COMBINED[function],
+        combine=combine,
         initial=0.0,
     )
     return MappedPotential(task, reading)

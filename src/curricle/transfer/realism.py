@@ -23,6 +23,8 @@ LARGEST_SOLVED = 5_000_000
 """Pairs (S x A) up to which a target is solved to compare a potential with Q*."""
 LARGEST_FOLLOWED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+CLOSE = 1e-6
+"""Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
 RANKED = 200_000
 """Pairs that a rank correlation is taken over at most; drawn without repetition where fewer."""
 
@@ -177,8 +179,10 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
 
 
 def _solution(task: Task) -> Solution | None:
+    rewards = tables(task).reward
+    largest = abs(rewards[np.isfinite(rewards)]).max(initial=0.0)
     try:
-        return solve(task, tolerance=1e-6)
+        return solve(task, tolerance=CLOSE * max(1.0, float(largest)))
     except SettingError:
         if dynamics(task).discount < 1:
             raise
