@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -89,6 +89,16 @@ class Prelude:
 NO_PRELUDE = Prelude(np.zeros(0, np.int64), np.zeros(0))
 
 
+class _Seed(NamedTuple):
+    """What one seed brings to its loop."""
+
+    start: int
+    potential: Any
+    out: FloatTable | None
+    record: kernels.Record
+    spent: kernels.Spent
+
+
 @dataclass(frozen=True)
 class Run:
     """What the seeds of one call of :func:`learn` share.
@@ -123,12 +133,10 @@ class Run:
         size = self.longest // self.every + 1
         returns, greedy, trust = np.full((3, size), np.nan)
         record = kernels.Record(returns, greedy, trust, np.zeros(size, int))
-        done = before.note(record, self.every)
+        seed = _Seed(start, potential, out, record, before.note(record, self.every))
         if self.guard is not None:
-            return self._train_guarded(self.guard, start, potential, out, record, done)
-        if self.plain:
-            return self._train_plainly(start, potential, out, record, done)
-        return self._train_shaped(start, potential, out, record, done)
+            return self._train_guarded(self.guard, seed)
+        return self._train_plainly(seed) if self.plain else self._train_shaped(seed)
 
     @property
     def plain(self) -> bool:
@@ -136,24 +144,17 @@ class Run:
         q_learning = self.learner.update == kernels.Q_LEARNING and self.how in AS_VALUES
         return q_learning and self.guard is None
 
-    def _train_plainly(
-        self,
-        start: int,
-        potential: Any,
-        out: FloatTable | None,
-        record: kernels.Record,
-        done: kernels.Spent,
-    ) -> Outcome:
-        key = np.uint64(scramble_number(start))
+    def _train_plainly(self, seed: _Seed) -> Outcome:
+        key = np.uint64(scramble_number(seed.start))
         table: Dense | Sparse
         if self.rows:
-            table = self._sparse(potential, key)
+            table = self._sparse(seed.potential, key)
         else:
-            q = self._empty() if out is None else out
-            self._fill(q, potential)
+            q = self._empty() if seed.out is None else seed.out
+            self._fill(q, seed.potential)
             table = self._dense(q, key)
-        steps, episodes = self._loop(train_q_learning, len(table.q), start, record, done, table)
-        values: FloatTable | SparseValues | None = out
+        steps, episodes = self._loop(train_q_learning, len(table.q), seed, table)
+        values: FloatTable | SparseValues | None = seed.out
         if isinstance(table, Sparse) and self.storage.keep:
             met = slice(1, int(table.used[0]))
             order = np.argsort(table.states[met])
@@ -161,55 +162,31 @@ class Run:
             reorder(q, order)
             values = SparseValues(frozen(states), frozen(q))
         spent = steps < self.steps and episodes < self.episodes
-        return Outcome(record, values, steps, episodes, spent)
+        return Outcome(seed.record, values, steps, episodes, spent)
 
-    def _train_shaped(
-        self,
-        start: int,
-        potential: Any,
-        out: FloatTable | None,
-        record: kernels.Record,
-        done: kernels.Spent,
-    ) -> Outcome:
+    def _train_shaped(self, seed: _Seed) -> Outcome:
+        potential = seed.potential
         if isinstance(potential, MappedPotential) and self.how not in AS_VALUES:
             potential = StateActionPotential(potential.task, potential.values)
         q = np.stack([self._empty() for _ in range(self.learner.tables)])
         for table in q:
             self._fill(table, potential if self.how in AS_VALUES else None)
         shaped = shaping(potential, self.how)
-        steps, episodes = self._loop(kernels.train, q.shape[1], start, record, done, shaped, q)
-        if out is not None:
-            out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
-        return Outcome(record, out, steps, episodes, False)
+        steps, episodes = self._loop(kernels.train, q.shape[1], seed, shaped, q)
+        if seed.out is not None:
+            seed.out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
+        return Outcome(seed.record, seed.out, steps, episodes, False)
 
-    def _train_guarded(
-        self,
-        guard: Guard,
-        start: int,
-        potential: Any,
-        out: FloatTable | None,
-        record: kernels.Record,
-        done: kernels.Spent,
-    ) -> Outcome:
+    def _train_guarded(self, guard: Guard, seed: _Seed) -> Outcome:
         q = np.stack([self._empty(), self._empty()])
-        for table, knowledge in zip(q, (None, potential), strict=True):
+        for table, knowledge in zip(q, (None, seed.potential), strict=True):
             self._fill(table, knowledge)
-        steps, episodes, ahead = self._loop(
-            train_guarded, q.shape[1], start, record, done, guard.rule, q
-        )
-        if out is not None:
-            out[...] = q[ahead]
-        return Outcome(record, out, steps, episodes, False)
+        steps, episodes, ahead = self._loop(train_guarded, q.shape[1], seed, guard.rule, q)
+        if seed.out is not None:
+            seed.out[...] = q[ahead]
+        return Outcome(seed.record, seed.out, steps, episodes, False)
 
-    def _loop(
-        self,
-        loop: Callable[..., Any],
-        rows: int,
-        start: int,
-        record: kernels.Record,
-        done: kernels.Spent,
-        *tables: Any,
-    ) -> Any:
+    def _loop(self, loop: Callable[..., Any], rows: int, seed: _Seed, *tables: Any) -> Any:
         """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
         return compiled(loop, isinstance(self.task.model, Functions))(
@@ -217,12 +194,12 @@ class Run:
             (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
             self.learner.rule(rows, self.task.actions.size),
             *tables,
-            self.evaluation.for_run(start),
-            np.array([start], dtype=np.uint64),
-            done,
+            self.evaluation.for_run(seed.start),
+            np.array([seed.start], dtype=np.uint64),
+            seed.spent,
             (np.int64(self.steps), np.int64(self.episodes)),
             self.every,
-            record,
+            seed.record,
         )
 
     @property
