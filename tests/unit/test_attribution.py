@@ -128,6 +128,8 @@ def test_regions_are_what_moves_connect():
 
 
 def test_numbers_and_names_are_checked():
+    with pytest.raises(cr.CurriculumError, match="what is attributed must be a Curriculum: got"):
+        cr.attribute(LINE, steps=10)
     with pytest.raises(cr.CurriculumError, match="needs transfers into the task: 'line' has none"):
         cr.attribute(cr.Curriculum(tasks={"line": LINE}), steps=10)
     with pytest.raises(cr.SettingError, match="at least 2 seeds: got 1"):

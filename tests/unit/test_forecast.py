@@ -363,3 +363,11 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
 
     found = cr.forecast(pursuit(3, Cautious(), budget=2000), seeds=1)
     assert any(one.used for one in found.foreseen)
+
+
+def test_what_is_no_curriculum_and_no_aggregate_is_refused(trained):
+    with pytest.raises(cr.CurriculumError, match="what is foreseen must be a Curriculum: got"):
+        cr.forecast(cr.GridWorld("S.T"))
+    with pytest.raises(cr.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
+        cr.forecast(pursuit(3, cr.mean, budget=100), aggregates=[3])
+    assert trained == []

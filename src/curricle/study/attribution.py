@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import one_of, whole_number
+from curricle.checks import instance, one_of, whole_number
 from curricle.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import seed_tuple
@@ -177,6 +177,7 @@ def attribute(
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
     """
+    instance("what is attributed", curriculum, Curriculum, CurriculumError)
     name = curriculum.target if target is None else target
     edges = curriculum.into(name)
     if not edges:

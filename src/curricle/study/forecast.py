@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from curricle.checks import one_of
+from curricle.checks import instance, one_of
 from curricle.curriculum import Curriculum, calibrated
 from curricle.errors import CurriculumError
 from curricle.learning.budget import seed_tuple
@@ -188,6 +188,12 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
+    instance("what is foreseen", curriculum, Curriculum, CurriculumError)
+    for function in aggregates:
+        if not callable(function):
+            raise CurriculumError(
+                f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
+            )
     name = curriculum.target if target is None else target
     edges = curriculum.into(name)
     if not edges:

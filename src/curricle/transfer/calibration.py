@@ -179,7 +179,7 @@ def attempt(
     if not isinstance(potential, StateActionPotential | MappedPotential):
         raise PotentialError(
             "a potential to be calibrated must be a StateActionPotential or a MappedPotential: got "
-            f"{potential!r}"
+            f"a {type(potential).__name__}"
         )
     # Few episodes tell whether anything is reached; the rest, which begins with the same ones,
     # would be spent in vain.
