@@ -326,3 +326,9 @@ def test_a_budget_must_exceed_its_prelude(budget, n):
     prelude = Prelude(np.array([30, 40, 60]), np.zeros(3))
     with pytest.raises(cr.SettingError, match=r"must exceed what was spent|one prelude a seed"):
         cr.learn(HUNT, budget=budget, before=[prelude] * n)
+
+
+def test_a_guard_needs_dense_tables():
+    storage = cr.Storage(kind="sparse")
+    with pytest.raises(cr.SettingError, match="without a guard: got QLearning.* and a guard"):
+        cr.learn(HUNT, budget=100, potential=mapped(), guard=cr.Guard(), storage=storage)

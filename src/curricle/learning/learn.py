@@ -292,8 +292,9 @@ def _check_sparse(run: Run, potentials: list[Any]) -> None:
     """Raise SettingError unless this learner can fill sparse tables."""
     if not run.plain:
         raise SettingError(
-            "sparse tables serve Q-learning with how 'initialise' or 'look_ahead': got "
-            f"{type(run.learner).__name__} with how {run.how!r}"
+            "sparse tables serve Q-learning with how 'initialise' or 'look_ahead', without a "
+            f"guard: got {type(run.learner).__name__} with how {run.how!r}"
+            f"{' and a guard' if run.guard else ''}"
         )
     for potential in potentials:
         if potential is not None and not isinstance(potential, MappedPotential):

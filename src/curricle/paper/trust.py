@@ -65,10 +65,11 @@ def _draw_forecast(panel: Any, foreseen: Forecast) -> None:
         panel.text(foreseen.untaught, y + 0.33, f" {words}; c = {one.scale:.2g}", fontsize=7.5)
     for bar in panel.patches:
         bar.set_color(COLOURS["sky"])
-    for value, word in ((foreseen.untaught, "untaught"), (foreseen.optimum, "optimum")):
+    bounds = {"untaught": (foreseen.untaught, "left"), "optimum": (foreseen.optimum, "right")}
+    for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
         panel.annotate(
-            word, (value, len(names) - 0.35), ha="center", fontsize=8, color=COLOURS["grey"]
+            f" {word} ", (value, len(names) - 0.3), ha=side, fontsize=8, color=COLOURS["grey"]
         )
     panel.set(
         yticks=range(len(names)),
@@ -136,7 +137,7 @@ def _draw_guard(panel: Any, found: Trust) -> None:
         ylim=(-1700, 150),
         title="a source that does harm, and a guard",
     )
-    panel.legend(loc="upper left")
+    panel.legend(loc="lower right")
 
 
 def _draw_blame(panel: Any, found: Trust) -> None:
