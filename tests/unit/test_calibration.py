@@ -330,5 +330,5 @@ def test_a_budget_must_exceed_its_prelude(budget, n):
 
 def test_a_guard_needs_dense_tables():
     storage = cr.Storage(kind="sparse")
-    with pytest.raises(cr.SettingError, match="without a guard: got QLearning.* and a guard"):
+    with pytest.raises(cr.SettingError, match=r"without a guard: got QLearning.* and a guard"):
         cr.learn(HUNT, budget=100, potential=mapped(), guard=cr.Guard(), storage=storage)

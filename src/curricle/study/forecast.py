@@ -1,6 +1,8 @@
 """Forecast: what a curriculum's potentials are like in the target, before it is trained there."""
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -218,14 +220,16 @@ def forecast(
     for called, function in zip(names, functions, strict=True):
         potentials = curriculum.potentials(name, sources, function=function)
         used = function is own and settings is None
-        found.append(_foresee(called, True, used, potentials, place, bounds))
+        found.append(_foresee(called, True, used, potentials, place, bounds, workers))
         if function is own and settings is not None:
             fitted = [one.potential for one in calibrated(name, potentials, settings, numbers)]
-            found.append(_foresee(f"{called}, calibrated", True, True, fitted, place, bounds))
+            found.append(
+                _foresee(f"{called}, calibrated", True, True, fitted, place, bounds, workers)
+            )
     found.sort(key=lambda one: -one.mean("start"))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])
-        found.append(_foresee(label, False, False, potentials, place, bounds))
+        found.append(_foresee(label, False, False, potentials, place, bounds, workers))
     return Forecast(
         target=name,
         coverage={label: edge.mapping.coverage() for label, edge in labels.items()},
@@ -245,8 +249,11 @@ def _foresee(
     potentials: Sequence[PairPotential],
     place: Target,
     bounds: tuple[float, float],
+    workers: int | None,
 ) -> Foreseen:
-    seeds = tuple(realism(phi, place, seed=k) for k, phi in enumerate(potentials))
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        numbers = range(len(potentials))
+        seeds = tuple(pool.map(lambda k: realism(potentials[k], place, seed=k), numbers))
     calibrations = tuple(attempt(phi, Calibrate(), seed=k) for k, phi in enumerate(potentials))
     bare = Foreseen(name, aggregate, used, seeds, calibrations, "")
     return Foreseen(name, aggregate, used, seeds, calibrations, _verdict(bare, place, *bounds))
