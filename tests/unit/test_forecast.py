@@ -58,6 +58,7 @@ def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
         r", 99% optimistic: expect a collapse under epsilon-greedy; calibrate with c = 1\.[6-9]$",
         middle.verdict,
     )
+    assert most.verdict.endswith(", a weak start, 99% optimistic")
     assert "no better than untaught" in most.verdict
     assert "expect" not in most.verdict
     # Twice the mean: the same policy, hence the same start, and no longer optimistic.
