@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, get_args
@@ -191,6 +191,14 @@ class Curriculum:
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)
         return given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+
+    def changed(self, name: str, **settings: Any) -> "Curriculum":
+        """Return the same curriculum with other settings, such as ``budget=``, for one task."""
+        each: dict[str, Any] = {
+            which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
+            for which, value in settings.items()
+        }
+        return replace(self, **each)
 
     def into(self, name: str) -> tuple[Transfer, ...]:
         """Return the transfers into a task."""

@@ -12,7 +12,7 @@ from curricle import PotentialError, SettingError, TaskError
 from curricle.certificate.certify import Certificate, certify
 from curricle.certificate.given import READ, checked
 from curricle.certificate.shaped import bonus_values, look_ahead_sweep, reached, ways_in
-from curricle.learning.wandering import phi_at, wander
+from curricle.learning.wandering import wander
 from curricle.paper import hacking
 from curricle.transfer.mapped import mapped_potential
 
@@ -542,7 +542,7 @@ def test_phi_is_read_where_walks_lead():
     edge = cr.Transfer("a", "b", cr.project(small, alone, predator="predator_2"))
     phi = mapped_potential(small, [edge], [RNG.normal(size=(81, 5))], cr.maximum)
     live = np.flatnonzero(~small.terminal)
-    np.testing.assert_array_equal(phi_at(phi, live), phi.values[live])
+    np.testing.assert_array_equal(phi.rows(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
     assert len(pairs[0]) > READ  # more than one block
     np.testing.assert_array_equal(checked(small, phi, "bonus").at_pairs(*pairs), phi.values[pairs])

@@ -9,12 +9,16 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.learn import How
-from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.learn import How, check_potential
+from curricle.learning.potential import (
+    MappedPotential,
+    StateActionPotential,
+    StatePotential,
+    finite,
+)
 from curricle.learning.schedules import constant
-from curricle.learning.wandering import phi_at
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, dynamics, same_task
+from curricle.tasks.task import Task, dynamics
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -87,7 +91,7 @@ class Given:
         phi = np.empty(len(state))
         for first in range(0, len(state), READ):
             part = slice(first, first + READ)
-            rows = phi_at(self.potential, state[part])
+            rows = self.potential.rows(state[part])
             phi[part] = np.take_along_axis(rows, action[part, None], axis=1)[:, 0]
         return phi
 
@@ -122,20 +126,8 @@ def checked(task: Task, potential: Any, how: str, shaping_discount: float | None
         return Given(task, how, potential, discount)
     own = isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
     if own:
-        _check_kind(task, potential, how)
+        check_potential(potential, task, how)
     return Given(task, how, potential if own else _array(task, potential, how), discount)
-
-
-def _check_kind(task: Task, potential: Any, how: str) -> None:
-    if isinstance(potential, StatePotential) != (how == "state"):
-        wanted = "StatePotential" if how == "state" else "StateActionPotential"
-        raise SettingError(f"how={how!r} takes a {wanted}: got a {type(potential).__name__}")
-    if not same_task(potential.task, task):
-        raise SettingError(
-            f"a potential must be made for the task it shapes: it belongs to {potential.task}"
-        )
-    if how not in ("state", "advice") and potential.weight != constant(1.0):
-        raise SettingError(f"only state and advice take a potential with a weight: got how={how!r}")
 
 
 def _array(task: Task, given: Any, how: str) -> FloatArray:
@@ -146,8 +138,4 @@ def _array(task: Task, given: Any, how: str) -> FloatArray:
         raise PotentialError(
             f"a potential for how={how!r} must have the task's shape {shape}: got {values.shape}"
         )
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        place = tuple(int(i) for i in bad[0])
-        raise PotentialError(f"a potential must be finite: entry {place} is {values[place]}")
-    return frozen(values)
+    return frozen(finite(values, "a potential"))

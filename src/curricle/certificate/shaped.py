@@ -17,6 +17,7 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.planning import EPSILON, Solution, solve
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.places import action_name, state_name
+from curricle.tasks.reachable import reachable_states
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
@@ -85,14 +86,8 @@ def reached(mdp: FiniteMDP) -> Reached:
     >>> reached(GridWorld(["S#.", ".#T"]).mdp).states  # the east lies behind a wall
     array([0, 2])
     """
-    met = mdp.start > 0
-    frontier = np.flatnonzero(met)
-    while frontier.size:
-        rows = np.unique(mdp.outcome_row[frontier])
-        after = np.unique(mdp.next_state[rows][mdp.probability[rows] > 0])
-        after = after[~met[after]]
-        met[after] = True
-        frontier = after[~mdp.terminal[after]]
+    rows = mdp.outcome_row, mdp.probability, mdp.next_state
+    met = reachable_states(mdp.start, mdp.terminal, *rows)
     states, ends = np.flatnonzero(met & ~mdp.terminal), np.flatnonzero(met & mdp.terminal)
     return Reached(mdp, frozen(states), frozen(ends))
 

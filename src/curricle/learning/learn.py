@@ -242,20 +242,23 @@ def _potentials(
     each: list[Any] = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
     if len(each) != n_seeds:
         raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
-    pair = (StateActionPotential, MappedPotential)
     for one in each:
-        if not isinstance(one, StatePotential if how == "state" else pair):
-            wanted = "StatePotential" if how == "state" else "StateActionPotential"
-            raise SettingError(f"how={how!r} takes a {wanted}: got a {type(one).__name__}")
-        if not same_task(one.task, task):
-            raise SettingError(
-                f"a potential must be made for the task it shapes: it belongs to {one.task}"
-            )
-        if how not in ("state", "advice") and one.weight != constant(1.0):
-            raise SettingError(
-                f"only state and advice take a potential with a weight: got how={how!r}"
-            )
+        check_potential(one, task, how)
     return each
+
+
+def check_potential(potential: Any, task: Task, how: str) -> None:
+    """Raise SettingError unless a potential is of the kind a way takes, and made for its task."""
+    pair = (StateActionPotential, MappedPotential)
+    if not isinstance(potential, StatePotential if how == "state" else pair):
+        wanted = "StatePotential" if how == "state" else "StateActionPotential"
+        raise SettingError(f"how={how!r} takes a {wanted}: got a {type(potential).__name__}")
+    if not same_task(potential.task, task):
+        raise SettingError(
+            f"a potential must be made for the task it shapes: it belongs to {potential.task}"
+        )
+    if how not in ("state", "advice") and potential.weight != constant(1.0):
+        raise SettingError(f"only state and advice take a potential with a weight: got how={how!r}")
 
 
 def check_guard(guard: Guard | None, learner: Learner, how: How, *, guarded: bool) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -166,6 +167,20 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
         raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} that are")
     best = q >= q.max(axis=-1, keepdims=True) - tolerance
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
+
+
+def right_choices(
+    action_values: npt.NDArray[np.floating[Any]], optimal: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S).
+
+    Examples
+    --------
+    >>> right_choices(np.array([[1.0, 2.0], [3.0, 3.0]]), np.array([[False, True]] * 2))
+    array([ True, False])
+    """
+    greedy = action_values == action_values.max(axis=-1, keepdims=True)
+    return np.asarray((optimal | ~greedy).all(axis=-1))
 
 
 def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError
-from curricle.learning.reading import TOTAL, Reading, read_all
+from curricle.learning.reading import TOTAL, Reading, read_all, read_some
 from curricle.learning.schedules import Schedule, constant, schedule
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
@@ -61,7 +61,7 @@ class StatePotential:
     def __post_init__(self) -> None:
         moving = dynamics(self.task)
         n_states = moving.states.size
-        values = _finite(self.values, "Phi")
+        values = finite(self.values, "Phi")
         if values.ndim not in (1, 2) or values.shape[-1] != n_states or not values.size:
             raise PotentialError(
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
@@ -127,7 +127,7 @@ class StateActionPotential:
     def __post_init__(self) -> None:
         moving = dynamics(self.task)
         shape = (moving.states.size, moving.actions.size)
-        values = _finite(self.values, "phi")
+        values = finite(self.values, "phi")
         if values.shape != shape:
             raise PotentialError(
                 f"a state-action potential must have shape {shape}: got {values.shape}"
@@ -208,6 +208,15 @@ class MappedPotential:
             phi[moving.terminal] = 0.0
         return frozen(phi)
 
+    def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return phi(s, a) of n states, (n, A) float64, reading no others.
+
+        Ends of the task are not told apart: what the sources say of them is returned.
+        """
+        phi = np.empty((len(states), dynamics(self.task).actions.size))
+        read_some(self.reading, np.asarray(states, np.int64), phi)
+        return phi
+
     @property
     def highest(self) -> float:
         """A bound of the highest promise, max phi(s, a); the array is not made for it."""
@@ -234,7 +243,8 @@ def _zero_at_end(ends: Any, values: FloatArray) -> FloatArray:
     return values.copy() if ends is None else np.where(ends, 0.0, values)
 
 
-def _finite(given: npt.ArrayLike, name: str) -> FloatArray:
+def finite(given: npt.ArrayLike, name: str) -> FloatArray:
+    """Return a potential's values as float64, or raise PotentialError naming one that is not."""
     values = numbers(name, given, PotentialError)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):

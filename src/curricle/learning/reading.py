@@ -109,3 +109,10 @@ def read_all(reading, q):
         read_row(reading, state, row)
         for action in range(row.shape[0]):
             q[state, action] = row[action]
+
+
+@njit(cache=True, nogil=True)
+def read_some(reading, states, q):
+    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
+    for i in range(states.shape[0]):
+        read_row(reading, np.uint64(states[i]), q[i])

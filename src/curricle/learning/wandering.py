@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.potential import MappedPotential
-from curricle.learning.reading import read_row
 from curricle.learning.run import compiled, stream_start
 from curricle.tasks.draws import below, draw, scramble
 from curricle.tasks.dynamics import Functions, first_state, transition
@@ -120,32 +117,6 @@ def wander(
     return Walks(frozen(states), frozen(actions), frozen(taken), frozen(terminated))
 
 
-def phi_at(potential: MappedPotential, states: IntArray) -> npt.NDArray[np.float64]:
-    """Return phi(s, a) of n states, (n, A) float64, without reading it anywhere else.
-
-    Ends of the task are not told apart: what the sources say of them is returned.
-
-    Parameters
-    ----------
-    potential : MappedPotential
-    states : (n,) int array
-
-    Examples
-    --------
-    >>> from curricle import Pursuit, Transfer, project
-    >>> from curricle.transfer.aggregation import maximum
-    >>> from curricle.transfer.mapped import mapped_potential
-    >>> hunt, chase = Pursuit(10, 3), Pursuit(10, 1)
-    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_2"))
-    >>> phi = mapped_potential(hunt, [edge], [np.full((10_000, 5), -2.0)], maximum)
-    >>> phi_at(phi, np.array([12_345_678]))[0, :3]
-    array([-2., -2., -2.])
-    """
-    phi = np.empty((len(states), dynamics(potential.task).actions.size))
-    _read_states(potential.reading, np.asarray(states, np.int64), phi)
-    return phi
-
-
 def _walk(model, n_actions, stream, starts, states, actions, length, terminated):
     for walk in range(states.shape[0]):
         if starts.shape[0] > 0:
@@ -163,9 +134,3 @@ def _walk(model, n_actions, stream, starts, states, actions, length, terminated)
                 length[walk] = step + 1
             states[walk, step + 1] = np.int64(state)
         terminated[walk] = over
-
-
-@njit(cache=True, nogil=True)
-def _read_states(reading, states, phi):
-    for i in range(states.shape[0]):
-        read_row(reading, np.uint64(states[i]), phi[i])

@@ -192,11 +192,8 @@ def _refused(size: int, seeds: int, workers: int | None) -> float:
     """Return the share of seeds for which a scale is the wrong model."""
     plan = corner_plan(size)
     sources = plan.train(seeds, only=["corner"], workers=workers).nodes
-    return float(np.mean([_is_refused(phi, k) for k, phi in _each(plan, sources)]))
-
-
-def _each(plan: Curriculum, sources: Mapping[str, LearningResult]) -> Any:
-    return enumerate(plan.potentials("target", sources))
+    potentials = plan.potentials("target", sources)
+    return float(np.mean([_is_refused(phi, k) for k, phi in enumerate(potentials)]))
 
 
 def _is_refused(phi: Any, seed: int) -> bool:

@@ -15,7 +15,7 @@ from curricle.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.learn import LearningResult
-from curricle.learning.planning import Solution, solve
+from curricle.learning.planning import Solution, right_choices, solve
 from curricle.study.statistics import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables
@@ -186,11 +186,11 @@ def attribute(
     if len(numbers) < 2:
         raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")
     steps = whole_number("steps of an attribution", steps, 1, SettingError)
+    solution = solve(curriculum.tasks[name])  # first: nothing is trained for what it refuses
     sources = curriculum.train(
         numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
-    budgets = {node: curriculum.setting("budget", node) for node in curriculum.tasks}
-    short = replace(curriculum, budget={**budgets, name: steps}, every={name: steps})
+    short = curriculum.changed(name, budget=steps, every=steps)
     elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
 
     def learnt(into: Sequence[Transfer]) -> LearningResult:
@@ -199,7 +199,6 @@ def attribute(
 
     with_all = learnt(edges)
     without = [learnt([edge for edge in edges if edge is not left_out]) for left_out in edges]
-    solution = solve(curriculum.tasks[name])
     loss, wrong = _choices(with_all.values, solution)
     others = [_choices(result.values, solution) for result in without]
     more_wrong = np.stack([wrong.astype(float) - other for _, other in others])
@@ -222,7 +221,7 @@ def _choices(values: FloatArray, solution: Solution) -> tuple[FloatArray, BoolAr
     """
     greedy = values == values.max(axis=-1, keepdims=True)
     kept = (greedy * solution.action_values).sum(axis=-1) / greedy.sum(axis=-1)
-    return solution.values - kept, (greedy & ~solution.optimal).any(axis=-1)
+    return solution.values - kept, ~right_choices(values, solution.optimal)
 
 
 def _connected(mdp: FiniteMDP, chosen: BoolArray) -> Iterator[IntArray]:

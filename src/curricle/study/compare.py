@@ -5,7 +5,7 @@ same random stream in the target; and arms whose targets are not one problem are
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -235,14 +235,7 @@ class _Plan:
         )
         spent = sum(result.steps_used for result in sources.nodes.values())
         longest = self.total - int(np.min(spent))
-        names = curriculum.tasks
-        budgets = {name: curriculum.setting("budget", name) for name in names}
-        spacings = {name: curriculum.setting("every", name) for name in names}
-        longer = replace(
-            curriculum,
-            budget={**budgets, self.target: longest},
-            every={**spacings, self.target: self.every},
-        )
+        longer = curriculum.changed(self.target, budget=longest, every=self.every)
         return longer.train(seeds, trained=sources.nodes, workers=self.workers), longest
 
     def _arm(

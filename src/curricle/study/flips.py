@@ -10,7 +10,7 @@ import numpy.typing as npt
 from curricle.checks import numbers
 from curricle.errors import SettingError
 from curricle.learning.evaluation import NEGLIGIBLE, GreedyEvaluation
-from curricle.learning.planning import policy_table
+from curricle.learning.planning import policy_table, right_choices
 from curricle.tasks.task import Task, tables
 
 __all__ = ["expected_visits", "flips", "right_states"]
@@ -53,8 +53,7 @@ def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
     unknown = np.isnan(table).any(axis=1)
     if unknown.any():
         raise SettingError(f"values must not be NaN: state {np.argmax(unknown)} has one that is")
-    greedy = table == table.max(axis=1, keepdims=True)
-    return np.asarray((best | ~greedy).all(axis=1))
+    return right_choices(table, best)
 
 
 def flips(

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -256,7 +256,7 @@ def _foresee(
         seeds = tuple(pool.map(lambda k: realism(potentials[k], place, seed=k), numbers))
     calibrations = tuple(attempt(phi, Calibrate(), seed=k) for k, phi in enumerate(potentials))
     bare = Foreseen(name, aggregate, used, seeds, calibrations, "")
-    return Foreseen(name, aggregate, used, seeds, calibrations, _verdict(bare, place, *bounds))
+    return replace(bare, verdict=_verdict(bare, place, *bounds))
 
 
 def _verdict(one: Foreseen, place: Target, optimum: float, untaught: float) -> str:

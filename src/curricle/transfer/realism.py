@@ -12,7 +12,7 @@ import numpy.typing as npt
 from curricle.errors import SettingError
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential, follow, greedy_start
-from curricle.learning.planning import Solution, solve
+from curricle.learning.planning import Solution, right_choices, solve
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.reading import nothing
 from curricle.tasks.reachable import reachable_states
@@ -163,7 +163,6 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
     phi, q = potential.values[alive], target.solution.action_values[alive]
     # What the proven error of Q* cannot tell from Q* is not above it.
     above = phi > q + target.solution.error_bound
-    preferred = phi == phi.max(axis=1, keepdims=True)
     gloom, where = _gloom(potential, target.solution, target.task)
     return Realism(
         start=start,
@@ -171,7 +170,7 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
         excess=float((phi - q).mean()),
         size=float(abs(target.solution.values[alive]).mean()),
         rank=_spearman(phi.ravel(), q.ravel(), seed),
-        right=float((target.solution.optimal[alive] | ~preferred).all(axis=1).mean()),
+        right=float(right_choices(phi, target.solution.optimal[alive]).mean()),
         gloom=gloom,
         gloomy_state=where,
         exact=True,
