@@ -10,9 +10,10 @@ PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_te
 def test_dependency_groups_mirror_the_extras():
     extras, groups = PYPROJECT["project"]["optional-dependencies"], PYPROJECT["dependency-groups"]
     assert groups["test"] == extras["test"]
-    assert groups["dev"][0] == {"include-group": "test"}
-    assert extras["dev"][0] == "curricle[test]"
-    assert groups["dev"][1:] == extras["dev"][1:]
+    assert groups["docs"] == extras["docs"]
+    assert groups["dev"][:2] == [{"include-group": "test"}, {"include-group": "docs"}]
+    assert extras["dev"][0] == "curricle[test,docs]"
+    assert groups["dev"][2:] == extras["dev"][1:]
 
 
 def test_installed_version_is_the_one_in_pyproject():

@@ -1,0 +1,1 @@
+"""Other people's worlds: Gymnasium and PettingZoo, both ways, and trackers of runs."""
