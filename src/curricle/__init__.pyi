@@ -13,7 +13,9 @@ from .errors import (
 )
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
+from .learning.film import Film as Film
 from .learning.following import Followed as Followed, follow as follow
+from .learning.gate import Decision as Decision, Gate as Gate
 from .learning.guard import Guard as Guard
 from .learning.learn import (
     How as How,
@@ -49,6 +51,8 @@ from .learning.schedules import (
     linear as linear,
 )
 from .learning.storage import SparseValues as SparseValues, Storage as Storage
+from .learning.target import Target as Target
+from .node import Node as Node
 from .report.comparison import draw_comparison as draw_comparison
 from .report.flips import collapse_figure as collapse_figure, draw_flips as draw_flips
 from .report.forecast import draw_forecast as draw_forecast
@@ -125,5 +129,5 @@ from .transfer.mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
-from .transfer.realism import Realism as Realism, Target as Target, realism as realism
+from .transfer.realism import Realism as Realism, realism as realism
 from .transfer.search import Projection as Projection, find_projections as find_projections

@@ -5,20 +5,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import instance, one_of
-from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
+from curricle.errors import CurriculumError
+from curricle.learning.budget import Budget, seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
+from curricle.learning.gate import Decision
 from curricle.learning.guard import Guard
-from curricle.learning.learn import How, LearningResult, check_guard, learn
+from curricle.learning.learn import How, LearningResult
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.storage import Storage
+from curricle.node import Node
 from curricle.tasks.task import Task, dynamics, same_task
 from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
@@ -56,8 +58,8 @@ class Curriculum:
         :func:`mean`.
     learner : Learner or dict
         Default ``QLearning()``.
-    budget : int, Episodes or dict
-        Steps, or episodes; default 100,000 steps.
+    budget : int, Episodes, Gate or dict
+        Steps, episodes, or steps until learning is good enough; default 100,000 steps.
     how : str or dict
         How potentials enter learning, see :func:`learn`; default ``"initialise"``. For
         ``"state"`` the potential is Phi(s) = max_a phi(s, a).
@@ -93,7 +95,7 @@ class Curriculum:
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = mean
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
-    budget: int | Episodes | Mapping[str, int | Episodes] = DEFAULT_BUDGET
+    budget: Budget | Mapping[str, Budget] = DEFAULT_BUDGET
     how: How | Mapping[str, How] = "initialise"
     guard: Guard | Mapping[str, Guard | None] | None = None
     every: int | Mapping[str, int | None] | None = None
@@ -119,7 +121,9 @@ class Curriculum:
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
-            self._check_settings(name)
+            node = self.node(name)
+            if self.into(name):
+                node.check_guard()
             self.calibration(name)
         _ = self.order
 
@@ -142,27 +146,6 @@ class Curriculum:
                 f"into {name!r} do not"
             )
         return settings.pop() if settings else None
-
-    def _check_settings(self, name: str) -> None:
-        """Check what :meth:`train` will use for a task, before anything is trained."""
-        budget = self.setting("budget", name)
-        limits(budget)
-        spacing(self.setting("every", name), budget)
-        how: How = self.setting("how", name)
-        one_of(f"how of {name}", how, get_args(How), SettingError)
-        learner = self.setting("learner", name)
-        instance(f"learner of {name}", learner, Learner, SettingError)
-        if self.into(name):
-            check_guard(self.setting("guard", name), learner, how, guarded=True)
-        evaluation = self.setting("evaluation", name)
-        instance(f"evaluation of {name}", evaluation, GreedyEvaluation, SettingError)
-        storage = self.setting("storage", name)
-        instance(f"storage of {name}", storage, Storage, SettingError)
-        function = self.setting("aggregate", name)
-        if not callable(function):
-            raise CurriculumError(
-                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has {function!r}"
-            )
 
     @property
     def target(self) -> str:
@@ -192,6 +175,12 @@ class Curriculum:
         given = getattr(self, which)
         return given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
 
+    def node(self, name: str) -> Node:
+        """Return a task with all its settings; SettingError if they make no sense."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        settings = {which: self.setting(which, name) for which in SETTINGS}
+        return Node.of(name, self.tasks[name], **settings)
+
     def changed(self, name: str, **settings: Any) -> "Curriculum":
         """Return the same curriculum with other settings, such as ``budget=``, for one task."""
         each: dict[str, Any] = {
@@ -220,6 +209,7 @@ class Curriculum:
         *,
         only: str | Sequence[str] | None = None,
         trained: Mapping[str, LearningResult] | None = None,
+        frames: int = 0,
         workers: int | None = None,
         progress: Callable[[str], Any] | None = None,
     ) -> "CurriculumResult":
@@ -236,6 +226,8 @@ class Curriculum:
             What to train, with all that it builds on; every task by default.
         trained : dict of str to LearningResult, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
+        frames : int
+            Tables of the first seed to keep on the way, in each task (:class:`Film`).
         workers : int, optional
             Threads over seeds.
         progress : callable, optional
@@ -264,21 +256,11 @@ class Curriculum:
                 _warn_of_refusals(name, fitted)
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
-            how: How = self.setting("how", name)
-            phi = [p.to_state() for p in potentials[name]] if how == "state" else potentials[name]
-            results[name] = learn(
-                self.tasks[name],
-                self.setting("learner", name),
-                self.setting("budget", name),
-                seeds=numbers,
-                potential=phi or None,
-                how=how,
-                guard=self.setting("guard", name) if phi else None,
-                every=self.setting("every", name),
-                evaluation=self.setting("evaluation", name),
-                storage=self.setting("storage", name),
-                stream=name,
-                before=[one.prelude for one in fitted] or None,
+            results[name] = self.node(name).train(
+                numbers,
+                potentials[name],
+                preludes=[one.prelude for one in fitted],
+                frames=frames,
                 workers=workers,
             )
             if progress is not None:
@@ -397,3 +379,7 @@ class CurriculumResult:
         for source in self.curriculum.ancestors(name):
             spent += self.nodes[source].steps_used
         return spent
+
+    def decisions(self, name: str) -> list[list[Decision]]:
+        """Return what a task's gate decided at each checkpoint of each seed."""
+        return self.curriculum.node(name).decisions(self[name])

@@ -19,6 +19,7 @@ FLOORS = {
     "learning": 2,
     "transfer": 3,
     "certificate": 3,
+    "node": 4,
     "curriculum": 4,
     "interop": 4,
     "study": 5,

@@ -26,7 +26,7 @@ from curricle import (
     charge_source,
     compare,
 )
-from curricle.transfer import realism as judging
+from curricle.learning import target as judging
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

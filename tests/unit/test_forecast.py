@@ -8,7 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle import curriculum as training
-from curricle.transfer import realism as judging
+from curricle.learning import target as judging
 
 SUMMED = cr.GreedyEvaluation(discounted=False)
 

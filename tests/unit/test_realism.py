@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.tasks.reachable import reachable_states
+from curricle.learning import target as place
 from curricle.transfer import realism as module
 from curricle.transfer.mapped import mapped_potential
 
@@ -232,10 +233,10 @@ def test_many_pairs_are_ranked_by_some_of_them(monkeypatch):
 
 
 @pytest.mark.parametrize("discounted", [True, False])
-@pytest.mark.parametrize("largest", [module.LARGEST_FOLLOWED, 0], ids=["exact", "rollouts"])
+@pytest.mark.parametrize("largest", [place.LARGEST_FOLLOWED, 0], ids=["exact", "rollouts"])
 @pytest.mark.parametrize("task", [MAZE, random_task(5)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
-    monkeypatch.setattr(module, "LARGEST_FOLLOWED", largest)
+    monkeypatch.setattr(place, "LARGEST_FOLLOWED", largest)
     target = cr.Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):
@@ -262,7 +263,7 @@ def test_a_potential_read_on_the_fly_is_judged_like_its_array():
 
 @pytest.fixture
 def unsolved(monkeypatch):
-    monkeypatch.setattr(module, "LARGEST_SOLVED", 0)
+    monkeypatch.setattr(place, "LARGEST_SOLVED", 0)
 
 
 @pytest.mark.usefixtures("unsolved")

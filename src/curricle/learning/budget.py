@@ -1,4 +1,4 @@
-"""How much to learn: steps or episodes, checkpoints, seeds."""
+"""How much to learn: steps, episodes or up to a gate; checkpoints, seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
+from curricle.learning.gate import Gate
 from curricle.learning.kernels import NO_LIMIT
 
 MOST_CHECKPOINTS = 10_000_000
@@ -35,24 +36,32 @@ class Episodes:
         object.__setattr__(self, "number", number)
 
 
-def limits(budget: int | Episodes) -> tuple[int, int]:
-    """Return the steps and the episodes at which a budget is spent."""
+Budget = int | Episodes | Gate
+"""Steps, episodes, or steps up to a gate."""
+
+
+def limits(budget: Budget) -> tuple[int, int]:
+    """Return the steps and the episodes at which a budget is spent at the latest."""
     if isinstance(budget, Episodes):
         return int(NO_LIMIT), budget.number
+    if isinstance(budget, Gate):
+        return budget.most, int(NO_LIMIT)
     return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
 
 
-def spacing(every: int | None, budget: int | Episodes) -> int:
+def spacing(every: int | None, budget: Budget) -> int:
     """Return the steps between checkpoints; a hundredth of a step budget where not given."""
     if every is None:
         return 100 if isinstance(budget, Episodes) else max(1, limits(budget)[0] // 100)
     steps = whole_number("every, the steps between checkpoints,", every, 1, SettingError)
     if steps > limits(budget)[0]:
-        raise SettingError(f"every must not exceed the budget of {budget} steps: got {every}")
+        raise SettingError(
+            f"every must not exceed the budget of {limits(budget)[0]} steps: got {every}"
+        )
     return steps
 
 
-def longest_run(time_limit: int | None, budget: int | Episodes, every: int) -> int:
+def longest_run(time_limit: int | None, budget: Budget, every: int) -> int:
     """Return the steps that a run can take at most, or raise SettingError if it knows no bound."""
     steps, episodes = limits(budget)
     if isinstance(budget, Episodes):

@@ -11,8 +11,9 @@ import numpy as np
 
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
+from curricle.learning.gate import gate_opens
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import Acting, acting_values, spent_checkpoints, write
+from curricle.learning.kernels import Acting, acting_values, film, spent_checkpoints, write
 from curricle.learning.sampling import choose, highest
 from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
@@ -141,8 +142,11 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
             write(record, checkpoint, episodes, ended, ended_return, value)
             record.trust[checkpoint] = share
+            film(record, checkpoint, q[ahead], q[ahead])
+            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+                return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget[0] or episodes >= budget[1]:
+        if step >= budget.steps or episodes >= budget.episodes:
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, scramble(counter)), counter + STRIDE

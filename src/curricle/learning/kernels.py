@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.learning.gate import GateRule, gate_opens
 from curricle.learning.judging import greedy_return
 from curricle.learning.rows import acting_rows, greedies
 from curricle.learning.sampling import (
@@ -49,6 +50,16 @@ class Record(NamedTuple):
     greedy_return: FloatArray  # (T,)
     trust: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
     episodes: npt.NDArray[np.int64]  # (T,)
+    frame_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
+    frames: npt.NDArray[np.float32]  # (M, S, A)
+
+
+class Bounds(NamedTuple):
+    """Where a run ends: whichever comes first."""
+
+    steps: int
+    episodes: int
+    gate: GateRule
 
 
 class Spent(NamedTuple):
@@ -144,6 +155,17 @@ def write(record, checkpoint, episodes, ended, ended_return, value):
 
 
 @piece
+def film(record, checkpoint, q, other):
+    """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
+    for i in range(record.frame_at.shape[0]):
+        if record.frame_at[i] == checkpoint:
+            for state in range(q.shape[0]):
+                for action in range(q.shape[1]):
+                    mean = 0.5 * (q[state, action] + other[state, action])
+                    record.frames[i, state, action] = mean
+
+
+@piece
 def spent_checkpoints(evaluation, model, view, step, every, record):
     """Return the first checkpoint from `step` on; those before are judged as learning starts."""
     checkpoint = 0
@@ -159,8 +181,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before, `budget` are the steps and episodes at which to stop, `every` the
-    steps between checkpoints (checkpoint 0 is before the first step).
+    `done` what was spent before, `budget` are the :class:`Bounds`, `every` the steps between
+    checkpoints (checkpoint 0 is before the first step).
     """
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
@@ -178,8 +200,11 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             view = Acting(q, advice, at(weight, step), room)
             value = greedy_return(evaluation, model, view)
             write(record, checkpoint, episodes, ended, ended_return, value)
+            film(record, checkpoint, q[0], q[q.shape[0] - 1])
+            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+                return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget[0] or episodes >= budget[1]:
+        if step >= budget.steps or episodes >= budget.episodes:
             return step, episodes
         if fresh:
             state = first_state(model, scramble(counter))

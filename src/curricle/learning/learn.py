@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
+from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.film import Film
+from curricle.learning.gate import NO_GATE, Gate
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
@@ -29,6 +31,7 @@ from curricle.learning.run import (
 from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
+from curricle.learning.target import gate_level
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics, same_task
 
@@ -72,6 +75,8 @@ class LearningResult:
     out_of_memory : (K,) bool
         Whether a sparse table was full before the budget was spent. The run then ended at the
         step that needed another row.
+    film : Film or None
+        Tables of the first seed on the way, if asked for.
 
     Examples
     --------
@@ -92,6 +97,7 @@ class LearningResult:
     episodes_used: IntArray
     out_of_memory: npt.NDArray[np.bool_]
     trust: FloatArray
+    film: Film | None = None
 
     def __repr__(self) -> str:
         return (
@@ -104,7 +110,7 @@ class LearningResult:
 def learn(
     task: Task,
     learner: Learner | None = None,
-    budget: int | Episodes = 100_000,
+    budget: Budget = 100_000,
     *,
     seeds: int | Sequence[int] = 1,
     potential: Potential | Sequence[Potential] | None = None,
@@ -115,6 +121,7 @@ def learn(
     storage: Storage | None = None,
     stream: str = "",
     before: Sequence[Prelude] | None = None,
+    frames: int = 0,
     workers: int | None = None,
 ) -> LearningResult:
     """Return what a learner makes of a task, for each of many seeds.
@@ -124,8 +131,8 @@ def learn(
     task : Task
     learner : Learner
         Default :class:`QLearning`.
-    budget : int or Episodes
-        Steps (the last episode may be cut), or episodes.
+    budget : int, Episodes or Gate
+        Steps (the last episode may be cut), episodes, or steps until learning is good enough.
     seeds : int or sequence of int
         K means seeds 0 .. K-1. The result of a seed depends on nothing but the seed, the stream
         and the other arguments; not on the other seeds or the number of workers.
@@ -151,8 +158,8 @@ def learn(
         Watch over the potential, and trust it less where it does harm. For :class:`QLearning` with
         ``"initialise"`` or ``"look_ahead"``.
     every : int, optional
-        Steps between checkpoints; by default a hundredth of a step budget, 100 steps for a budget
-        of episodes.
+        Steps between checkpoints; by default a hundredth of a budget in steps, 100 for one in
+        episodes.
     evaluation : GreedyEvaluation, optional
     storage : Storage, optional
         Precision of the values, dense or sparse tables, memory; float64 by default.
@@ -161,6 +168,8 @@ def learn(
     before : sequence of K Prelude, optional
         Episodes that each seed acted in the task already, as :func:`calibrate` does. They count
         against the budget and stand at the start of the curves.
+    frames : int
+        Tables of the first seed to keep on the way (:class:`Film`), at most; not of sparse ones.
     workers : int, optional
         Threads over seeds; as many as there are processors by default.
 
@@ -199,13 +208,19 @@ def learn(
     storage = Storage() if storage is None else storage
     instance("storage", storage, Storage, SettingError)
     judge = evaluation.settings(task)
+    frames = whole_number("frames", frames, 0, SettingError)
+    gate = (
+        budget.rule(gate_level(budget, task, evaluation)) if isinstance(budget, Gate) else NO_GATE
+    )
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     threads = min(workers or os.cpu_count() or 1, len(seeds))
     check_guard(guard, learner, how, guarded=potential is not None)
     n_tables = learner.tables if guard is None else 2
     rows = rows_allowed(moving, n_tables, storage, len(seeds), threads, longest)
-    run = Run(moving, learner, how, steps, episodes, every, longest, judge, storage, rows, guard)
+    run = Run(
+        moving, learner, how, steps, episodes, every, longest, judge, storage, rows, guard, gate
+    )
     if rows:
         _check_sparse(run, potentials)
     kept = storage.keep and not rows
@@ -215,7 +230,7 @@ def learn(
     def train(k: int) -> Outcome:
         start = stream_start(seeds[k], stream)
         out = None if values is None else values[k]
-        return run.train(start, potentials[k], out, preludes[k])
+        return run.train(start, potentials[k], out, preludes[k], 0 if k else frames)
 
     with ThreadPoolExecutor(threads) as pool:
         done = list(pool.map(train, range(len(seeds))))
@@ -338,4 +353,18 @@ def _result(
         episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
         trust=frozen(trust),
+        film=_film(seeds[0], done[0], None if values is None else values[0], every),
     )
+
+
+def _film(seed: int, outcome: Outcome, last: Any, every: int) -> Film | None:
+    """Return what was kept of a seed's tables, the last of them included; None if nothing was."""
+    record = outcome.record
+    if not len(record.frame_at):
+        return None
+    shot = record.frame_at * every <= outcome.steps
+    steps, frames = record.frame_at[shot] * every, record.frames[shot]
+    if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
+        steps = np.append(steps, outcome.steps)
+        frames = np.concatenate([frames, last[None].astype(np.float32)])
+    return Film(seed, frozen(steps), frozen(frames))

@@ -6,8 +6,9 @@ value was lowered, so that a step scans no row: several times faster than the ge
 
 import numpy as np
 
+from curricle.learning.gate import gate_opens
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import spent_checkpoints, write
+from curricle.learning.kernels import film, spent_checkpoints, write
 from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
@@ -41,9 +42,9 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before (:class:`Spent`), `budget` are the steps and episodes at which to
-    stop, `every` the steps between checkpoints (checkpoint 0 is before the first step). A table
-    without room for another state ends the run before the step that needs it.
+    `done` what was spent before (:class:`Spent`), `budget` the :class:`Bounds`, `every` the steps
+    between checkpoints (checkpoint 0 is before the first step). A table without room for another
+    state ends the run before the step that needs it.
 
     Rows of a far table come late from memory. There a step is learnt from during the next one,
     before anything it changes is read: this does not change what is learnt.
@@ -65,10 +66,13 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, table)
             write(record, checkpoint, episodes, ended, ended_return, value)
+            film(record, checkpoint, q, q)
+            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+                return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget[0] or episodes >= budget[1] or is_full(table, row):
+        if step >= budget.steps or episodes >= budget.episodes or is_full(table, row):
             return step, episodes
-        stop = min(checkpoint * every, budget[0])
+        stop = min(checkpoint * every, budget.steps)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, over = transition(model, state, action, scramble(bits))
@@ -97,7 +101,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
-                if episodes == budget[1]:
+                if episodes == budget.episodes:
                     break
                 state, counter = first_state(model, scramble(counter)), counter + STRIDE
                 row = place(table, state, False)

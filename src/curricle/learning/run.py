@@ -12,6 +12,8 @@ from numba import njit
 
 from curricle.errors import SettingError
 from curricle.learning import kernels
+from curricle.learning.film import frame_checkpoints
+from curricle.learning.gate import NO_GATE, GateRule, opens
 from curricle.learning.guard import Guard, train_guarded
 from curricle.learning.judging import Exact, Rollouts
 from curricle.learning.learners import Learner
@@ -118,6 +120,7 @@ class Run:
     storage: Storage
     rows: int
     guard: Guard | None = None
+    gate: GateRule = NO_GATE
 
     def train(
         self,
@@ -125,14 +128,19 @@ class Run:
         potential: Potential | None,
         out: FloatTable | None = None,
         before: Prelude = NO_PRELUDE,
+        frames: int = 0,
     ) -> Outcome:
         """Return what one seed learns, its random stream starting at `start`.
 
-        `out`, (S, A), is where dense values are to go; they are dropped without it.
+        `out`, (S, A), is where dense values are to go; they are dropped without it. Up to `frames`
+        tables are kept on the way.
         """
         size = self.longest // self.every + 1
+        shape = (0, 0) if self.rows else (self.task.states.size, self.task.actions.size)
+        frame_at = frame_checkpoints(0 if self.rows else frames, size, max(1, shape[0] * shape[1]))
         returns, greedy, trust = np.full((3, size), np.nan)
-        record = kernels.Record(returns, greedy, trust, np.zeros(size, int))
+        pictures = np.zeros((len(frame_at), *shape), np.float32)
+        record = kernels.Record(returns, greedy, trust, np.zeros(size, int), frame_at, pictures)
         seed = _Seed(start, potential, out, record, before.note(record, self.every))
         if self.guard is not None:
             return self._train_guarded(self.guard, seed)
@@ -161,8 +169,14 @@ class Run:
             states, q = table.states[met][order].astype(np.int64), table.q[met]
             reorder(q, order)
             values = SparseValues(frozen(states), frozen(q))
-        spent = steps < self.steps and episodes < self.episodes
-        return Outcome(seed.record, values, steps, episodes, spent)
+        early = steps < self.steps and episodes < self.episodes
+        full = early and not self._passed(seed, steps)
+        return Outcome(seed.record, values, steps, episodes, full)
+
+    def _passed(self, seed: _Seed, steps: int) -> bool:
+        """Return whether a run that ended at so many steps had passed its gate."""
+        checkpoint, beyond = divmod(steps, self.every)
+        return not beyond and bool(opens(self.gate, seed.record.greedy_return, checkpoint, steps))
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
         potential = seed.potential
@@ -173,6 +187,8 @@ class Run:
             self._fill(table, potential if self.how in AS_VALUES else None)
         shaped = shaping(potential, self.how)
         steps, episodes = self._loop(kernels.train, q.shape[1], seed, shaped, q)
+        for checkpoint, frame in zip(seed.record.frame_at, seed.record.frames, strict=True):
+            frame += taken_off(potential, self.how, checkpoint * self.every)
         if seed.out is not None:
             seed.out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
         return Outcome(seed.record, seed.out, steps, episodes, False)
@@ -197,7 +213,7 @@ class Run:
             self.evaluation.for_run(seed.start),
             np.array([seed.start], dtype=np.uint64),
             seed.spent,
-            (np.int64(self.steps), np.int64(self.episodes)),
+            kernels.Bounds(self.steps, self.episodes, self.gate),
             self.every,
             seed.record,
         )

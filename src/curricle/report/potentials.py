@@ -14,12 +14,12 @@ from matplotlib.patches import Rectangle
 from curricle.checks import numbers, one_of
 from curricle.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
+from curricle.learning.target import Target
 from curricle.report.board import At, Board, board
 from curricle.report.plotting import STYLE, new_figure
 from curricle.report.scales import caption, minus
 from curricle.tasks.task import Task, dynamics
 from curricle.transfer.edge import transfer_names
-from curricle.transfer.realism import Target
 
 FloatArray = npt.NDArray[np.float64]
 DIVERGING, SEQUENTIAL = "PuOr", "cividis"

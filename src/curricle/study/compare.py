@@ -14,8 +14,10 @@ import numpy.typing as npt
 from curricle.checks import instance, number, whole_number
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
-from curricle.learning.learn import LearningResult, learn
+from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
+from curricle.learning.gate import Gate
+from curricle.learning.learn import LearningResult
+from curricle.learning.target import Target
 from curricle.study.alignment import differences
 from curricle.study.comparison import DIRECT, Arm, Comparison, joined
 from curricle.study.controls import (
@@ -29,8 +31,6 @@ from curricle.study.controls import (
 from curricle.study.curve import Curve
 from curricle.study.sequential import add_seeds
 from curricle.study.threshold import fraction_of_optimum, midpoint
-from curricle.tasks.task import dynamics
-from curricle.transfer.realism import Target
 
 FRACTION = 0.9
 """How far from untaught to optimal the default threshold lies."""
@@ -159,7 +159,7 @@ class _Plan:
         _check_comparable(arms)
         target = first.target
         budget = first.setting("budget", target)
-        if isinstance(budget, Episodes):
+        if isinstance(budget, Episodes | Gate):
             raise SettingError(
                 f"a comparison at one total budget needs the target's in steps: {target!r} has "
                 f"{budget}"
@@ -175,17 +175,8 @@ class _Plan:
     def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
         """Return all arms for these seeds, the direct learner first."""
         first = next(iter(self.arms.values()))
-        direct = learn(
-            first.tasks[self.target],
-            first.setting("learner", self.target),
-            self.total,
-            seeds=seeds,
-            every=self.every,
-            evaluation=first.setting("evaluation", self.target),
-            storage=first.setting("storage", self.target),
-            stream=self.target,
-            workers=self.workers,
-        )
+        node = first.node(self.target).changed(budget=self.total, every=self.every)
+        direct = node.train(seeds, workers=self.workers)
         self.progress(DIRECT)
         found = {DIRECT: self._arm(direct, np.zeros(len(seeds), np.int64))}
         for name, curriculum in self.arms.items():
@@ -286,12 +277,8 @@ def _threshold(place: Target, direct: Arm) -> float:
 
 def _most_source_steps(curriculum: Curriculum) -> int:
     """Return a bound of the steps that a curriculum's sources take."""
-    most = 0
-    for name in curriculum.ancestors(curriculum.target):
-        budget = curriculum.setting("budget", name)
-        every = spacing(curriculum.setting("every", name), budget)
-        most += longest_run(dynamics(curriculum.tasks[name]).time_limit, budget, every)
-    return most
+    before = curriculum.ancestors(curriculum.target)
+    return sum(curriculum.node(name).most_steps for name in before)
 
 
 def _check_comparable(arms: Mapping[str, Curriculum]) -> None:

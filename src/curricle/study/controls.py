@@ -20,7 +20,7 @@ from curricle.checks import one_of
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import LearningResult, learn
+from curricle.learning.learn import LearningResult
 from curricle.learning.potential import StateActionPotential
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.task import Task, tables
@@ -119,22 +119,17 @@ def learn_changed(
     """Return the target learnt as its curriculum does, from potentials that were changed."""
     curriculum = result.curriculum
     name = curriculum.target
-    how, seeds = curriculum.setting("how", name), result[name].seeds
+    seeds = result[name].seeds
     changed = [change(phi, k) for phi, k in zip(result.potentials[name], seeds, strict=True)]
-    return learn(
-        curriculum.tasks[name],
-        curriculum.setting("learner", name),
-        budget,
-        seeds=seeds,
-        potential=[phi.to_state() for phi in changed] if how == "state" else changed,
-        how=how,
-        guard=curriculum.setting("guard", name),
-        every=every,
-        evaluation=curriculum.setting("evaluation", name),
-        storage=curriculum.setting("storage", name),
-        stream=name,
-        before=[one.prelude for one in result.calibrations.get(name, ())] or None,
-        workers=workers,
+    return (
+        curriculum.node(name)
+        .changed(budget=budget, every=every)
+        .train(
+            seeds,
+            changed,
+            preludes=[one.prelude for one in result.calibrations.get(name, ())],
+            workers=workers,
+        )
     )
 
 

@@ -14,12 +14,13 @@ from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.learn import LearningResult
+from curricle.learning.target import Target
 from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
 from curricle.transfer.coverage import Coverage
 from curricle.transfer.edge import numbered, transfer_names
-from curricle.transfer.realism import Realism, Target, realism
+from curricle.transfer.realism import Realism, realism
 
 AGGREGATES = (minimum, mean, maximum, total)
 EPISODES = 1000

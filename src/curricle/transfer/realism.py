@@ -3,28 +3,18 @@
 Against Q* where the target can be solved; else against what the potential's own policy earns.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.errors import SettingError
-from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential, follow, greedy_start
-from curricle.learning.planning import Solution, right_choices, solve
-from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.reading import nothing
+from curricle.learning.planning import Solution, right_choices
+from curricle.learning.target import Target
 from curricle.tasks.reachable import reachable_states
-from curricle.tasks.task import Task, dynamics, has_tables, tables
+from curricle.tasks.task import Task, tables
 
 FloatArray = npt.NDArray[np.float64]
-LARGEST_SOLVED = 5_000_000
-"""Pairs (S x A) up to which a target is solved to compare a potential with Q*."""
-LARGEST_FOLLOWED = 300_000_000
-"""Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
-CLOSE = 1e-6
-"""Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
 RANKED = 200_000
 """Pairs that a rank correlation is taken over at most; drawn without repetition where fewer."""
 
@@ -78,72 +68,6 @@ class Realism:
     exact: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Target:
-    """A target as potentials are judged in it; solved once, if it can be.
-
-    Attributes
-    ----------
-    task : Task
-    evaluation : GreedyEvaluation
-        Of greedy policies.
-    solution : Solution or None
-        None where the target is too large to solve, or where it has discount 1 and a policy of it
-        would go on for ever but for the time limit.
-    typical_reward : float
-        Median size of the rewards other than 0.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> Target.of(GridWorld("S.T", discount=0.5)).optimum
-    98.5
-    """
-
-    task: Task
-    evaluation: GreedyEvaluation
-    solution: Solution | None
-    typical_reward: float
-
-    @classmethod
-    def of(
-        cls,
-        task: Task,
-        evaluation: GreedyEvaluation | None = None,
-        *,
-        episodes: int = 1000,
-    ) -> "Target":
-        """Return a target, evaluated exactly where it can be, else by so many rollouts."""
-        given = GreedyEvaluation() if evaluation is None else evaluation
-        moving = dynamics(task)
-        pairs = moving.states.size * moving.actions.size
-        solution, typical = None, float("nan")
-        method: Literal["exact", "rollouts"] = "rollouts"
-        if has_tables(task) and pairs <= LARGEST_SOLVED:
-            mdp = tables(task)
-            solution = _solution(task)
-            paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
-            typical = float(np.median(paid)) if paid.size else 1.0
-            outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * given.horizon(task) <= LARGEST_FOLLOWED:
-                method = "exact"
-        return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
-
-    @property
-    def optimum(self) -> float:
-        """The expected return of an optimal policy; NaN where the target is not solved."""
-        if self.solution is None:
-            return float("nan")
-        best = StateActionPotential(self.task, self.solution.optimal.astype(float))
-        return greedy_start(best, self.evaluation)
-
-    @property
-    def untaught(self) -> float:
-        """The expected return before anything is learnt, every action alike."""
-        n_actions = dynamics(self.task).actions.size
-        return greedy_start(MappedPotential(self.task, nothing(n_actions, 0.0)), self.evaluation)
-
-
 def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Realism:
     """Return how a potential compares with what its target is worth.
 
@@ -175,17 +99,6 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
         gloomy_state=where,
         exact=True,
     )
-
-
-def _solution(task: Task) -> Solution | None:
-    rewards = tables(task).reward
-    largest = abs(rewards[np.isfinite(rewards)]).max(initial=0.0)
-    try:
-        return solve(task, tolerance=CLOSE * max(1.0, float(largest)))
-    except SettingError:
-        if dynamics(task).discount < 1:
-            raise
-        return None  # not every policy ends
 
 
 def _along_its_way(potential: PairPotential, target: Target, start: float, seed: int) -> Realism:

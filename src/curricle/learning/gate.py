@@ -1,0 +1,246 @@
+"""A gate: when a task has been learnt well enough, judged at every checkpoint, with its reasons."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import number, one_of, whole_number
+from curricle.errors import SettingError
+from curricle.tasks.draws import piece
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A budget that ends as soon as the greedy policy is good enough, or gets no better.
+
+    It is judged at each checkpoint after the first, by the last greedy evaluations of the seed
+    alone, so that each seed ends in its own time.
+
+    Parameters
+    ----------
+    most : int
+        Steps at which learning ends whatever has been reached.
+    least : int
+        Steps before which it does not end.
+    value : float, optional
+        Ends when each of the last evaluations returned at least this.
+    fraction : float, optional
+        The same with worst + fraction (optimum - worst), in [0, 1]: how far from a policy that
+        acts at random to an optimal one. The task must be small enough to be solved.
+    plateau : float, optional
+        Ends when the mean of the last evaluations exceeds the mean of as many before them by less
+        than this return.
+    evaluations : int
+        How many "the last" are.
+    when : {"any", "all"}
+        Whether one of value (or fraction) and plateau is enough, or both must hold.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range, or value and fraction are both given.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> gate = Gate(most=50_000, value=190.0, evaluations=2)
+    >>> result = learn(GridWorld("S..T"), budget=gate, every=100)
+    >>> int(result.steps_used[0])
+    600
+    >>> print(gate.decisions(result.steps, result.greedy_return[0])[-1])
+    ends; greedy 194 >= 190 over 2 evaluations; 600 of at most 50,000 steps used
+    """
+
+    most: int
+    least: int = 0
+    value: float | None = None
+    fraction: float | None = None
+    plateau: float | None = None
+    evaluations: int = 5
+    when: Literal["any", "all"] = "any"
+
+    def __post_init__(self) -> None:
+        for name, low in (("most", 1), ("least", 0), ("evaluations", 1)):
+            whole = whole_number(f"{name} of a gate", getattr(self, name), low, SettingError)
+            object.__setattr__(self, name, whole)
+        if self.least > self.most:
+            raise SettingError(
+                f"least of a gate must not exceed most: got {self.least:,} and {self.most:,} steps"
+            )
+        if self.value is not None:
+            number("value of a gate", self.value, SettingError)
+        if self.fraction is not None:
+            number("fraction of a gate", self.fraction, SettingError, 0.0, 1.0)
+            if self.value is not None:
+                raise SettingError(
+                    "a gate takes a value or a fraction of the optimum, not both: got "
+                    f"{self.value:g} and {self.fraction:g}"
+                )
+        if self.plateau is not None:
+            number("plateau of a gate", self.plateau, SettingError, 0.0)
+        one_of("when of a gate", self.when, ("any", "all"), SettingError)
+
+    def rule(self, level: float | None = None) -> "GateRule":
+        """Return the gate as compiled loops read it.
+
+        Parameters
+        ----------
+        level : float, optional
+            The return that a fraction stands for (:meth:`Target.level`).
+        """
+        value = self.value if self.fraction is None else level
+        return GateRule(
+            self.least,
+            self.evaluations,
+            math.nan if value is None else float(value),
+            math.nan if self.plateau is None else float(self.plateau),
+            self.when == "all",
+        )
+
+    def decisions(
+        self,
+        steps: npt.ArrayLike,
+        greedy_return: npt.ArrayLike,
+        *,
+        level: float | None = None,
+        used: int | None = None,
+    ) -> list["Decision"]:
+        """Return what the gate decided at each checkpoint of one seed, up to the one it ended at.
+
+        Parameters
+        ----------
+        steps : (T,) int64
+        greedy_return : (T,) float64
+            The seed's row of ``LearningResult.greedy_return``.
+        level : float, optional
+            The return that a fraction stands for.
+        used : int, optional
+            Steps the seed spent in all; later checkpoints repeat its last value.
+        """
+        rule, greedy = self.rule(level), np.asarray(greedy_return, dtype=np.float64)
+        found = list[Decision]()
+        for checkpoint, step in enumerate(np.asarray(steps).tolist()):
+            if used is not None and step > used:
+                break
+            lowest = lowest_of_last(rule, greedy, checkpoint)
+            rise = rise_of_last(rule, greedy, checkpoint)
+            ends = bool(opens(rule, greedy, checkpoint, step))
+            found.append(Decision(self, rule, step, ends, float(lowest), float(rise)))
+            if found[-1].ends or step >= self.most:
+                break
+        return found
+
+
+class GateRule(NamedTuple):
+    """A gate, for the compiled loops; NaN where a condition is not set."""
+
+    least: int
+    evaluations: int
+    level: float
+    plateau: float
+    both: bool
+
+
+NO_GATE = GateRule(0, 1, math.nan, math.nan, False)
+
+
+def lowest_of_last(rule, greedy, checkpoint):
+    """Return the lowest of the last evaluations up to a checkpoint; NaN if there are too few."""
+    if checkpoint + 1 < rule.evaluations:
+        return np.nan
+    lowest = np.inf
+    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+        if not greedy[i] >= lowest:  # NaN is the lowest of all
+            lowest = greedy[i]
+    return lowest
+
+
+def rise_of_last(rule, greedy, checkpoint):
+    """Return the mean of the last evaluations less that of as many before; NaN if too few."""
+    n = rule.evaluations
+    if checkpoint + 1 < 2 * n:
+        return np.nan
+    rise = 0.0
+    for i in range(n):
+        rise += greedy[checkpoint - i] - greedy[checkpoint - n - i]
+    return rise / n
+
+
+_lowest, _rise = piece(lowest_of_last), piece(rise_of_last)
+
+
+def _judge(lowest_of, rise_of):
+    """Return the gate's one predicate, made of compiled pieces or of plain functions."""
+
+    def opens(rule, greedy, checkpoint, step):
+        if step == 0 or step < rule.least:
+            return False
+        asks_level, asks_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
+        reached = asks_level and lowest_of(rule, greedy, checkpoint) >= rule.level
+        flat = asks_plateau and rise_of(rule, greedy, checkpoint) < rule.plateau
+        if rule.both and asks_level and asks_plateau:
+            return reached and flat
+        return reached or flat
+
+    return opens
+
+
+opens = _judge(lowest_of_last, rise_of_last)
+gate_opens = piece(_judge(_lowest, _rise))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a gate decided at one checkpoint, with its evidence. Prints as a sentence.
+
+    Attributes
+    ----------
+    gate : Gate
+    rule : GateRule
+    step : int
+    ends : bool
+        Whether the gate opened.
+    lowest : float
+        The lowest of the last evaluations, return; NaN if there were too few.
+    rise : float
+        Their mean less the mean of as many before, return; NaN if there were too few.
+    """
+
+    gate: Gate
+    rule: GateRule
+    step: int
+    ends: bool
+    lowest: float
+    rise: float
+
+    @property
+    def reasons(self) -> Sequence[str]:
+        """Each condition with the number it was held against."""
+        found, n = list[str](), self.gate.evaluations
+        over = f"over {n} evaluation{'s' * (n > 1)}"
+        if not math.isnan(self.rule.level):
+            sign = ">=" if self.lowest >= self.rule.level else "<"
+            found.append(
+                f"too few evaluations for a value over {n}"
+                if math.isnan(self.lowest)
+                else f"greedy {self.lowest:.4g} {sign} {self.rule.level:.4g} {over}"
+            )
+        if not math.isnan(self.rule.plateau):
+            sign = "<" if self.rise < self.rule.plateau else ">="
+            found.append(
+                f"too few evaluations for a plateau over {n} and {n} before"
+                if math.isnan(self.rise)
+                else f"rise {self.rise:.3g} {sign} {self.rule.plateau:.3g} {over}"
+            )
+        return found
+
+    def __str__(self) -> str:
+        spent = self.step >= self.gate.most
+        used = f"{self.step:,} of at most {self.gate.most:,} steps used"
+        early = [f"at least {self.gate.least:,} steps first"] * (self.step < self.gate.least)
+        verdict = "ends" if self.ends or spent else "stays"
+        return "; ".join([verdict, *self.reasons, *early, used])

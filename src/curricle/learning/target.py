@@ -1,0 +1,117 @@
+"""A target, solved once where it can be: what its optimum is, and what acting at random earns."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from curricle.errors import SettingError
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.following import greedy_start
+from curricle.learning.gate import Gate
+from curricle.learning.planning import Solution, solve
+from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.reading import nothing
+from curricle.tasks.task import Task, dynamics, has_tables, tables
+
+LARGEST_SOLVED = 5_000_000
+"""Pairs (S x A) up to which a target is solved."""
+LARGEST_FOLLOWED = 300_000_000
+"""Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+CLOSE = 1e-6
+"""Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A target as potentials are judged in it; solved once, if it can be.
+
+    Attributes
+    ----------
+    task : Task
+    evaluation : GreedyEvaluation
+        Of greedy policies.
+    solution : Solution or None
+        None where the target is too large to solve, or where it has discount 1 and a policy of it
+        would go on for ever but for the time limit.
+    typical_reward : float
+        Median size of the rewards other than 0.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> Target.of(GridWorld("S.T", discount=0.5)).optimum
+    98.5
+    """
+
+    task: Task
+    evaluation: GreedyEvaluation
+    solution: Solution | None
+    typical_reward: float
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        evaluation: GreedyEvaluation | None = None,
+        *,
+        episodes: int = 1000,
+    ) -> "Target":
+        """Return a target, evaluated exactly where it can be, else by so many rollouts."""
+        given = GreedyEvaluation() if evaluation is None else evaluation
+        moving = dynamics(task)
+        pairs = moving.states.size * moving.actions.size
+        solution, typical = None, float("nan")
+        method: Literal["exact", "rollouts"] = "rollouts"
+        if has_tables(task) and pairs <= LARGEST_SOLVED:
+            mdp = tables(task)
+            solution = _solution(task)
+            paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
+            typical = float(np.median(paid)) if paid.size else 1.0
+            outcomes = pairs * mdp.probability.shape[1]
+            if outcomes * given.horizon(task) <= LARGEST_FOLLOWED:
+                method = "exact"
+        return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
+
+    @property
+    def optimum(self) -> float:
+        """The expected return of an optimal policy; NaN where the target is not solved."""
+        if self.solution is None:
+            return float("nan")
+        best = StateActionPotential(self.task, self.solution.optimal.astype(float))
+        return greedy_start(best, self.evaluation)
+
+    @property
+    def untaught(self) -> float:
+        """The expected return before anything is learnt, every action alike."""
+        n_actions = dynamics(self.task).actions.size
+        return greedy_start(MappedPotential(self.task, nothing(n_actions, 0.0)), self.evaluation)
+
+    def level(self, fraction: float) -> float:
+        """Return worst + fraction (optimum - worst), worst being what acting at random earns.
+
+        SettingError comes from a target that is not solved.
+        """
+        best, worst = self.optimum, self.untaught
+        if self.solution is None:
+            raise SettingError(
+                "a fraction of the optimum needs a task that can be solved: got "
+                f"{fraction:g} of {self.task!r}"
+            )
+        return float(best - (1 - fraction) * (best - worst))
+
+
+def gate_level(gate: Gate, task: Task, evaluation: GreedyEvaluation) -> float | None:
+    """Return the return that a gate's fraction stands for; None if it has none."""
+    return None if gate.fraction is None else Target.of(task, evaluation).level(gate.fraction)
+
+
+def _solution(task: Task) -> Solution | None:
+    rewards = tables(task).reward
+    largest = abs(rewards[np.isfinite(rewards)]).max(initial=0.0)
+    try:
+        return solve(task, tolerance=CLOSE * max(1.0, float(largest)))
+    except SettingError:
+        if dynamics(task).discount < 1:
+            raise
+        return None  # not every policy ends

@@ -1,0 +1,139 @@
+"""A node of a curriculum: a task with all that its training needs but knowledge."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, get_args
+
+from curricle.checks import instance, one_of
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.following import PairPotential
+from curricle.learning.gate import Decision, Gate
+from curricle.learning.guard import Guard
+from curricle.learning.learn import How, LearningResult, check_guard, learn
+from curricle.learning.learners import Learner
+from curricle.learning.run import Prelude
+from curricle.learning.storage import Storage
+from curricle.learning.target import gate_level
+from curricle.tasks.task import Task, dynamics
+from curricle.transfer.aggregation import Aggregate
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`.
+
+    Attributes
+    ----------
+    name : str
+        Also names the random stream, so that a result does not depend on which other tasks are
+        there.
+    task : Task
+    aggregate, learner, budget, how, guard, every, evaluation, storage
+        As in :class:`Curriculum`, for this task.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld
+    >>> node = Curriculum({"maze": GridWorld("S.T")}, budget=1000).node("maze")
+    >>> node.every, node.most_steps
+    (10, 1000)
+    >>> node.train([0, 1]).steps_used
+    array([1000, 1000])
+    """
+
+    name: str
+    task: Task
+    aggregate: Aggregate
+    learner: Learner
+    budget: Budget
+    how: How
+    guard: Guard | None
+    every: int
+    evaluation: GreedyEvaluation
+    storage: Storage
+
+    @classmethod
+    def of(cls, name: str, task: Task, *, every: int | None, **settings: Any) -> Self:
+        """Return a node, checked; `every` None means a hundredth of the budget."""
+        limits(settings["budget"])
+        every = spacing(every, settings["budget"])
+        one_of(f"how of {name}", settings["how"], get_args(How), SettingError)
+        for which, kind in _KINDS.items():
+            instance(f"{which} of {name}", settings[which], kind, SettingError)
+        if not callable(settings["aggregate"]):
+            raise CurriculumError(
+                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
+                f"{settings['aggregate']!r}"
+            )
+        return cls(name, task, every=every, **settings)
+
+    def changed(self, **settings: Any) -> Self:
+        """Return the node with other settings."""
+        return replace(self, **settings)
+
+    def check_guard(self) -> None:
+        """Raise SettingError if there is a guard, but none that this learner can have."""
+        check_guard(self.guard, self.learner, self.how, guarded=True)
+
+    @property
+    def most_steps(self) -> int:
+        """A bound of the steps that training takes."""
+        return longest_run(dynamics(self.task).time_limit, self.budget, self.every)
+
+    def train(
+        self,
+        seeds: Sequence[int],
+        potentials: Sequence[PairPotential] = (),
+        *,
+        preludes: Sequence[Prelude] = (),
+        frames: int = 0,
+        workers: int | None = None,
+    ) -> LearningResult:
+        """Return the task learnt by K seeds.
+
+        Parameters
+        ----------
+        seeds : sequence of K int
+        potentials : sequence of K potentials
+            What each seed knows before; of pairs, whatever `how` makes of them. Or none.
+        preludes : sequence of K Prelude
+            What each seed spent on the task's account already. Or none.
+        frames, workers
+            As in :func:`learn`.
+        """
+        known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
+        return learn(
+            self.task,
+            self.learner,
+            self.budget,
+            seeds=seeds,
+            potential=known or None,
+            how=self.how,
+            guard=self.guard if known else None,
+            every=self.every,
+            evaluation=self.evaluation,
+            storage=self.storage,
+            stream=self.name,
+            before=list(preludes) or None,
+            frames=frames,
+            workers=workers,
+        )
+
+    def decisions(self, result: LearningResult) -> list[list[Decision]]:
+        """Return what the node's gate decided at each checkpoint of each seed; none without one."""
+        if not isinstance(self.budget, Gate):
+            return [[] for _ in result.seeds]
+        level = gate_level(self.budget, self.task, self.evaluation)
+        return [
+            self.budget.decisions(result.steps, greedy, level=level, used=int(used))
+            for greedy, used in zip(result.greedy_return, result.steps_used, strict=True)
+        ]
+
+
+_KINDS: dict[str, type] = {
+    "learner": Learner,
+    "evaluation": GreedyEvaluation,
+    "storage": Storage,
+}

@@ -1,0 +1,154 @@
+"""Gates end a run at the right checkpoint, say why, and change nothing before it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from curricle import (
+    SARSA,
+    Curriculum,
+    Gate,
+    GridWorld,
+    Guard,
+    QLearning,
+    SettingError,
+    StateActionPotential,
+    StatePotential,
+    learn,
+)
+from curricle.learning.gate import opens
+
+MAZE = GridWorld(["S...", "..P.", "...T"])
+LEARNERS = [
+    (QLearning(), None),
+    (QLearning(), Guard()),
+    (SARSA(), None),
+]
+
+
+def oracle(gate: Gate, greedy: list[float], checkpoint: int, step: int) -> bool:
+    """The rule in plain words, written anew."""
+    n = gate.evaluations
+    last, before = greedy[: checkpoint + 1][-n:], greedy[: checkpoint + 1][-2 * n : -n]
+    conditions = []
+    if gate.value is not None:
+        conditions.append(len(last) == n and all(value >= gate.value for value in last))
+    if gate.plateau is not None:
+        enough = len(before) == n
+        conditions.append(
+            enough and sum(a - b for a, b in zip(last, before, strict=True)) / n < gate.plateau
+        )
+    holds = all(conditions) if gate.when == "all" else any(conditions)
+    return bool(conditions) and holds and step > 0 and step >= gate.least
+
+
+@given(
+    greedy=st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=12),
+    value=st.none() | st.integers(-5, 5).map(float),
+    plateau=st.none() | st.sampled_from([0.0, 0.3, 1.1, 2.7]),
+    evaluations=st.integers(1, 4),
+    when=st.sampled_from(["any", "all"]),
+    least=st.integers(0, 60),
+)
+def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
+    gate = Gate(100, least=least, value=value, plateau=plateau, evaluations=evaluations, when=when)
+    for checkpoint in range(len(greedy)):
+        step = 10 * checkpoint
+        found = opens(gate.rule(), np.array(greedy), checkpoint, step)
+        # Sums in another order may differ in the last digit, but not these: all values are short.
+        assert found == oracle(gate, greedy, checkpoint, step)
+
+
+@pytest.mark.parametrize(("learner", "guard"), LEARNERS)
+def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
+    settings = {"every": 50, "seeds": 4, "guard": guard}
+    potential = None
+    if guard:
+        ends = ~MAZE.mdp.terminal[:, None]
+        potential = StateActionPotential(MAZE, 5.0 * ends * np.ones(MAZE.mdp.outcome_row.shape))
+    whole = learn(MAZE, learner, 4000, potential=potential, **settings)
+    gate = Gate(4000, value=150.0, evaluations=3)
+    gated = learn(MAZE, learner, gate, potential=potential, **settings)
+    ended = False
+    for k in range(4):
+        steps = int(gated.steps_used[k])
+        n = steps // 50 + 1
+        np.testing.assert_array_equal(gated.greedy_return[k, :n], whole.greedy_return[k, :n])
+        np.testing.assert_array_equal(gated.training_return[k, :n], whole.training_return[k, :n])
+        decisions = gate.decisions(gated.steps, gated.greedy_return[k], used=steps)
+        assert decisions[-1].step == steps
+        assert [d.ends for d in decisions[:-1]] == [False] * (len(decisions) - 1)
+        assert decisions[-1].ends or steps == 4000
+        assert not gated.out_of_memory[k]
+        ended |= decisions[-1].ends
+        shorter = learn(MAZE, learner, steps, potential=potential, **{**settings, "seeds": [k]})
+        np.testing.assert_array_equal(shorter.values[0], gated.values[k])
+    assert ended
+
+
+def test_fraction_stands_for_a_return_between_random_and_optimal():
+    whole = learn(MAZE, budget=Gate(20_000, fraction=0.9, evaluations=2), every=100, seeds=3)
+    assert (whole.steps_used < 20_000).all()
+    last = whole.greedy_return[:, -1]
+    optimum = learn(MAZE, budget=40_000, every=40_000).greedy_return[0, -1]
+    assert (last > 0.8 * optimum).all()
+    with pytest.raises(SettingError, match="not both"):
+        Gate(10, value=1.0, fraction=0.5)
+
+
+def test_least_and_most_bound_a_gate():
+    easy = Gate(1000, least=600, value=-1e9, evaluations=1)
+    assert learn(MAZE, budget=easy, every=100).steps_used[0] == 600
+    never = Gate(1000, value=1e9)
+    result = learn(MAZE, budget=never, every=100)
+    assert result.steps_used[0] == 1000
+    told = never.decisions(result.steps, result.greedy_return[0])
+    assert str(told[-1]).startswith("ends; greedy")
+    assert "1,000 of at most 1,000 steps used" in str(told[-1])
+    assert str(told[1]).startswith("stays; too few evaluations for a value over 5")
+    assert "at least 600 steps first" in str(easy.decisions([0, 100], [0.0, 0.0])[-1])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"most": 0}, "most of a gate must be a whole number, at least 1"),
+        ({"most": 10, "least": 11}, "least of a gate must not exceed most"),
+        ({"most": 10, "evaluations": 0}, "evaluations of a gate"),
+        ({"most": 10, "fraction": 1.5}, "fraction of a gate must lie in"),
+        ({"most": 10, "plateau": -1}, "plateau of a gate"),
+        ({"most": 10, "value": float("nan")}, "value of a gate must be finite"),
+        ({"most": 10, "when": "both"}, "when of a gate must be one of any, all"),
+    ],
+)
+def test_a_gate_that_makes_no_sense_is_refused(wrong, words):
+    with pytest.raises(SettingError, match=words):
+        Gate(**wrong)
+
+
+def test_a_curriculum_charges_each_seed_what_its_gate_let_it_spend():
+    plan = Curriculum(
+        {"maze": MAZE}, budget={"maze": Gate(5000, value=150.0, evaluations=1)}, every=50
+    )
+    result = plan.train(seeds=5)
+    assert len(set(result["maze"].steps_used.tolist())) > 1
+
+
+def test_films_hold_the_policy_at_their_steps():
+    result = learn(MAZE, budget=2000, every=100, seeds=[3, 4], frames=5)
+    film = result.film
+    assert film.seed == 3
+    assert film.steps[[0, -1]].tolist() == [0, 2000]
+    np.testing.assert_array_equal(film.values[-1], result.values[0].astype(np.float32))
+    for step, frame in zip(film.steps[1:], film.values[1:], strict=True):
+        then = learn(MAZE, budget=int(step), every=100, seeds=[3])
+        np.testing.assert_array_equal(frame, then.values[0].astype(np.float32))
+
+
+def test_films_of_gated_and_shaped_runs_end_with_what_was_learnt():
+    phi = StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
+    gate = Gate(5000, value=150.0, evaluations=1)
+    result = learn(MAZE, budget=gate, every=50, frames=6, potential=phi, how="state")
+    assert result.film.steps[-1] == result.steps_used[0]
+    np.testing.assert_allclose(result.film.values[-1], result.values[0], rtol=1e-6)
+    assert learn(MAZE, budget=100).film is None
