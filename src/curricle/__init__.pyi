@@ -19,7 +19,6 @@ from .learning.gate import Decision as Decision, Gate as Gate
 from .learning.guard import Guard as Guard
 from .learning.learn import (
     How as How,
-    LearningResult as LearningResult,
     learn as learn,
 )
 from .learning.learners import (
@@ -41,6 +40,7 @@ from .learning.potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
+from .learning.result import LearningResult as LearningResult
 from .learning.rollout import Trajectory as Trajectory, rollout as rollout
 from .learning.run import Prelude as Prelude
 from .learning.schedules import (

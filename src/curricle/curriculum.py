@@ -17,8 +17,9 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.gate import Decision
 from curricle.learning.guard import Guard
-from curricle.learning.learn import How, LearningResult
+from curricle.learning.learn import How
 from curricle.learning.learners import Learner, QLearning
+from curricle.learning.result import LearningResult
 from curricle.learning.storage import Storage
 from curricle.node import Node
 from curricle.tasks.task import Task, dynamics, same_task
@@ -209,6 +210,7 @@ class Curriculum:
         *,
         only: str | Sequence[str] | None = None,
         trained: Mapping[str, LearningResult] | None = None,
+        charge: bool = False,
         frames: int = 0,
         workers: int | None = None,
         progress: Callable[[str], Any] | None = None,
@@ -226,6 +228,8 @@ class Curriculum:
             What to train, with all that it builds on; every task by default.
         trained : dict of str to LearningResult, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
+        charge : bool
+            Whether the budget of :attr:`target` pays for its sources too, seed by seed.
         frames : int
             Tables of the first seed to keep on the way, in each task (:class:`Film`).
         workers : int, optional
@@ -260,12 +264,20 @@ class Curriculum:
                 numbers,
                 potentials[name],
                 preludes=[one.prelude for one in fitted],
+                charged=self._spent(name, results) if charge and name == self.target else None,
                 frames=frames,
                 workers=workers,
             )
             if progress is not None:
                 progress(name)
         return CurriculumResult(self, results, potentials, calibrations)
+
+    def _spent(
+        self, name: str, results: Mapping[str, LearningResult]
+    ) -> npt.NDArray[np.int64] | None:
+        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
+        before = [results[source].steps_used for source in self.ancestors(name)]
+        return np.sum(before, axis=0, dtype=np.int64) if before else None
 
     def potentials(
         self,
@@ -375,10 +387,8 @@ class CurriculumResult:
 
     def source_steps(self, name: str) -> npt.NDArray[np.int64]:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
-        spent = np.zeros(len(self[name].seeds), dtype=np.int64)
-        for source in self.curriculum.ancestors(name):
-            spent += self.nodes[source].steps_used
-        return spent
+        spent = self.curriculum._spent(name, self.nodes)
+        return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
 
     def decisions(self, name: str) -> list[list[Decision]]:
         """Return what a task's gate decided at each checkpoint of each seed."""

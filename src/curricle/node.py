@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, get_args
 
+import numpy as np
+import numpy.typing as npt
+
 from curricle.checks import instance, one_of
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
@@ -11,8 +14,9 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.gate import Decision, Gate
 from curricle.learning.guard import Guard
-from curricle.learning.learn import How, LearningResult, check_guard, learn
+from curricle.learning.learn import How, check_guard, learn
 from curricle.learning.learners import Learner
+from curricle.learning.result import LearningResult
 from curricle.learning.run import Prelude
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
@@ -88,6 +92,7 @@ class Node:
         potentials: Sequence[PairPotential] = (),
         *,
         preludes: Sequence[Prelude] = (),
+        charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
         frames: int = 0,
         workers: int | None = None,
     ) -> LearningResult:
@@ -100,7 +105,7 @@ class Node:
             What each seed knows before; of pairs, whatever `how` makes of them. Or none.
         preludes : sequence of K Prelude
             What each seed spent on the task's account already. Or none.
-        frames, workers
+        charged, frames, workers
             As in :func:`learn`.
         """
         known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
@@ -117,6 +122,7 @@ class Node:
             storage=self.storage,
             stream=self.name,
             before=list(preludes) or None,
+            charged=charged,
             frames=frames,
             workers=workers,
         )

@@ -19,7 +19,7 @@ FLOORS = {
     "learning": 2,
     "transfer": 3,
     "certificate": 3,
-    "node": 4,
+    "node": 3.5,
     "curriculum": 4,
     "interop": 4,
     "study": 5,

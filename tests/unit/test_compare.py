@@ -63,11 +63,12 @@ def calls(monkeypatch):
 
     def noting(task, learner, budget, **settings):
         result = learn(task, learner, budget, **settings)
-        noted.append({"task": task, "budget": budget, "result": result, **settings})
+        charged = settings["charged"]
+        left = budget if charged is None else budget - int(min(charged))
+        noted.append({"task": task, "budget": left, "result": result, **settings})
         return result
 
-    for module in ("curriculum", "study.compare", "study.controls"):
-        monkeypatch.setattr(f"curricle.{module}.learn", noting)
+    monkeypatch.setattr("curricle.node.learn", noting)
     return noted
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import curriculum as training
+from curricle import node as training
 from curricle.learning import target as judging
 
 SUMMED = cr.GreedyEvaluation(discounted=False)

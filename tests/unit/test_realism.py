@@ -7,8 +7,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.tasks.reachable import reachable_states
 from curricle.learning import target as place
+from curricle.tasks.reachable import reachable_states
 from curricle.transfer import realism as module
 from curricle.transfer.mapped import mapped_potential
 

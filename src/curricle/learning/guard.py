@@ -11,9 +11,8 @@ import numpy as np
 
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
-from curricle.learning.gate import gate_opens
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import Acting, acting_values, film, spent_checkpoints, write
+from curricle.learning.kernels import Acting, acting_values, spent_checkpoints, write
 from curricle.learning.sampling import choose, highest
 from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
@@ -140,10 +139,9 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
     while True:
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
-            write(record, checkpoint, episodes, ended, ended_return, value)
             record.trust[checkpoint] = share
-            film(record, checkpoint, q[ahead], q[ahead])
-            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+            so_far = step, episodes, ended, ended_return
+            if write(record, checkpoint, so_far, value, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes:

@@ -147,14 +147,6 @@ def shaping_reward(shaping, phi, discount, state, action, next_state, terminated
 
 
 @piece
-def write(record, checkpoint, episodes, ended, ended_return, value):
-    """Fill one checkpoint of a record."""
-    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
-    record.greedy_return[checkpoint] = value
-    record.episodes[checkpoint] = episodes
-
-
-@piece
 def film(record, checkpoint, q, other):
     """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
     for i in range(record.frame_at.shape[0]):
@@ -163,6 +155,21 @@ def film(record, checkpoint, q, other):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[state, action] + other[state, action])
                     record.frames[i, state, action] = mean
+
+
+@piece
+def write(record, checkpoint, so_far, value, q, other, gate):
+    """Fill one checkpoint of a record, and return whether the gate opens there.
+
+    `so_far` are the steps, the episodes, and the number and returns of those ended since the last
+    checkpoint; the policy acts on the mean of `q` and `other`.
+    """
+    step, episodes, ended, ended_return = so_far
+    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+    record.greedy_return[checkpoint] = value
+    record.episodes[checkpoint] = episodes
+    film(record, checkpoint, q, other)
+    return gate_opens(gate, record.greedy_return, checkpoint, step)
 
 
 @piece
@@ -199,9 +206,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         if step == checkpoint * every:
             view = Acting(q, advice, at(weight, step), room)
             value = greedy_return(evaluation, model, view)
-            write(record, checkpoint, episodes, ended, ended_return, value)
-            film(record, checkpoint, q[0], q[q.shape[0] - 1])
-            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+            so_far = step, episodes, ended, ended_return
+            if write(record, checkpoint, so_far, value, q[0], q[q.shape[0] - 1], budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes:

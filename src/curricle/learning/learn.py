@@ -1,9 +1,8 @@
-"""Training one task over many seeds: :func:`learn` and what it returns."""
+"""Training one task over many seeds: :func:`learn`."""
 
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -13,11 +12,11 @@ from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.film import Film
 from curricle.learning.gate import NO_GATE, Gate
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import (
     AS_VALUES,
     NO_PRELUDE,
@@ -32,7 +31,6 @@ from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics, same_task
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,69 +40,6 @@ How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice
 """The ways a potential enters learning; :func:`learn` says what each does."""
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
-
-
-@dataclass(frozen=True, eq=False)
-class LearningResult:
-    """What :func:`learn` found, for K seeds and T checkpoints.
-
-    Attributes
-    ----------
-    task : Task
-    learner : Learner
-    seeds : tuple of int
-        K of them.
-    values : (K, S, A) float64 or float32
-        The values each seed's policy ends up acting on, in the task's own rewards: Q, plus
-        what shaping had taken off it (phi, or Phi(s)). What a transfer hands on. From sparse
-        tables K :class:`SparseValues`; None if the :class:`Storage` keeps none.
-    steps : (T,) int64
-        Steps taken at each checkpoint, from 0.
-    training_return : (K, T) float64
-        Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
-        NaN where none did.
-    trust : (K, T) float64
-        Share of the steps that a guarded potential's learner got (:class:`Guard`); NaN without.
-    greedy_return : (K, T) float64
-        Expected return of the greedy policy (:class:`GreedyEvaluation`). After a seed's budget
-        of episodes is spent its last value stands.
-    episodes : (K, T) int64
-        Episodes ended by each checkpoint.
-    steps_used, episodes_used : (K,) int64
-        What each seed spent in all.
-    out_of_memory : (K,) bool
-        Whether a sparse table was full before the budget was spent. The run then ended at the
-        step that needed another row.
-    film : Film or None
-        Tables of the first seed on the way, if asked for.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> learn(GridWorld("S.T"), budget=500, seeds=3).steps_used
-    array([500, 500, 500])
-    """
-
-    task: Task
-    learner: Learner
-    seeds: tuple[int, ...]
-    values: Any
-    steps: IntArray
-    training_return: FloatArray
-    greedy_return: FloatArray
-    episodes: IntArray
-    steps_used: IntArray
-    episodes_used: IntArray
-    out_of_memory: npt.NDArray[np.bool_]
-    trust: FloatArray
-    film: Film | None = None
-
-    def __repr__(self) -> str:
-        return (
-            f"LearningResult({type(self.learner).__name__}, {len(self.seeds)} seeds, "
-            f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
-            f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
-        )
 
 
 def learn(
@@ -121,6 +56,7 @@ def learn(
     storage: Storage | None = None,
     stream: str = "",
     before: Sequence[Prelude] | None = None,
+    charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
     frames: int = 0,
     workers: int | None = None,
 ) -> LearningResult:
@@ -168,6 +104,8 @@ def learn(
     before : sequence of K Prelude, optional
         Episodes that each seed acted in the task already, as :func:`calibrate` does. They count
         against the budget and stand at the start of the curves.
+    charged : sequence of K int, optional
+        Steps that each seed spent elsewhere, in sources say, on the account of this budget.
     frames : int
         Tables of the first seed to keep on the way (:class:`Film`), at most; not of sparse ones.
     workers : int, optional
@@ -202,7 +140,8 @@ def learn(
     every = spacing(every, budget)
     longest = longest_run(moving.time_limit, budget, every)
     potentials = _potentials(task, learner, potential, how, len(seeds))
-    preludes = _preludes(before, len(seeds), steps, episodes)
+    charges = _charges(charged, len(seeds), steps)
+    preludes = _preludes(before, charges, steps, episodes)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     storage = Storage() if storage is None else storage
@@ -223,19 +162,31 @@ def learn(
     )
     if rows:
         _check_sparse(run, potentials)
-    kept = storage.keep and not rows
-    shape = (len(seeds), moving.states.size, moving.actions.size)
+    starts = [stream_start(seed, stream) for seed in seeds]
+    films = [frames, *[0] * (len(seeds) - 1)]
+    each = list(zip(starts, potentials, preludes, charges, films, strict=True))
+    values, done = _train(run, each, threads)
+    return learning_result(task, learner, seeds, values, done, every)
+
+
+def _train(run: Run, each: Sequence[Any], threads: int) -> tuple[Any, list[Outcome]]:
+    """Return the values of all seeds, and what each left; `each` are their arguments."""
+    task, storage = run.task, run.storage
+    kept = storage.keep and not run.rows
+    shape = (len(each), task.states.size, task.actions.size)
     values = np.empty(shape, storage.dtype) if kept else None
 
     def train(k: int) -> Outcome:
-        start = stream_start(seeds[k], stream)
-        out = None if values is None else values[k]
-        return run.train(start, potentials[k], out, preludes[k], 0 if k else frames)
+        start, potential, prelude, charged, frames = each[k]
+        return run.train(
+            start, potential, None if values is None else values[k], prelude, charged, frames
+        )
 
     with ThreadPoolExecutor(threads) as pool:
-        done = list(pool.map(train, range(len(seeds))))
-    found = values if kept else tuple(o.values for o in done) if storage.keep else None
-    return _result(task, learner, seeds, found, done, every)
+        done = list(pool.map(train, range(len(each))))
+    if kept or not storage.keep:
+        return values, done
+    return tuple(outcome.values for outcome in done), done
 
 
 def _potentials(
@@ -289,16 +240,30 @@ def check_guard(guard: Guard | None, learner: Learner, how: How, *, guarded: boo
         )
 
 
+def _charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
+    """Return what each seed is charged, checked against the budget."""
+    if charged is None:
+        return [0] * n_seeds
+    each = [whole_number("each of charged", one, 0, SettingError) for one in charged]
+    if len(each) != n_seeds:
+        raise SettingError(f"one charge a seed means {n_seeds} of them: got {len(each)}")
+    if max(each) >= steps:
+        raise SettingError(
+            f"a budget must exceed what is charged on it: got {steps:,} and {max(each):,} steps"
+        )
+    return each
+
+
 def _preludes(
-    before: Sequence[Prelude] | None, n_seeds: int, steps: int, episodes: int
+    before: Sequence[Prelude] | None, charges: Sequence[int], steps: int, episodes: int
 ) -> Sequence[Prelude]:
-    """Return the prelude of each seed, checked against the budget."""
+    """Return the prelude of each seed, checked against what is left of the budget."""
     if before is None:
-        return [NO_PRELUDE] * n_seeds
-    if len(before) != n_seeds:
-        raise SettingError(f"one prelude a seed means {n_seeds} of them: got {len(before)}")
+        return [NO_PRELUDE] * len(charges)
+    if len(before) != len(charges):
+        raise SettingError(f"one prelude a seed means {len(charges)} of them: got {len(before)}")
     for k, one in enumerate(before):
-        if one.steps >= steps or len(one.lengths) >= episodes:
+        if one.steps >= steps - charges[k] or len(one.lengths) >= episodes:
             raise SettingError(
                 "a budget must exceed what was spent on it before learning: the prelude of seed "
                 f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"
@@ -320,51 +285,3 @@ def _check_sparse(run: Run, potentials: list[Any]) -> None:
                 "a sparse table is made from a potential that is read through mappings by name "
                 f"(project): got a {type(potential).__name__}, which is an array"
             )
-
-
-def _result(
-    task: Task,
-    learner: Learner,
-    seeds: tuple[int, ...],
-    values: Any,
-    done: list[Outcome],
-    every: int,
-) -> LearningResult:
-    """Put the seeds' records on one axis of checkpoints."""
-    n = max(outcome.steps for outcome in done) // every + 1
-    training = np.stack([outcome.record.training_return[:n] for outcome in done])
-    greedy = np.stack([outcome.record.greedy_return[:n] for outcome in done])
-    episodes = np.stack([outcome.record.episodes[:n] for outcome in done])
-    trust = np.stack([outcome.record.trust[:n] for outcome in done])
-    for k, outcome in enumerate(done):
-        last = outcome.steps // every
-        for held in (greedy, episodes, trust):
-            held[k, last + 1 :] = held[k, last]
-    return LearningResult(
-        task=task,
-        learner=learner,
-        seeds=seeds,
-        values=frozen(values) if isinstance(values, np.ndarray) else values,
-        steps=frozen(np.arange(n) * every),
-        training_return=frozen(training),
-        greedy_return=frozen(greedy),
-        episodes=frozen(episodes),
-        steps_used=frozen(np.array([outcome.steps for outcome in done])),
-        episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
-        out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
-        trust=frozen(trust),
-        film=_film(seeds[0], done[0], None if values is None else values[0], every),
-    )
-
-
-def _film(seed: int, outcome: Outcome, last: Any, every: int) -> Film | None:
-    """Return what was kept of a seed's tables, the last of them included; None if nothing was."""
-    record = outcome.record
-    if not len(record.frame_at):
-        return None
-    shot = record.frame_at * every <= outcome.steps
-    steps, frames = record.frame_at[shot] * every, record.frames[shot]
-    if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
-        steps = np.append(steps, outcome.steps)
-        frames = np.concatenate([frames, last[None].astype(np.float32)])
-    return Film(seed, frozen(steps), frozen(frames))

@@ -6,9 +6,8 @@ value was lowered, so that a step scans no row: several times faster than the ge
 
 import numpy as np
 
-from curricle.learning.gate import gate_opens
 from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import film, spent_checkpoints, write
+from curricle.learning.kernels import spent_checkpoints, write
 from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
@@ -56,18 +55,16 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
     far = len(table.far) > 0
     prepare(table)
     step, episodes, ended, ended_return = done
-    episode_return = 0.0
     checkpoint = spent_checkpoints(evaluation, model, table, step, every, record)
-    counter = stream[0] + STRIDE
+    episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, scramble(counter)), step + limit, counter + STRIDE
     row = place(table, state, False)
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, table)
-            write(record, checkpoint, episodes, ended, ended_return, value)
-            film(record, checkpoint, q, q)
-            if gate_opens(budget.gate, record.greedy_return, checkpoint, step):
+            so_far = step, episodes, ended, ended_return
+            if write(record, checkpoint, so_far, value, q, q, budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes or is_full(table, row):

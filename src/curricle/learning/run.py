@@ -95,6 +95,7 @@ class _Seed(NamedTuple):
     """What one seed brings to its loop."""
 
     start: int
+    steps: int
     potential: Any
     out: FloatTable | None
     record: kernels.Record
@@ -128,12 +129,13 @@ class Run:
         potential: Potential | None,
         out: FloatTable | None = None,
         before: Prelude = NO_PRELUDE,
+        charged: int = 0,
         frames: int = 0,
     ) -> Outcome:
         """Return what one seed learns, its random stream starting at `start`.
 
-        `out`, (S, A), is where dense values are to go; they are dropped without it. Up to `frames`
-        tables are kept on the way.
+        `out`, (S, A), is where dense values are to go; they are dropped without it. `charged` steps
+        are off the budget. Up to `frames` tables are kept on the way.
         """
         size = self.longest // self.every + 1
         shape = (0, 0) if self.rows else (self.task.states.size, self.task.actions.size)
@@ -141,7 +143,8 @@ class Run:
         returns, greedy, trust = np.full((3, size), np.nan)
         pictures = np.zeros((len(frame_at), *shape), np.float32)
         record = kernels.Record(returns, greedy, trust, np.zeros(size, int), frame_at, pictures)
-        seed = _Seed(start, potential, out, record, before.note(record, self.every))
+        spent = before.note(record, self.every)
+        seed = _Seed(start, self.steps - charged, potential, out, record, spent)
         if self.guard is not None:
             return self._train_guarded(self.guard, seed)
         return self._train_plainly(seed) if self.plain else self._train_shaped(seed)
@@ -169,7 +172,7 @@ class Run:
             states, q = table.states[met][order].astype(np.int64), table.q[met]
             reorder(q, order)
             values = SparseValues(frozen(states), frozen(q))
-        early = steps < self.steps and episodes < self.episodes
+        early = steps < seed.steps and episodes < self.episodes
         full = early and not self._passed(seed, steps)
         return Outcome(seed.record, values, steps, episodes, full)
 
@@ -213,7 +216,7 @@ class Run:
             self.evaluation.for_run(seed.start),
             np.array([seed.start], dtype=np.uint64),
             seed.spent,
-            kernels.Bounds(self.steps, self.episodes, self.gate),
+            kernels.Bounds(seed.steps, self.episodes, self.gate),
             self.every,
             seed.record,
         )

@@ -15,9 +15,10 @@ from curricle.errors import SettingError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import LearningResult, learn
+from curricle.learning.learn import learn
 from curricle.learning.learners import Learner
 from curricle.learning.planning import solve
+from curricle.learning.result import LearningResult
 from curricle.report.board import At, board
 from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
 from curricle.report.scales import caption, steps_scale

@@ -14,8 +14,8 @@ from curricle.checks import instance, one_of, whole_number
 from curricle.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import seed_tuple
-from curricle.learning.learn import LearningResult
 from curricle.learning.planning import Solution, right_choices, solve
+from curricle.learning.result import LearningResult
 from curricle.study.statistics import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables

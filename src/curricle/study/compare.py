@@ -16,7 +16,7 @@ from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
 from curricle.learning.gate import Gate
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 from curricle.learning.target import Target
 from curricle.study.alignment import differences
 from curricle.study.comparison import DIRECT, Arm, Comparison, joined
@@ -28,7 +28,6 @@ from curricle.study.controls import (
     source_control,
     value_controls,
 )
-from curricle.study.curve import Curve
 from curricle.study.sequential import add_seeds
 from curricle.study.threshold import fraction_of_optimum, midpoint
 
@@ -121,7 +120,7 @@ def compare(
     else:
         found = plan.run_until(seeds, precision, difference, most_seeds)
     if threshold is None:
-        threshold = _threshold(place, found[DIRECT])
+        threshold = default_threshold(place, found[DIRECT])
     return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
 
 
@@ -156,7 +155,7 @@ class _Plan:
                 raise CurriculumError(f"an arm {DIRECT!r} is always there: name yours otherwise")
         check_controls(controls)
         first = next(iter(arms.values()))
-        _check_comparable(arms)
+        check_comparable(arms)
         target = first.target
         budget = first.setting("budget", target)
         if isinstance(budget, Episodes | Gate):
@@ -167,7 +166,7 @@ class _Plan:
         for name, arm in arms.items():
             check_fit(controls, name, arm)
         every = spacing(first.setting("every", target), budget)
-        most = max(_most_source_steps(arm) for arm in arms.values())
+        most = max(most_source_steps(arm) for arm in arms.values())
         total = -(-(limits(budget)[0] + most) // every) * every
         tick = progress or (lambda words: None)
         return cls(dict(arms), controls, target, limits(budget)[0], total, every, workers, tick)
@@ -189,11 +188,11 @@ class _Plan:
     def _with_controls(
         self, curriculum: Curriculum, seeds: Sequence[int]
     ) -> Iterator[tuple[str, Arm]]:
-        result, longest = self._trained(curriculum, seeds)
+        result = self._trained(curriculum, seeds)
         spent = result.source_steps(self.target)
         yield "", self._arm(result[self.target], spent)
         for label, change in value_controls(self.controls):
-            changed = learn_changed(result, change, longest, self.every, self.workers)
+            changed = learn_changed(result, change, self.workers)
             yield label, self._arm(changed, spent, control=True)
         for control in ("random_start", "pretraining"):
             if control in self.controls:
@@ -212,38 +211,20 @@ class _Plan:
         for steps in np.unique(spent):
             place = np.flatnonzero(spent == steps)
             other = source_control(curriculum, control, int(steps))
-            again, _ = self._trained(other, [seeds[k] for k in place.tolist()])
+            again = self._trained(other, [seeds[k] for k in place.tolist()])
             parts.append({control: self._arm(again[self.target], spent[place], control=True)})
             places.append(place)
         return joined(parts)[control].taken(np.argsort(np.concatenate(places)))
 
-    def _trained(
-        self, curriculum: Curriculum, seeds: Sequence[int]
-    ) -> tuple[CurriculumResult, int]:
-        """Return a curriculum's training and its target steps: what the cheapest sources left."""
-        sources = curriculum.train(
-            seeds, only=curriculum.ancestors(self.target), workers=self.workers
-        )
-        spent = sum(result.steps_used for result in sources.nodes.values())
-        longest = self.total - int(np.min(spent))
-        longer = curriculum.changed(self.target, budget=longest, every=self.every)
-        return longer.train(seeds, trained=sources.nodes, workers=self.workers), longest
+    def _trained(self, curriculum: Curriculum, seeds: Sequence[int]) -> CurriculumResult:
+        """Return a curriculum trained, its target for what its sources leave of the total."""
+        longer = curriculum.changed(self.target, budget=self.total, every=self.every)
+        return longer.train(seeds, charge=True, workers=self.workers)
 
     def _arm(
         self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
     ) -> Arm:
-        """Return a training on the axis that all arms share, each seed up to its own total.
-
-        After what its sources left of it a seed's last value is held.
-        """
-        n = self.total // self.every + 1
-        last = np.minimum((self.total - spent) // self.every, len(result.steps) - 1)
-        place = np.minimum(np.arange(n), last[:, None])
-        greedy, training, trust = (
-            np.take_along_axis(found, place, axis=1)
-            for found in (result.greedy_return, result.training_return, result.trust)
-        )
-        return Arm(Curve(np.arange(n) * self.every, greedy, spent), training, trust, control)
+        return Arm.of(result, spent, self.total, self.every, control=control)
 
     def run_until(
         self, first: Any, precision: float | None, difference: bool, most: int
@@ -266,8 +247,8 @@ class _Plan:
         return Target.of(first.tasks[self.target], first.setting("evaluation", self.target))
 
 
-def _threshold(place: Target, direct: Arm) -> float:
-    """Return the default threshold."""
+def default_threshold(place: Target, direct: Arm) -> float:
+    """Return nine tenths of the way from untaught to optimal; midway where that says nothing."""
     best, worst = place.optimum, place.untaught
     # Judged without discount, what is optimal with it need not be better than acting at random.
     if place.solution is None or best <= worst:
@@ -275,13 +256,13 @@ def _threshold(place: Target, direct: Arm) -> float:
     return fraction_of_optimum(best, worst, FRACTION)
 
 
-def _most_source_steps(curriculum: Curriculum) -> int:
+def most_source_steps(curriculum: Curriculum) -> int:
     """Return a bound of the steps that a curriculum's sources take."""
     before = curriculum.ancestors(curriculum.target)
     return sum(curriculum.node(name).most_steps for name in before)
 
 
-def _check_comparable(arms: Mapping[str, Curriculum]) -> None:
+def check_comparable(arms: Mapping[str, Curriculum]) -> None:
     """Raise CurriculumError unless all arms have one target, learnt and judged alike."""
     (name, first), *others = arms.items()
     target = first.target

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import one_of
 from curricle.errors import CurriculumError
+from curricle.learning.result import LearningResult
 from curricle.study.curve import Curve, charge_source
 from curricle.study.metrics import asymptotic_performance, jumpstart, total_reward
 from curricle.study.ordering import holm, probability_of_improvement, sign_flip_test
@@ -49,6 +50,40 @@ class Arm:
     training_return: FloatArray = field(repr=False)
     trust: FloatArray = field(repr=False)
     control: bool
+
+    @classmethod
+    def of(
+        cls,
+        result: LearningResult,
+        spent: npt.NDArray[np.int64],
+        total: int,
+        every: int,
+        *,
+        control: bool = False,
+    ) -> Self:
+        """Return a training on the axis that all arms share, each seed up to its own total.
+
+        After what its sources left of it a seed's last value is held.
+
+        Parameters
+        ----------
+        result : LearningResult
+            Of the target.
+        spent : (K,) int64
+            Source steps of each seed.
+        total : int
+            Steps that every arm spends, sources included.
+        every : int
+            Steps between checkpoints.
+        """
+        n = total // every + 1
+        last = np.minimum((total - spent) // every, len(result.steps) - 1)
+        place = np.minimum(np.arange(n), last[:, None])
+        greedy, training, trust = (
+            np.take_along_axis(found, place, axis=1)
+            for found in (result.greedy_return, result.training_return, result.trust)
+        )
+        return cls(Curve(np.arange(n) * every, greedy, spent), training, trust, control)
 
     def charged(self, direct: "Arm") -> Curve:
         """Return the curve on the axis of total steps, source steps included."""

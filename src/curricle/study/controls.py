@@ -20,8 +20,8 @@ from curricle.checks import one_of
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import LearningResult
 from curricle.learning.potential import StateActionPotential
+from curricle.learning.result import LearningResult
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.task import Task, tables
 from curricle.transfer.edge import Transfer
@@ -113,23 +113,18 @@ def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
         yield "negated", lambda phi, _: StateActionPotential(phi.task, -phi.values)
 
 
-def learn_changed(
-    result: CurriculumResult, change: Change, budget: int, every: int, workers: int | None
-) -> LearningResult:
-    """Return the target learnt as its curriculum does, from potentials that were changed."""
+def learn_changed(result: CurriculumResult, change: Change, workers: int | None) -> LearningResult:
+    """Return the target learnt as its curriculum did, sources charged, from changed potentials."""
     curriculum = result.curriculum
     name = curriculum.target
     seeds = result[name].seeds
     changed = [change(phi, k) for phi, k in zip(result.potentials[name], seeds, strict=True)]
-    return (
-        curriculum.node(name)
-        .changed(budget=budget, every=every)
-        .train(
-            seeds,
-            changed,
-            preludes=[one.prelude for one in result.calibrations.get(name, ())],
-            workers=workers,
-        )
+    return curriculum.node(name).train(
+        seeds,
+        changed,
+        preludes=[one.prelude for one in result.calibrations.get(name, ())],
+        charged=result.source_steps(name),
+        workers=workers,
     )
 
 

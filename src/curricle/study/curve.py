@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 __all__ = ["Curve", "charge_source", "require_direct", "require_pair", "smooth"]
 

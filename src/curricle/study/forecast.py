@@ -13,7 +13,7 @@ from curricle.errors import CurriculumError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 from curricle.learning.target import Target
 from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
