@@ -1,5 +1,23 @@
 """Curricle's own domains in Gymnasium's registry."""
 
+from gymnasium.envs import registration
+
+ENVIRONMENTS = {"Curricle/Maze-v0": "MazeEnvironment", "Curricle/Pursuit-v0": "PursuitEnvironment"}
+
 
 def register() -> None:
-    """Register ``Curricle/Maze-v0`` and the others; Gymnasium calls this when it is imported."""
+    """Register ``Curricle/Maze-v0`` and ``Curricle/Pursuit-v0``, once.
+
+    What they make is imported when it is first made. No ``max_episode_steps`` is set: a task cuts
+    its episodes off at its own time limit.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> register()
+    >>> gymnasium.make("Curricle/Maze-v0", map="S.T").reset()[0]
+    0
+    """
+    for name, maker in ENVIRONMENTS.items():
+        if name not in registration.registry:
+            registration.register(name, f"curricle.interop.environment:{maker}")

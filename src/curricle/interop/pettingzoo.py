@@ -1,0 +1,214 @@
+"""Pursuit as an environment of PettingZoo: an agent for each predator, all moving at once."""
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Discrete
+
+from curricle.checks import instance, one_of
+from curricle.errors import SettingError
+from curricle.interop.coding import Coding, Form
+from curricle.interop.environment import RenderMode, TaskEnvironment
+from curricle.tasks.pursuit import Pursuit
+from curricle.transfer.by_name import ComponentMapping, project
+
+try:
+    from pettingzoo import ParallelEnv
+except ModuleNotFoundError:  # the extra is not installed; making an environment says so
+    ParallelEnv = object
+
+ByAgent = dict[str, Any]
+
+
+class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
+    """A pursuit as a PettingZoo environment in which each predator is an agent.
+
+    Agents are called as the task's components are, ``predator_1``, ``predator_2``, ..., or
+    ``predator`` where there is one. They move at once, all get the task's reward, and their
+    episodes end together: `terminated` by a capture, or `truncated` at the task's time limit.
+    An agent's ``info`` has the number of the task's state, ``state``, and what it is in words,
+    ``label``.
+
+    ``reset(options={"state": ...})`` starts in a given state, as in :class:`TaskEnvironment`; other
+    options are left alone.
+
+    Parameters
+    ----------
+    pursuit : Pursuit
+    observation : {"index", "components"}
+        What every agent observes, which is all there is to see. The number of the task's state,
+        ``Discrete(S)``, the same for all, with which any table or potential of the task is read.
+        Or cells, ``MultiDiscrete``: first the agent's own, then the prey's, then those of the other
+        predators in the order of their names, so that one policy can serve all agents.
+    render_mode : {"rgb_array", "ansi"}, optional
+        As in :class:`TaskEnvironment`.
+
+    Raises
+    ------
+    ImportError
+        When PettingZoo is not installed.
+    SettingError
+        When the task or a setting is none; from :meth:`step`, when an agent's action is missing or
+        none, or no episode is under way.
+
+    Examples
+    --------
+    >>> hunt = PursuitParallelEnv(Pursuit(4, 2), observation="components")
+    >>> cells, infos = hunt.reset(seed=0, options={"state": {"prey": 5, "predator_1": 1,
+    ...                                                      "predator_2": 7}})
+    >>> cells["predator_1"], cells["predator_2"], infos["predator_1"]["label"]
+    (array([1, 5, 7]), array([7, 5, 1]), 'prey=(1,1) predator_1=(0,1) predator_2=(1,3)')
+    >>> stay, west = 0, 4
+    >>> cells, rewards, *_ = hunt.step({"predator_1": stay, "predator_2": west})
+    >>> cells["predator_2"], rewards["predator_1"]
+    (array([6, ..., 1]), -1.0)
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as PettingZoo declares it
+        **TaskEnvironment.metadata,
+        "name": "curricle_pursuit_v0",
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        pursuit: Pursuit,
+        *,
+        observation: Form = "index",
+        render_mode: RenderMode | None = None,
+    ):
+        if ParallelEnv is object:
+            raise ImportError("PettingZoo is not installed: pip install curricle[agents]")
+        instance("pursuit", pursuit, Pursuit, SettingError)
+        one_of("observation", observation, ("index", "components"), SettingError)
+        self.task, self.render_mode = pursuit, render_mode
+        self._joint = TaskEnvironment(pursuit, action="components", render_mode=render_mode)
+        self._by_index, self._cells = observation == "index", Coding(pursuit.states, "components")
+        self.possible_agents, self.agents = list(pursuit.predator_names), list[str]()
+        # Which cells of a state an agent observes, the prey's having number 0.
+        others = range(1, pursuit.predators + 1)
+        self._views = {
+            agent: [own, 0, *(other for other in others if other != own)]
+            for own, agent in enumerate(self.possible_agents, start=1)
+        }
+        self.state_space = self._cells.held
+        self.observation_spaces = {
+            agent: Coding(pursuit.states, observation).held for agent in self.possible_agents
+        }
+        self.action_spaces = {agent: Discrete(pursuit.moves) for agent in self.possible_agents}
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ByAgent, ByAgent]:
+        """Begin an episode; return each agent's observation and info."""
+        named = {name: value for name, value in (options or {}).items() if name == "state"}
+        _, info = self._joint.reset(seed=seed, options=named)
+        self.agents = list(self.possible_agents)
+        return self._observed(), self._each(info)
+
+    def step(self, actions: ByAgent) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
+        """Act; return each agent's observation, reward, terminated, truncated and info."""
+        if set(actions) != set(self.agents):
+            raise SettingError(
+                f"a step needs an action for each of {', '.join(self.agents) or 'no agents'}: got "
+                f"{actions!r}"
+            )
+        moves = [actions[agent] for agent in self.agents]
+        _, reward, terminated, truncated, info = self._joint.step(moves)
+        observed, infos = self._observed(), self._each(info)
+        rewards, ends, cuts = map(self._each, (reward, terminated, truncated))
+        if terminated or truncated:
+            self.agents = []
+        return observed, rewards, ends, cuts, infos
+
+    def state(self) -> npt.NDArray[np.int64]:
+        """Return the cells of the prey and of each predator, (1 + predators,) int64."""
+        return np.array(self._cells.places(self._joint.state))
+
+    def render(self) -> Any:
+        """Return a picture, (height, width, 3) uint8, or text, by `render_mode`."""
+        return self._joint.render()
+
+    def observation_space(self, agent: str) -> Any:
+        """Return what an agent observes."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Any:
+        """Return an agent's moves, ``Discrete``, in the order of the task's."""
+        return self.action_spaces[agent]
+
+    def _observed(self) -> ByAgent:
+        if self._by_index:
+            return self._each(np.int64(self._joint.state))  # PettingZoo looks at its dtype
+        cells = self.state()
+        return {agent: cells[self._views[agent]] for agent in self.agents}
+
+    def _each(self, value: Any) -> ByAgent:
+        return {agent: copy(value) for agent in self.agents}
+
+
+def to_pettingzoo(
+    pursuit: Pursuit, *, observation: Form = "index", render_mode: RenderMode | None = None
+) -> PursuitParallelEnv:
+    """Return a pursuit as a PettingZoo environment; needs ``pip install curricle[agents]``.
+
+    Parameters
+    ----------
+    pursuit, observation, render_mode
+        As in :class:`PursuitParallelEnv`.
+
+    Examples
+    --------
+    >>> to_pettingzoo(Pursuit(4, predators=3)).possible_agents
+    ['predator_1', 'predator_2', 'predator_3']
+    """
+    return PursuitParallelEnv(pursuit, observation=observation, render_mode=render_mode)
+
+
+def agent_mappings(
+    target: Pursuit, source: Pursuit, *, unmapped_value: float = 0.0
+) -> dict[str, ComponentMapping]:
+    """Return for each agent the mapping that lets it see itself as the source's one predator.
+
+    f_i(prey, c_1, ..., c_n; a_1, ..., a_n) = ((prey, c_i), a_i), paper E7: agent i reads the
+    source's values as if it were alone with the prey.
+
+    Parameters
+    ----------
+    target : Pursuit
+        With any number of predators.
+    source : Pursuit
+        With one.
+    unmapped_value : float
+        As in :func:`project`; counts where the source's grid is smaller.
+
+    Returns
+    -------
+    dict of str to ComponentMapping
+        By the agents' names.
+
+    Raises
+    ------
+    MappingError
+        When the source has several predators.
+
+    Examples
+    --------
+    What each agent would do alone, in a state in which the prey is between the two.
+
+    >>> from curricle import solve
+    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
+    >>> q = solve(chase).action_values
+    >>> state = hunt.states.encode(prey=4, predator_1=1, predator_2=7)
+    >>> for agent, mapping in agent_mappings(hunt, chase).items():
+    ...     alone = mapping.read(q)[state].argmax()  # a joint action: read one's own part
+    ...     print(agent, hunt.actions.component(agent).label(hunt.actions.decode(alone)[agent]))
+    predator_1 south
+    predator_2 north
+    """
+    return {
+        agent: project(target, source, unmapped_value=unmapped_value, predator=agent)
+        for agent in target.predator_names
+    }

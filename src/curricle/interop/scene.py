@@ -1,0 +1,253 @@
+"""Pictures of a task in one state, small and quick enough to be drawn at every step."""
+
+import math
+from collections.abc import Iterable
+from textwrap import shorten
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageColor, ImageDraw, ImageFont
+
+from curricle.interop.figures import (
+    AGENT,
+    ASIDE,
+    DARK,
+    FLOOR,
+    INK,
+    OBJECTS,
+    PREY,
+    START,
+    Figure,
+    painted,
+    predator,
+)
+from curricle.tasks.gridworld import MOVES, GridWorld
+from curricle.tasks.places import values_of
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.spaces import Space
+from curricle.tasks.task import dynamics
+
+Pixels = npt.NDArray[np.uint8]
+SIDE = 640
+"""Pixels along the longer side of a grid, unless its cells would be too large or too small."""
+LARGEST_CELL, SMALLEST_CELL = 64, 4
+MARGIN = 4
+LINES, GLOW = "#dedace", "#fadcc9"
+WIDTH, LINE = 480, 28
+"""A picture of words: its width and the height of a line, in pixels."""
+MOST_LINES, LONGEST_LINE = 14, 48
+
+
+class Scene(Protocol):
+    """A task that can be drawn in any of its states."""
+
+    def image(self, state: int) -> Pixels:
+        """Return a picture, (height, width, 3) uint8; the size is the same for every state."""
+
+    def text(self, state: int) -> str:
+        """Return a drawing made of characters."""
+
+
+def scene_of(task: Any) -> Scene:
+    """Return what draws a task: mazes and pursuits from above, of others the state's name.
+
+    Parameters
+    ----------
+    task : Task
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Pursuit
+    >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
+    S#T
+    .@.
+    >>> scene_of(Pursuit(3, 2)).image(0).shape
+    (200, 200, 3)
+    >>> scene_of(Pursuit(3, 1).mdp).text(5)
+    'prey=(0,0) predator=(1,2)'
+    """
+    if isinstance(task, GridWorld):
+        return MazeScene(task)
+    return PursuitScene(task) if isinstance(task, Pursuit) else NameScene(dynamics(task).states)
+
+
+class Canvas:
+    """A grid seen from above, north on top, on which figures are put.
+
+    Parameters
+    ----------
+    height, width : int
+        Rows and columns.
+    framed : bool
+        Whether a frame says that the grid ends at its edge.
+
+    Examples
+    --------
+    >>> Canvas(2, 3).with_figures([(0, 0, PREY), (0, 0, AGENT)]).shape
+    (136, 200, 3)
+    """
+
+    def __init__(self, height: int, width: int, *, framed: bool = True):
+        # Even, as video formats want it.
+        self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(height, width)) // 2 * 2)
+        size = (height * self._cell + 2 * MARGIN, width * self._cell + 2 * MARGIN, 3)
+        self._backdrop = np.empty(size, np.uint8)
+        self._backdrop[:] = ImageColor.getrgb(DARK if framed else FLOOR)
+        for row, column in np.ndindex(height, width):
+            self.paint(row, column, FLOOR)
+
+    def paint(self, row: int, column: int, colour: str) -> None:
+        """Give a cell a colour, for good."""
+        y, x = self._corner(row, column)
+        self._backdrop[y : y + self._cell, x : x + self._cell] = ImageColor.getrgb(LINES)
+        inside = slice(y + 1, y + self._cell - 1), slice(x + 1, x + self._cell - 1)
+        self._backdrop[inside] = ImageColor.getrgb(colour)
+
+    def put(self, row: int, column: int, figure: Figure) -> None:
+        """Put a figure into a cell, for good."""
+        _paste(self._backdrop, self._corner(row, column), figure, self._cell)
+
+    def with_figures(self, figures: Iterable[tuple[int, int, Figure]]) -> Pixels:
+        """Return the grid with figures in rows and columns, (height, width, 3) uint8.
+
+        Those that share a cell stand side by side.
+        """
+        together: dict[tuple[int, int], list[Figure]] = {}
+        for row, column, figure in figures:
+            together.setdefault((row, column), []).append(figure)
+        image = self._backdrop.copy()
+        for place, sharing in together.items():
+            (top, left), across = self._corner(*place), math.ceil(math.sqrt(len(sharing)))
+            side = self._cell // across
+            for i, figure in enumerate(sharing):
+                corner = top + side * (i // across), left + side * (i % across)
+                _paste(image, corner, figure, side)
+        return image
+
+    def _corner(self, row: int, column: int) -> tuple[int, int]:
+        """Return where a cell begins, y and x."""
+        return MARGIN + self._cell * row, MARGIN + self._cell * column
+
+
+def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) -> None:
+    colours, through = painted(figure, side)
+    region = image[corner[0] : corner[0] + side, corner[1] : corner[1] + side]
+    region[:] = region * through + colours
+
+
+class MazeScene:
+    """A maze with its walls, fires, pits and treasures, and the agent.
+
+    Cells beside a fire glow where that has its price; a ring marks where episodes start.
+
+    Parameters
+    ----------
+    maze : GridWorld
+    """
+
+    def __init__(self, maze: GridWorld):
+        self._map = maze.map
+        self._places: list[list[int]] = (maze.cells - maze.origin).tolist()
+        self._canvas = Canvas(len(maze.map), len(maze.map[0]))
+        drawn = dict(np.ndenumerate([list(line) for line in maze.map]))
+        if maze.rewards.near_fire:
+            for (row, column), what in drawn.items():
+                beside = [drawn.get((row + down, column + right)) for down, right in MOVES.values()]
+                if what != "#" and "F" in beside:
+                    self._canvas.paint(row, column, GLOW)
+        if maze.start != "uniform":
+            for state in maze.mdp.start_states:
+                row, column = self._places[state]
+                self._canvas.put(row, column, START)
+        for (row, column), what in drawn.items():
+            if what in OBJECTS:
+                self._canvas.put(row, column, OBJECTS[what])
+
+    def image(self, state: int) -> Pixels:
+        """Return the maze from above, (height, width, 3) uint8."""
+        row, column = self._places[state]
+        figure = ASIDE if self._map[row][column] in OBJECTS else AGENT
+        return self._canvas.with_figures([(row, column, figure)])
+
+    def text(self, state: int) -> str:
+        """Return the map, with ``@`` where the agent is."""
+        row, column = self._places[state]
+        lines = list(self._map)
+        lines[row] = f"{lines[row][:column]}@{lines[row][column + 1 :]}"
+        return "\n".join(lines)
+
+
+class PursuitScene:
+    """The prey and the numbered predators of a pursuit; a frame where the grid is walled.
+
+    Parameters
+    ----------
+    pursuit : Pursuit
+    """
+
+    def __init__(self, pursuit: Pursuit):
+        self._size, self._states = pursuit.size, pursuit.states
+        self._canvas = Canvas(pursuit.size, pursuit.size, framed=not pursuit.torus)
+        self._figures = [PREY, *(predator(i + 1) for i in range(pursuit.predators))]
+
+    def image(self, state: int) -> Pixels:
+        """Return the grid from above, (height, width, 3) uint8."""
+        places = self._cells(state)
+        return self._canvas.with_figures(
+            (*divmod(cell, self._size), figure)
+            for cell, figure in zip(places, self._figures, strict=True)
+        )
+
+    def text(self, state: int) -> str:
+        """Return the grid with ``P`` for the prey and each predator's number."""
+        there = [""] * self._size**2
+        for cell, figure in zip(self._cells(state), self._figures, strict=True):
+            there[cell] += figure.number or "P"
+        width = max(map(len, there))
+        rows = np.reshape([(letters or ".").ljust(width) for letters in there], (-1, self._size))
+        return "\n".join(" ".join(row).rstrip() for row in rows)
+
+    def _cells(self, state: int) -> list[int]:
+        return [int(cell) for cell in self._states.decode(state).values()]
+
+
+class NameScene:
+    """The number of a state and what it is made of, in words.
+
+    Parameters
+    ----------
+    states : Space
+    """
+
+    def __init__(self, states: Space):
+        self._states = states
+
+    def image(self, state: int) -> Pixels:
+        """Return a card with a line for each component, (height, width, 3) uint8."""
+        lines = self._lines(state)
+        height = LINE * (len(lines) + (3 if lines else 2))
+        image = Image.new("RGB", (WIDTH, height), FLOOR)
+        draw = ImageDraw.Draw(image)
+        draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
+        large, font = ImageFont.load_default(22), ImageFont.load_default(18)
+        draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
+        for i, words in enumerate(lines):
+            draw.text((LINE, LINE * (i + 3)), words, INK, font, anchor="lm")
+        return np.array(image)
+
+    def _lines(self, state: int) -> list[str]:
+        """Return the components in words, none where the state's number says it all."""
+        space = self._states
+        first, *others = space.components
+        if space.is_box and first.low == 0 and first.labels is None and not others:
+            return []
+        values = values_of(space, state)
+        lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
+        if len(lines) > MOST_LINES:
+            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
+        return [shorten(words, LONGEST_LINE, placeholder=" …") for words in lines]
+
+    def text(self, state: int) -> str:
+        """Return the state's label."""
+        return self._states.label(state)

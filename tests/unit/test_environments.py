@@ -1,0 +1,397 @@
+"""Tasks as Gymnasium environments: the contract, the ends of episodes, the forms, the pictures."""
+
+import copy
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from curricle import (
+    Component,
+    ComputedMDP,
+    FiniteMDP,
+    GridWorld,
+    Pursuit,
+    Rewards,
+    Space,
+    below,
+    rollout,
+    unit,
+)
+from curricle.errors import SettingError, TaskError
+from curricle.interop.environment import MazeEnvironment, TaskEnvironment, to_gymnasium
+from curricle.interop.figures import AGENT, OBJECTS, PREY, painted, predator
+from curricle.interop.registration import register
+from curricle.interop.scene import scene_of
+from curricle.tasks.task import dynamics
+
+register()
+IDS = ("Curricle/Maze-v0", "Curricle/Pursuit-v0")
+WALLED = GridWorld(["S.#T", "FP.."])
+CROP = GridWorld(["......", "S....T"]).crop(rows=(0, 2), columns=(3, 6))
+NORTH, EAST, SOUTH, WEST = range(4)
+
+
+def ring_start(n, bits):
+    return 1 + below(bits, n - 1)
+
+
+def ring_step(n, state, action, bits):
+    right = (action == 1) != (unit(bits) < 0.1)
+    place = (state + (1 if right else n - 1)) % n
+    return place, -1.0, place == 0
+
+
+RING = ComputedMDP(
+    Space([Component("place", 7)]),
+    Space([Component("move", 2, labels=("left", "right"))]),
+    ring_start,
+    ring_step,
+    data=7,
+    time_limit=30,
+)
+TASKS = {
+    "walled": WALLED,
+    "crop": CROP,
+    "relative": GridWorld(["S.T", ".F."], representation="relative"),
+    "pursuit": Pursuit(3, 2),
+    "tables": Pursuit(3, 1).mdp,
+    "ring": RING,
+}
+
+
+def going_on(task):
+    """The states in which an episode may start, as far as the task can tell."""
+    terminal = dynamics(task).terminal
+    return range(task.states.size) if terminal is None else np.flatnonzero(~terminal).tolist()
+
+
+# -- the contract ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["index", "components"])
+@pytest.mark.parametrize("name", IDS)
+def test_registered_ids_pass_gymnasiums_checks(name, form):
+    made = gymnasium.make(name, observation=form, action=form)
+    check_env(made.unwrapped)  # pictures of every mode included; a warning would be an error
+
+
+@pytest.mark.parametrize("form", ["index", "components"])
+@pytest.mark.parametrize("name", TASKS)
+def test_every_kind_of_task_passes_gymnasiums_checks(name, form):
+    # Other modes of rendering are only checked of environments with an id.
+    environment = to_gymnasium(TASKS[name], observation=form, render_mode="rgb_array")
+    check_env(environment, skip_render_check=True)
+
+
+@pytest.mark.parametrize("form", ["index", "components"])
+@pytest.mark.parametrize("name", IDS)
+def test_registered_ids_pass_stable_baselines_checks(name, form):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gymnasium.make(name, observation=form, action=form), warn=True)
+
+
+def test_ids_are_made_by_module_too_and_with_a_task_s_own_settings():
+    maze = gymnasium.make("curricle:Curricle/Maze-v0", map="S..T", rewards={"step": -5}).unwrapped
+    assert maze.task == GridWorld("S..T", rewards=Rewards(step=-5))
+    hunt = gymnasium.make("Curricle/Pursuit-v0", size=5, predators=3, capture="any").unwrapped
+    assert hunt.task == Pursuit(5, 3, capture="any")
+
+
+def test_registering_again_changes_nothing():
+    before = dict(gymnasium.registry)
+    register()  # Gymnasium would warn of an id that is overridden
+    assert gymnasium.registry == before
+
+
+def test_registering_imports_nothing_heavy():
+    code = (
+        "import sys; from curricle.interop.registration import register; register(); "
+        "sys.exit(bool({'numba', 'PIL', 'matplotlib'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_environments_side_by_side_reset_by_themselves(mode):
+    many = gymnasium.make_vec(
+        "Curricle/Maze-v0",
+        3,
+        map="S.T",
+        time_limit=4,
+        vector_kwargs={"autoreset_mode": mode},
+    )
+    observed, _ = many.reset(seed=0)
+    assert observed.tolist() == [0, 0, 0]
+    ends = []
+    for _ in range(4):
+        *_, terminated, truncated, _ = many.step(np.array([EAST, WEST, EAST]))
+        ends.append((terminated.tolist(), truncated.tolist()))
+    assert ends[1] == ([True, False, True], [False, False, False])
+    assert ends[3][1][1]  # the one that walks into the wall is cut off
+    many.close()
+
+
+# -- episodes ----------------------------------------------------------------------------------
+
+
+def test_an_episode_is_the_task_s():
+    task = GridWorld(["S.F", "..T"], time_limit=50)
+    environment = to_gymnasium(task)
+    policy = np.array([EAST, SOUTH, WEST, NORTH, EAST, NORTH])
+    expected = rollout(task, policy)
+    state, _ = environment.reset()
+    for reached, reward in zip(expected.states[1:], expected.rewards, strict=True):
+        state, paid, terminated, truncated, info = environment.step(policy[state])
+        assert (state, paid, info["state"]) == (reached, reward, reached)
+    assert terminated
+    assert not truncated
+
+
+def test_ends_and_cuts_are_told_apart():
+    environment = to_gymnasium(GridWorld("S.T", time_limit=2))
+    environment.reset()
+    assert environment.step(WEST)[2:4] == (False, False)
+    assert environment.step(WEST)[2:4] == (False, True)
+    environment.reset()
+    environment.step(EAST)
+    assert environment.step(EAST)[2:4] == (True, False)  # the last step allowed is an end
+
+
+def test_the_task_s_own_limit_is_the_only_one():
+    made = gymnasium.make("Curricle/Maze-v0", map="S.T", time_limit=3)
+    assert made.spec.max_episode_steps is None
+    made.reset()
+    assert [made.step(WEST)[3] for _ in range(3)] == [False, False, True]
+    endless = to_gymnasium(GridWorld("S.T", time_limit=None))
+    endless.reset()
+    assert not any(endless.step(WEST)[3] for _ in range(300))
+
+
+def test_equal_seeds_give_equal_episodes_and_others_others():
+    environment = to_gymnasium(Pursuit(4, 2))
+
+    def episodes(seed):
+        seen = [environment.reset(seed=seed)[0]]
+        for _ in range(60):
+            state, _, terminated, truncated, _ = environment.step(7)
+            seen.append(environment.reset()[0] if terminated or truncated else state)
+        return seen
+
+    assert episodes(1) == episodes(1)
+    assert episodes(1) != episodes(2)
+
+
+def test_a_copy_goes_on_alike_and_alone():
+    environment = to_gymnasium(Pursuit(4, 2))
+    environment.reset(seed=3)
+    twin = copy.deepcopy(environment)
+    ours = [environment.step(3)[0] for _ in range(5)]
+    assert [twin.step(3)[0] for _ in range(5)] == ours
+
+
+@pytest.mark.parametrize(
+    "given",
+    [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}],
+)
+def test_a_start_can_be_named(given):
+    hunt = Pursuit(3, 2, capture="all")
+    if isinstance(given, dict):
+        assert hunt.states.encode(prey=1, predator_1=4, predator_2=1) == 118
+    state, info = to_gymnasium(hunt).reset(options={"state": given})
+    assert state == info["state"] == 118
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"start": 1}, "name a state"),
+        ({"state": 1, "seed": 1}, "name a state"),
+        ({"state": 7}, "not terminal"),
+        ({"state": 2}, "not terminal"),
+        ({"state": -1}, "at least 0"),
+        ({"state": 0.5}, "whole number"),
+        ({"state": {"row": 0, "column": 9}}, "not terminal"),
+        ({"state": {"row": 0, "column": "east"}}, "whole number"),
+    ],
+)
+def test_starts_that_are_none_are_refused(options, words):
+    with pytest.raises(SettingError, match=words):
+        to_gymnasium(GridWorld("S.T")).reset(options=options)
+
+
+def test_a_start_needs_all_components():
+    with pytest.raises(TaskError, match="row, column"):
+        to_gymnasium(GridWorld("S.T")).reset(options={"state": {"row": 0}})
+
+
+def test_a_step_needs_an_episode():
+    environment = to_gymnasium(GridWorld("ST"))
+    for _ in range(2):
+        with pytest.raises(SettingError, match="reset"):
+            environment.step(EAST)
+        environment.reset()
+        environment.step(EAST)
+    with pytest.raises(SettingError, match="first reset"):
+        _ = to_gymnasium(GridWorld("ST")).state
+
+
+# -- forms -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_what_is_observed_and_said_is_the_state(name):
+    task = TASKS[name]
+    low = [part.low for part in task.states.components]
+    by_index = to_gymnasium(task)
+    by_part = to_gymnasium(task, observation="components")
+    for state in going_on(task):
+        index, info = by_index.reset(options={"state": state})
+        parts, same = by_part.reset(options={"state": state})
+        assert index == state
+        assert info == same == {"state": state, "label": task.states.label(state)}
+        assert (parts + low).tolist() == [int(v) for v in task.states.decode(state).values()]
+        assert by_part.observation_space.contains(parts)
+
+
+def test_joint_actions_can_be_given_by_component():
+    hunt = Pursuit(4, 2)
+    joint, apart = to_gymnasium(hunt), to_gymnasium(hunt, action="components")
+    for action in range(hunt.actions.size):
+        joint.reset(seed=action)
+        apart.reset(seed=action)
+        moves = np.array([hunt.actions.decode(action)[name] for name in hunt.actions.names])
+        assert joint.step(action) == apart.step(moves)
+
+
+@pytest.mark.parametrize(
+    ("form", "action"),
+    [
+        ("index", 25),
+        ("index", -1),
+        ("index", 1.0),
+        ("index", [1, 2]),
+        ("index", None),
+        ("components", [1, 5]),
+        ("components", [-1, 0]),
+        ("components", [1]),
+        ("components", [1, 2, 3]),
+        ("components", [0.5, 0]),
+        ("components", 3),
+        ("components", [[1], [2, 3]]),
+    ],
+)
+def test_actions_outside_the_space_are_refused(form, action):
+    environment = to_gymnasium(Pursuit(3, 2), action=form)
+    environment.reset()
+    with pytest.raises(SettingError, match="must lie in"):
+        environment.step(action)
+
+
+def test_numbers_as_learners_give_them_are_taken():
+    environment = to_gymnasium(GridWorld("S..T"))
+    environment.reset()
+    assert environment.step(np.array(EAST))[0] == 1
+    assert environment.step(np.int32(EAST))[0] == 2
+
+
+def test_actions_by_component_need_a_box():
+    moves = Space([Component("x", 2), Component("y", 2)], points=[[0, 1], [1, 0]])
+    task = FiniteMDP.from_dense(
+        np.full((2, 2, 2), 0.5),
+        np.zeros((2, 2)),
+        terminal=[0, 0],
+        start=0,
+        discount=0.5,
+        actions=moves,
+    )
+    with pytest.raises(SettingError, match="every combination"):
+        to_gymnasium(task, action="components")
+
+
+@pytest.mark.parametrize("setting", ["observation", "action", "render_mode"])
+def test_unknown_settings_are_refused(setting):
+    with pytest.raises(SettingError, match=f"{setting} must be one of"):
+        to_gymnasium(WALLED, **{setting: "pixels"})
+
+
+def test_what_is_no_task_is_refused():
+    with pytest.raises(TaskError, match="a task must be"):
+        TaskEnvironment("maze")
+
+
+# -- pictures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_pictures_of_all_states_have_one_size_and_differ(name):
+    task = TASKS[name]
+    scene = scene_of(task)  # terminal states too, in which no episode starts
+    pictures = [scene.image(s) for s in range(0, task.states.size, 1 + task.states.size // 40)]
+    assert {picture.shape for picture in pictures} == {pictures[0].shape}
+    assert all(side % 2 == 0 for side in pictures[0].shape[:2])  # as video formats want it
+    assert pictures[0].dtype == np.uint8
+    assert len({picture.tobytes() for picture in pictures}) == len(pictures)
+
+
+def test_a_picture_is_the_caller_s():
+    environment = MazeEnvironment(render_mode="rgb_array")
+    environment.reset()
+    first = environment.render()
+    kept = first.copy()
+    first[:] = 0
+    assert np.array_equal(environment.render(), kept)
+
+
+def test_only_the_agent_s_cells_change():
+    environment = to_gymnasium(GridWorld("S..T"), render_mode="rgb_array")
+    environment.reset()
+    before = environment.render()
+    environment.step(EAST)
+    changed = np.flatnonzero((environment.render() != before).any(axis=(0, 2)))
+    width = before.shape[1] / 4
+    assert changed.min() < width  # left the first cell
+    assert width < changed.max() < 2 * width + 4  # for the second
+
+
+def test_figures_differ_without_their_colours():
+    figures = [AGENT, PREY, predator(1), predator(2), predator(3), *OBJECTS.values()]
+
+    def in_grey(figure):
+        colours, through = painted(figure, 32)
+        return (colours + 247 * through).mean(axis=2)
+
+    greys = [in_grey(figure) for figure in figures]
+    for i, one in enumerate(greys):
+        for other in greys[:i]:
+            assert abs(one - other).max() > 100
+
+
+def test_text_shows_the_map_and_the_agent():
+    environment = to_gymnasium(WALLED, render_mode="ansi")
+    environment.reset(options={"state": {"row": 0, "column": 1}})
+    assert environment.render() == "S@#T\nFP.."
+
+
+def test_text_shows_the_prey_and_the_predators_numbers():
+    hunt = Pursuit(3, 2)
+    environment = to_gymnasium(hunt, render_mode="ansi")
+    environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
+    assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
+
+
+def test_other_tasks_are_named():
+    environment = to_gymnasium(RING, render_mode="ansi")
+    environment.reset(options={"state": 3})
+    assert environment.render() == "place=3"
+
+
+def test_rendering_needs_a_mode():
+    environment = to_gymnasium(WALLED)
+    environment.reset()
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert environment.render() is None
