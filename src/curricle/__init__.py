@@ -8,9 +8,14 @@ Axis letters used throughout: S states, A actions, O outcomes of a pair, Y outco
 (transfers), K seeds, T checkpoints. Arrays of values and policies have axes (S, A).
 
 The public names are those of ``__init__.pyi``; each is imported when first used, so that
-``import curricle`` is quick.
+``import curricle`` is quick. It registers ``Curricle/Maze-v0`` and ``Curricle/Pursuit-v0`` with
+Gymnasium.
 """
 
 import lazy_loader
 
+from curricle.interop.registration import register
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+register()

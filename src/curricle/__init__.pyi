@@ -11,6 +11,15 @@ from .errors import (
     StoreError as StoreError,
     TaskError as TaskError,
 )
+from .interop.environment import (
+    TaskEnvironment as TaskEnvironment,
+    to_gymnasium as to_gymnasium,
+)
+from .interop.pettingzoo import (
+    PursuitParallelEnv as PursuitParallelEnv,
+    agent_mappings as agent_mappings,
+    to_pettingzoo as to_pettingzoo,
+)
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.film import Film as Film
@@ -58,6 +67,7 @@ from .report.flips import collapse_figure as collapse_figure, draw_flips as draw
 from .report.forecast import draw_forecast as draw_forecast
 from .report.picture import plot as plot
 from .report.potentials import draw_potential as draw_potential, draw_sources as draw_sources
+from .returning import Return as Return
 from .study.alignment import differences as differences
 from .study.attribution import Attribution as Attribution, Region as Region, attribute as attribute
 from .study.compare import compare as compare

@@ -1,10 +1,8 @@
 """Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from graphlib import CycleError, TopologicalSorter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +10,8 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of
 from curricle.errors import CurriculumError
+from curricle.graph import TaskGraph
+from curricle.knowledge import calibrated, source_potentials, warn_of_refusals
 from curricle.learning.budget import Budget, seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
@@ -22,12 +22,13 @@ from curricle.learning.learners import Learner, QLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.storage import Storage
 from curricle.node import Node
-from curricle.tasks.task import Task, dynamics, same_task
+from curricle.returning import Course, Return, with_returns
+from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate, mean
-from curricle.transfer.calibration import Calibrate, Calibration, attempt
+from curricle.transfer.calibration import Calibrate, Calibration
 from curricle.transfer.edge import Transfer
-from curricle.transfer.mapped import combined_potential
 
+IntArray = npt.NDArray[np.int64]
 DEFAULT_BUDGET = 100_000
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -35,6 +36,7 @@ SETTINGS: dict[str, Any] = {
     "budget": DEFAULT_BUDGET,
     "how": "initialise",
     "guard": None,
+    "back": None,
     "every": None,
     "evaluation": GreedyEvaluation(),
     "storage": Storage(),
@@ -43,7 +45,7 @@ SETTINGS: dict[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Curriculum:
+class Curriculum(TaskGraph):
     """A directed acyclic graph of tasks whose edges carry potentials.
 
     Every setting below may be one value for all tasks or a dict from task name to value; tasks
@@ -66,6 +68,8 @@ class Curriculum:
         ``"state"`` the potential is Phi(s) = max_a phi(s, a).
     guard : Guard or dict, optional
         Watch over the potentials, and trust them less where they do harm; of tasks with sources.
+    back : Return or dict, optional
+        Go back to the sources where a task has lost what they gave it; of tasks with sources.
     every : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -92,13 +96,12 @@ class Curriculum:
     array([10000, 10000])
     """
 
-    tasks: Mapping[str, Task]
-    transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = mean
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
     budget: Budget | Mapping[str, Budget] = DEFAULT_BUDGET
     how: How | Mapping[str, How] = "initialise"
     guard: Guard | Mapping[str, Guard | None] | None = None
+    back: Return | Mapping[str, Return | None] | None = None
     every: int | Mapping[str, int | None] | None = None
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
         default_factory=GreedyEvaluation
@@ -106,37 +109,29 @@ class Curriculum:
     storage: Storage | Mapping[str, Storage] = field(default_factory=Storage)
 
     def __post_init__(self) -> None:
-        instance("tasks", self.tasks, Mapping, CurriculumError)
-        instance("transfers", self.transfers, Sequence, CurriculumError)
-        object.__setattr__(self, "tasks", dict(self.tasks))
-        object.__setattr__(self, "transfers", tuple(self.transfers))
-        if not self.tasks:
-            raise CurriculumError("a curriculum needs at least one task: got none")
-        for task in self.tasks.values():
-            dynamics(task)
-        for transfer in self.transfers:
-            instance("each of transfers", transfer, Transfer, CurriculumError)
-            self._check_ends(transfer)
+        super().__post_init__()
         for setting in SETTINGS:
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
-            node = self.node(name)
+            node, calibration = self.node(name), self.calibration(name)
             if self.into(name):
                 node.check_guard()
-            self.calibration(name)
-        _ = self.order
+            self._check_back(node, calibration)
 
-    def _check_ends(self, transfer: Transfer) -> None:
-        for role in ("source", "target"):
-            name = getattr(transfer, role)
-            one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
-            if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
-                raise CurriculumError(
-                    f"a transfer's mapping must be made for its tasks: the mapping's {role} is not "
-                    f"the task {name!r} in {transfer.source} -> {transfer.target}"
-                )
+    def _check_back(self, node: Node, calibration: Calibrate | None) -> None:
+        back = self.setting("back", node.name)
+        if back is None:
+            return
+        instance(f"back of {node.name}", back, Return, CurriculumError)
+        if self.into(node.name):
+            back.watched(node)
+        if calibration is not None:
+            raise CurriculumError(
+                "a return to the sources changes a potential that was calibrated: choose one for "
+                f"{node.name!r}"
+            )
 
     def calibration(self, name: str) -> Calibrate | None:
         """Return how the potential of a task is calibrated; None if it is not."""
@@ -148,29 +143,6 @@ class Curriculum:
             )
         return settings.pop() if settings else None
 
-    @property
-    def target(self) -> str:
-        """The task that all others lead to; CurriculumError unless there is exactly one."""
-        sources = {transfer.source for transfer in self.transfers}
-        last = [name for name in self.tasks if name not in sources]
-        if len(last) != 1:
-            raise CurriculumError(
-                f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
-            )
-        return last[0]
-
-    @cached_property
-    def order(self) -> tuple[str, ...]:
-        """The tasks' names, every source before its targets."""
-        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
-        for transfer in self.transfers:
-            graph[transfer.target].append(transfer.source)
-        try:
-            return tuple(TopologicalSorter(graph).static_order())
-        except CycleError as error:
-            cycle = " -> ".join(error.args[1])
-            raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
-
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)
@@ -179,7 +151,7 @@ class Curriculum:
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
         one_of("a task", name, self.tasks, CurriculumError)
-        settings = {which: self.setting(which, name) for which in SETTINGS}
+        settings = {which: self.setting(which, name) for which in SETTINGS if which != "back"}
         return Node.of(name, self.tasks[name], **settings)
 
     def changed(self, name: str, **settings: Any) -> "Curriculum":
@@ -189,20 +161,6 @@ class Curriculum:
             for which, value in settings.items()
         }
         return replace(self, **each)
-
-    def into(self, name: str) -> tuple[Transfer, ...]:
-        """Return the transfers into a task."""
-        one_of("a task", name, self.tasks, CurriculumError)
-        return tuple(t for t in self.transfers if t.target == name)
-
-    def ancestors(self, name: str) -> tuple[str, ...]:
-        """Return the tasks that have to be trained before `name`, in training order."""
-        one_of("a task", name, self.tasks, CurriculumError)
-        wanted = {name}
-        for node in reversed(self.order):
-            if node in wanted:
-                wanted.update(t.source for t in self.into(node))
-        return tuple(node for node in self.order if node in wanted and node != name)
 
     def train(
         self,
@@ -248,6 +206,8 @@ class Curriculum:
         results = self._checked(trained or {}, numbers)
         potentials: dict[str, list[PairPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
+        courses: dict[str, Course] = {}
+        paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in self.order:
@@ -257,27 +217,52 @@ class Curriculum:
             fitted = list[Calibration]()
             if (settings := self.calibration(name)) is not None:
                 fitted = calibrated(name, potentials[name], settings, numbers)
-                _warn_of_refusals(name, fitted)
+                warn_of_refusals(name, fitted)
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
-            results[name] = self.node(name).train(
+            spent = self._spent(name, results, courses) if name == paying else None
+            node, back = self.node(name), self.setting("back", name)
+            goes_back = back is not None and bool(potentials[name])
+            results[name] = (back.watched(node) if goes_back else node).train(
                 numbers,
                 potentials[name],
                 preludes=[one.prelude for one in fitted],
-                charged=self._spent(name, results) if charge and name == self.target else None,
+                charged=spent,
                 frames=frames,
                 workers=workers,
             )
+            if goes_back:
+                courses[name] = self._course(name, results, spent)
+                results[name] = courses[name].result
             if progress is not None:
                 progress(name)
-        return CurriculumResult(self, results, potentials, calibrations)
+        return CurriculumResult(self, results, potentials, calibrations, courses)
+
+    def _course(
+        self, name: str, results: Mapping[str, LearningResult], spent: IntArray | None
+    ) -> Course:
+        """Return a task's training with its returns, once each seed has come as far as it could."""
+        sources = {t.source: (self.node(t.source), results[t.source]) for t in self.into(name)}
+        back: Return = self.setting("back", name)
+        known = partial(self._potential, name)
+        return with_returns(back, self.node(name), sources, known, results[name], spent)
+
+    def _potential(self, name: str, results: Mapping[str, LearningResult]) -> PairPotential:
+        """Return the potential that one seed's sources give a task."""
+        (potential,) = self.potentials(name, results)
+        return potential
 
     def _spent(
-        self, name: str, results: Mapping[str, LearningResult]
-    ) -> npt.NDArray[np.int64] | None:
+        self,
+        name: str,
+        results: Mapping[str, LearningResult],
+        courses: Mapping[str, Course],
+    ) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
-        before = [results[source].steps_used for source in self.ancestors(name)]
-        return np.sum(before, axis=0, dtype=np.int64) if before else None
+        before = self.ancestors(name)
+        spent = [results[source].steps_used for source in before]
+        spent += [courses[source].extra for source in before if source in courses]
+        return np.sum(spent, axis=0, dtype=np.int64) if spent else None
 
     def potentials(
         self,
@@ -306,17 +291,8 @@ class Curriculum:
             When a source's values were not kept, or not in a dense table.
         """
         edges = self.into(name) if transfers is None else tuple(transfers)
-        if not edges:
-            return []
-        for source in {edge.source for edge in edges}:
-            if not isinstance(results[source].values, np.ndarray):
-                raise CurriculumError(
-                    f"a source's values must be kept, in dense tables: those of {source!r}, which "
-                    f"{name!r} reads, are not (storage)"
-                )
         aggregate = self.setting("aggregate", name) if function is None else function
-        tables = zip(*(results[edge.source].values for edge in edges), strict=True)
-        return [combined_potential(self.tasks[name], edges, values, aggregate) for values in tables]
+        return source_potentials(self.tasks[name], edges, results, aggregate)
 
     def _checked(
         self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
@@ -334,26 +310,6 @@ class Curriculum:
         return dict(trained)
 
 
-def calibrated(
-    name: str, potentials: Sequence[PairPotential], settings: Calibrate, seeds: Sequence[int]
-) -> list[Calibration]:
-    """Return the calibration of each seed's potential of a task."""
-    return [
-        attempt(potential, settings, seed=seed, stream=f"{name}/calibration")
-        for potential, seed in zip(potentials, seeds, strict=True)
-    ]
-
-
-def _warn_of_refusals(name: str, found: Sequence[Calibration]) -> None:
-    refused = [one.refusal for one in found if one.refusal]
-    if refused:
-        warnings.warn(
-            f"{len(refused)} of {len(found)} seeds of {name!r} take their potential as it is: "
-            f"{refused[0]}",
-            stacklevel=3,
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class CurriculumResult:
     """What training a curriculum gave.
@@ -364,6 +320,8 @@ class CurriculumResult:
     nodes : dict of str to LearningResult
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
+    courses : dict of str to Course
+        For each task trained here that may go back to its sources, what that took.
     calibrations : dict of str to list of Calibration
         For each task trained here whose transfers are calibrated, that of each seed. Its steps are
         the first of the task's own budget and curve.
@@ -380,16 +338,23 @@ class CurriculumResult:
     nodes: Mapping[str, LearningResult]
     potentials: Mapping[str, list[PairPotential]]
     calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
+    courses: Mapping[str, Course] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
 
-    def source_steps(self, name: str) -> npt.NDArray[np.int64]:
-        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
-        spent = self.curriculum._spent(name, self.nodes)
-        return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
+    def source_steps(self, name: str) -> IntArray:
+        """Return the steps each seed spent on a task's sources, each once, (K,) int64.
+
+        Those spent on going back to them from `name` included.
+        """
+        spent = self.curriculum._spent(name, self.nodes, self.courses)
+        total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
+        return total + self.courses[name].extra if name in self.courses else total
 
     def decisions(self, name: str) -> list[list[Decision]]:
         """Return what a task's gate decided at each checkpoint of each seed."""
+        if name in self.courses:
+            return self.courses[name].decisions
         return self.curriculum.node(name).decisions(self[name])

@@ -9,7 +9,9 @@
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
     ├── CalibrationError rollouts that cannot tell what a potential is worth
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
-    └── StoreError       a results folder that cannot be used
+    ├── ConfigError      a study file that cannot be understood          (also ValueError)
+    ├── StoreError       a results folder that cannot be used
+    └── StudyError       a study's own code, or an executor, that failed
 
 Every message is one sentence: the rule, the value that broke it, and the place.
 """
@@ -43,5 +45,13 @@ class CurriculumError(CurricleError, ValueError):
     """A curriculum graph has a cycle, an unknown task or a malformed transfer."""
 
 
+class ConfigError(CurricleError, ValueError):
+    """A study file cannot be understood; a line for each thing that is wrong with it."""
+
+
 class StoreError(CurricleError):
     """A results folder cannot be used for this run."""
+
+
+class StudyError(CurricleError):
+    """A unit of a study failed; its cause is the exception that the study's own code raised."""

@@ -395,3 +395,15 @@ def test_rendering_needs_a_mode():
     environment.reset()
     with pytest.warns(UserWarning, match="render_mode"):
         assert environment.render() is None
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import gymnasium; gymnasium.make('curricle:Curricle/Maze-v0')",
+        "import curricle, gymnasium; gymnasium.make('Curricle/Pursuit-v0')",
+        "import gymnasium, curricle; gymnasium.make('Curricle/Pursuit-v0', size=5)",
+    ],
+)
+def test_importing_curricle_registers_its_environments(code):
+    subprocess.run([sys.executable, "-c", code], check=True)

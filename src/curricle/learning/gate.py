@@ -34,6 +34,9 @@ class Gate:
     plateau : float, optional
         Ends when the mean of the last evaluations exceeds the mean of as many before them by less
         than this return.
+    lost : float, optional
+        Ends, too, when each of the last evaluations lies more than this below the first: when what
+        the task was started with has been lost.
     evaluations : int
         How many "the last" are.
     when : {"any", "all"}
@@ -60,6 +63,7 @@ class Gate:
     value: float | None = None
     fraction: float | None = None
     plateau: float | None = None
+    lost: float | None = None
     evaluations: int = 5
     when: Literal["any", "all"] = "any"
 
@@ -80,8 +84,9 @@ class Gate:
                     "a gate takes a value or a fraction of the optimum, not both: got "
                     f"{self.value:g} and {self.fraction:g}"
                 )
-        if self.plateau is not None:
-            number("plateau of a gate", self.plateau, SettingError, 0.0)
+        for name in ("plateau", "lost"):
+            if getattr(self, name) is not None:
+                number(f"{name} of a gate", getattr(self, name), SettingError, 0.0)
         one_of("when of a gate", self.when, ("any", "all"), SettingError)
 
     def rule(self, level: float | None = None) -> "GateRule":
@@ -98,6 +103,7 @@ class Gate:
             self.evaluations,
             math.nan if value is None else float(value),
             math.nan if self.plateau is None else float(self.plateau),
+            math.nan if self.lost is None else float(self.lost),
             self.when == "all",
         )
 
@@ -126,10 +132,10 @@ class Gate:
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
-            lowest = lowest_of_last(rule, greedy, checkpoint)
-            rise = rise_of_last(rule, greedy, checkpoint)
             ends = bool(opens(rule, greedy, checkpoint, step))
-            found.append(Decision(self, rule, step, ends, float(lowest), float(rise)))
+            lowest, highest, rise = (float(part(rule, greedy, checkpoint)) for part in _PARTS)
+            start = float(greedy[0])
+            found.append(Decision(self, rule, step, ends, start, lowest, highest, rise))
             if found[-1].ends or step >= self.most:
                 break
         return found
@@ -142,10 +148,11 @@ class GateRule(NamedTuple):
     evaluations: int
     level: float
     plateau: float
+    lost: float
     both: bool
 
 
-NO_GATE = GateRule(0, 1, math.nan, math.nan, False)
+NO_GATE = GateRule(0, 1, math.nan, math.nan, math.nan, False)
 
 
 def lowest_of_last(rule, greedy, checkpoint):
@@ -159,6 +166,17 @@ def lowest_of_last(rule, greedy, checkpoint):
     return lowest
 
 
+def highest_of_last(rule, greedy, checkpoint):
+    """Return the highest of the last evaluations after the first one; NaN if there are too few."""
+    if checkpoint < rule.evaluations:
+        return np.nan
+    highest = -np.inf
+    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+        if not greedy[i] <= highest:
+            highest = greedy[i]
+    return highest
+
+
 def rise_of_last(rule, greedy, checkpoint):
     """Return the mean of the last evaluations less that of as many before; NaN if too few."""
     n = rule.evaluations
@@ -170,15 +188,14 @@ def rise_of_last(rule, greedy, checkpoint):
     return rise / n
 
 
-_lowest, _rise = piece(lowest_of_last), piece(rise_of_last)
-
-
-def _judge(lowest_of, rise_of):
+def _judge(lowest_of, highest_of, rise_of):
     """Return the gate's one predicate, made of compiled pieces or of plain functions."""
 
     def opens(rule, greedy, checkpoint, step):
         if step == 0 or step < rule.least:
             return False
+        if highest_of(rule, greedy, checkpoint) < greedy[0] - rule.lost:
+            return True
         asks_level, asks_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
         reached = asks_level and lowest_of(rule, greedy, checkpoint) >= rule.level
         flat = asks_plateau and rise_of(rule, greedy, checkpoint) < rule.plateau
@@ -189,8 +206,9 @@ def _judge(lowest_of, rise_of):
     return opens
 
 
-opens = _judge(lowest_of_last, rise_of_last)
-gate_opens = piece(_judge(_lowest, _rise))
+_PARTS = lowest_of_last, highest_of_last, rise_of_last
+opens = _judge(*_PARTS)
+gate_opens = piece(_judge(*map(piece, _PARTS)))
 
 
 @dataclass(frozen=True)
@@ -204,18 +222,36 @@ class Decision:
     step : int
     ends : bool
         Whether the gate opened.
-    lowest : float
-        The lowest of the last evaluations, return; NaN if there were too few.
+    start : float
+        The first evaluation, return.
+    lowest, highest : float
+        The lowest and highest of the last evaluations, return; NaN if there were too few.
     rise : float
         Their mean less the mean of as many before, return; NaN if there were too few.
+    then : str
+        What was done where that is more than to stay or to end.
     """
 
     gate: Gate
     rule: GateRule
     step: int
     ends: bool
+    start: float
     lowest: float
+    highest: float
     rise: float
+    then: str = ""
+
+    @property
+    def lost(self) -> bool:
+        """Whether what the task was started with has been lost."""
+        early = self.step == 0 or self.step < self.gate.least
+        return not early and self.highest < self.start - self.rule.lost
+
+    @property
+    def spent(self) -> bool:
+        """Whether all steps were used."""
+        return self.step >= self.gate.most
 
     @property
     def reasons(self) -> Sequence[str]:
@@ -236,11 +272,15 @@ class Decision:
                 if math.isnan(self.rise)
                 else f"rise {self.rise:.3g} {sign} {self.rule.plateau:.3g} {over}"
             )
+        if self.lost:
+            found.append(
+                f"lost: greedy {self.highest:.4g} < {self.start:.4g} - {self.rule.lost:.4g}, where "
+                f"it started, {over}"
+            )
         return found
 
     def __str__(self) -> str:
-        spent = self.step >= self.gate.most
         used = f"{self.step:,} of at most {self.gate.most:,} steps used"
         early = [f"at least {self.gate.least:,} steps first"] * (self.step < self.gate.least)
-        verdict = "ends" if self.ends or spent else "stays"
+        verdict = self.then or ("ends" if self.ends or self.spent else "stays")
         return "; ".join([verdict, *self.reasons, *early, used])

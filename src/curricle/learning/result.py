@@ -128,6 +128,37 @@ def _film(seed: int, outcome: Outcome, last: Any, every: int) -> Film | None:
     return Film(seed, frozen(steps), frozen(frames))
 
 
+def one_seed(result: LearningResult, k: int) -> LearningResult:
+    """Return the result of the k-th seed alone, on the axis of all.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> one_seed(learn(GridWorld("S.T"), budget=100, seeds=3), 2).seeds
+    (2,)
+    """
+    rows = {
+        name: getattr(result, name)[k : k + 1]
+        for name in (
+            "training_return",
+            "greedy_return",
+            "episodes",
+            "trust",
+            "steps_used",
+            "episodes_used",
+            "out_of_memory",
+        )
+    }
+    values = None if result.values is None else result.values[k : k + 1]
+    return replace(
+        result,
+        seeds=result.seeds[k : k + 1],
+        values=values,
+        film=None if k else result.film,
+        **rows,
+    )
+
+
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     """Return the results of several groups of seeds as one, in the order of the seeds' numbers.
 

@@ -258,8 +258,12 @@ def default_threshold(place: Target, direct: Arm) -> float:
 
 def most_source_steps(curriculum: Curriculum) -> int:
     """Return a bound of the steps that a curriculum's sources take."""
-    before = curriculum.ancestors(curriculum.target)
-    return sum(curriculum.node(name).most_steps for name in before)
+    most = 0
+    for name in curriculum.ancestors(curriculum.target):
+        back, sources = curriculum.setting("back", name), {t.source for t in curriculum.into(name)}
+        most += curriculum.node(name).most_steps
+        most += 0 if back is None else back.most * back.again * len(sources)
+    return most
 
 
 def check_comparable(arms: Mapping[str, Curriculum]) -> None:

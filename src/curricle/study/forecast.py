@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from curricle.checks import instance, one_of
-from curricle.curriculum import Curriculum, calibrated
+from curricle.curriculum import Curriculum
 from curricle.errors import CurriculumError
+from curricle.knowledge import calibrated
 from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential

@@ -117,6 +117,8 @@ def write_whole(path: Path, content: bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
+            file.flush()
+            os.fsync(file.fileno())  # the name must not come before the content
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:

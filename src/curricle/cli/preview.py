@@ -1,0 +1,121 @@
+"""What a study is, costs and promises, in lines of text, before it is run."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from curricle.curriculum import Curriculum
+from curricle.errors import CurricleError
+from curricle.learning.result import LearningResult
+from curricle.learning.target import Target
+from curricle.study.config.study_file import StudyFile
+from curricle.study.forecast import Forecast, forecast
+from curricle.study.runner.arms import Arms
+from curricle.study.runner.cost import Cost, costs
+from curricle.study.runner.folder import STUDY
+from curricle.study.runner.run import finished
+from curricle.study.runner.study import Study
+from curricle.study.runner.unit import units_of
+from curricle.transfer.edge import transfer_names
+
+
+def preview(study: StudyFile) -> Iterator[str]:
+    """Yield the graph of each arm, what it costs, and a forecast from sources that are solved."""
+    arms = Arms.of(study)
+    seeds = study.document.seeds
+    yield f"{study.document.name}: {len(arms.curricula)} arms, {len(seeds)} seeds"
+    for name, curriculum in arms.curricula.items():
+        yield ""
+        yield f"arm {name}"
+        yield from graph(curriculum)
+    yield ""
+    yield from _bill(costs(arms, seeds, study.document.block))
+    for name, curriculum in arms.curricula.items():
+        if curriculum.into(curriculum.target):
+            yield ""
+            yield f"arm {name}: {_foreseen(curriculum)}"
+
+
+def graph(curriculum: Curriculum) -> Iterator[str]:
+    """Yield a line for each task, sources first, and for each transfer into it."""
+    for name in curriculum.order:
+        node = curriculum.node(name)
+        task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
+        yield f"  {name}: {task}; {type(node.learner).__name__}; {_budget(node.budget)}"
+        edges = curriculum.into(name)
+        for label, edge in zip(transfer_names(edges), edges, strict=True):
+            yield f"    {label}: {edge.mapping!r}, {edge.mapping.coverage()}"
+
+
+def _budget(budget: object) -> str:
+    return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
+
+
+def _bill(each: list[Cost]) -> Iterator[str]:
+    yield f"{'cost at most':<24}{'seeds':>7}{'steps a seed':>14}{'tables':>10}{'time':>12}"
+    for one in each:
+        words = f"{one.arm}: {one.node}"
+        size, spent = f"{one.table_bytes / 1e6:,.1f} MB", duration(one.seconds)
+        yield f"{words:<24}{one.seeds:>7}{one.steps:>14,}{size:>10}{spent:>12}"
+    seconds = sum(one.seconds for one in each)
+    yield f"about {duration(seconds)} on one processor, compilation aside"
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> duration(0.2), duration(75), duration(5000)
+    ('1 s', '75 s', '83 min')
+    """
+    if seconds < 120:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"
+
+
+def _foreseen(curriculum: Curriculum) -> str | Forecast:
+    """Return the forecast with sources taken as solved, or why there is none."""
+    try:
+        return forecast(curriculum, seeds=1, trained=_solved(curriculum))
+    except CurricleError as error:
+        return f"no forecast without training: {error}"
+
+
+def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
+    """Return the sources as if one seed had learnt them perfectly."""
+    found = {}
+    for name in curriculum.ancestors(curriculum.target):
+        node = curriculum.node(name)
+        solution = Target.of(node.task, node.evaluation).solution
+        if solution is not None:
+            none = np.zeros((1, 0))
+            found[name] = LearningResult(
+                task=node.task,
+                learner=node.learner,
+                seeds=(0,),
+                values=solution.action_values[None],
+                steps=np.zeros(0, np.int64),
+                training_return=none,
+                greedy_return=none,
+                episodes=none.astype(np.int64),
+                steps_used=np.zeros(1, np.int64),
+                episodes_used=np.zeros(1, np.int64),
+                out_of_memory=np.zeros(1, np.bool_),
+                trust=none,
+            )
+    return found
+
+
+def to_do(study: StudyFile, path: Path, shard: tuple[int, int]) -> Iterator[str]:
+    """Yield the units that a run would do, of those that a folder does not hold yet."""
+    arms = Arms.of(study)
+    stored = Study(path).folder.units() if (path / STUDY).exists() else []
+    done = {key: set(seeds) for key, seeds in finished(stored).items()}
+    block, (part, parts) = study.document.block, shard
+    seeds = [seed for seed in study.document.seeds if seed // block % parts == part - 1]
+    left = units_of(arms, seeds, block, done)
+    for unit in left:
+        yield f"{unit.words}: {arms.curricula[unit.arm].node(unit.node).most_steps:,} steps at most"
+    yield f"{len(left)} units to do, {len(stored)} done, in {path}"

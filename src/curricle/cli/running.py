@@ -1,0 +1,121 @@
+"""Commands that make and run studies: new, check, run, merge, schema."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from curricle.study.config.study_file import StudyFile
+
+File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
+Seeds = Annotated[
+    str | None, typer.Option(help='Seeds instead of the file\'s, such as "0-29" or "0,3,7".')
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
+]
+
+
+def new(
+    kind: Annotated[Literal["maze", "pursuit", "gymnasium"], typer.Argument(help="What to teach.")],
+    file: Annotated[Path | None, typer.Argument(help="Where to; KIND.toml by default.")] = None,
+) -> None:
+    """Write a commented study to start from, which runs as it is."""
+    from curricle.errors import StoreError
+    from curricle.study.config.templates import template
+
+    path = file or Path(f"{kind}.toml")
+    try:
+        with path.open("x", encoding="utf-8") as place:
+            place.write(template(kind))
+    except FileExistsError:
+        raise StoreError(f"a new study needs a new file: {path} is there already") from None
+    except OSError as error:
+        raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
+    typer.echo(f"Wrote {path}: curricle check {path}, then curricle run {path}")
+
+
+def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
+    """Validate a study, print its graph, what it will cost and what to expect; train nothing."""
+    from curricle.cli.preview import preview
+
+    for line in preview(_read(file, seeds, changes)):
+        typer.echo(line)
+
+
+def run(
+    file: File,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; FILE-results by default.")
+    ] = None,
+    seeds: Seeds = None,
+    changes: Changes = None,
+    workers: Annotated[int | None, typer.Option(help="Threads; all processors by default.")] = None,
+    processes: Annotated[bool, typer.Option(help="Processes instead of threads.")] = False,
+    shard: Annotated[
+        str, typer.Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
+    ] = "1/1",
+    track: Annotated[
+        list[str] | None, typer.Option(help="Also send curves to tensorboard, wandb or mlflow.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with what the folder holds.")] = False,
+    dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
+) -> None:
+    """Run a study into a folder; what is stored survives whatever happens.
+
+    Results do not depend on the number of workers, on shards, or on how often the run was stopped.
+    """
+    from curricle.cli.live import run_live
+    from curricle.cli.preview import to_do
+
+    study = _read(file, seeds, changes)
+    place = out or Path(f"{file.stem}-results")
+    if dry_run:
+        for line in to_do(study, place, _part(shard)):
+            typer.echo(line)
+        return
+    run_live(
+        study,
+        place,
+        resume=resume,
+        workers=workers,
+        processes=processes,
+        shard=_part(shard),
+        track=track or [],
+    )
+    typer.echo(f"Stored in {place}: curricle show {place}, curricle report {place}")
+
+
+def merge(
+    out: Annotated[Path, typer.Argument(help="Folder for the whole.", show_default=False)],
+    parts: Annotated[list[Path], typer.Argument(help="Folders of the parts.", show_default=False)],
+) -> None:
+    """Put together what several machines ran of one study with --shard."""
+    from curricle.study.runner.merge import merge as merged
+
+    study = merged(out, parts)
+    typer.echo(f"{len(study.folder.units())} units of {len(parts)} folders in {out}")
+
+
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    from curricle.study.config.document import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=1))
+
+
+def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyFile":
+    from curricle.study.config.reading import read_study
+
+    given = [f'seeds="{seeds}"'] if seeds is not None else []
+    return read_study(file, set=[*(changes or []), *given])
+
+
+def _part(shard: str) -> tuple[int, int]:
+    part, slash, parts = shard.partition("/")
+    if not (slash and part.isdecimal() and parts.isdecimal()):
+        raise typer.BadParameter(f"a shard is i/n, such as 1/4: got {shard!r}")
+    return int(part), int(parts)

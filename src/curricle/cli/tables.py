@@ -1,0 +1,52 @@
+"""A study's tables for the terminal."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from curricle.errors import StoreError
+from curricle.study.comparison import DIRECT
+from curricle.study.runner.study import Study
+
+
+def study_lines(study: Study, arm: str | None, node: str | None) -> Iterator[str]:
+    """Yield how far a study is, what each task learnt, and the comparison if there is one."""
+    document = study.file.document
+    wanted = len(document.seeds)
+    yield f"{document.name}: {len(study.seeds)} of {wanted} seeds finished in every arm"
+    yield f"{'':<30}{'seeds':>7}{'steps':>12}{'episodes':>11}{'greedy return':>16}"
+    for name, result in study.results.items():
+        for task, learnt in result.nodes.items():
+            if arm in (None, name) and node in (None, task):
+                last = learnt.greedy_return[:, -1]
+                spread = f"{np.mean(last):.4g} ± {np.std(last):.2g}"
+                yield (
+                    f"{name + ': ' + task:<30}{len(learnt.seeds):>7}"
+                    f"{learnt.steps_used.mean():>12,.0f}{learnt.episodes_used.mean():>11,.0f}"
+                    f"{spread:>16}"
+                )
+    yield "(means over seeds; the greedy return with its standard deviation)"
+    if DIRECT in study.arms.curricula and study.seeds:
+        yield ""
+        yield str(study.comparison)
+
+
+def decision_lines(
+    study: Study, arm: str | None, node: str | None, seed: int | None
+) -> Iterator[str]:
+    """Yield why tasks went on and ended: every decision of one seed, or the last of each."""
+    found = False
+    for name, curriculum in study.arms.curricula.items():
+        for task in curriculum.order:
+            if arm not in (None, name) or node not in (None, task):
+                continue
+            for number, words in study.decisions(name, task).items():
+                if seed in (None, number):
+                    found = True
+                    for one in words if seed is not None else words[-1:]:
+                        yield f"{name}: {task}, seed {number}: {one}"
+    if not found:
+        raise StoreError(
+            f"{study.folder.path} holds no decision of arm {arm or 'any'}, task {node or 'any'}, "
+            f"seed {'any' if seed is None else seed}"
+        )

@@ -1,0 +1,1 @@
+"""Running a study: units of work, a folder that survives, any executor, several machines."""

@@ -1,0 +1,129 @@
+"""A study's arms as they are trained: at one total of steps, the direct learner first."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from curricle.curriculum import SETTINGS, Curriculum
+from curricle.errors import SettingError
+from curricle.study.compare import check_comparable, most_source_steps
+from curricle.study.comparison import DIRECT
+from curricle.study.config.graph import Graph
+from curricle.study.config.merging import OF_TARGETS
+from curricle.study.config.study_file import StudyFile
+
+KEY_BYTES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """What a study trains.
+
+    Attributes
+    ----------
+    curricula : dict of str to Curriculum
+        The budget of their target is the total, if there is one.
+    target : str
+        The task that all lead to.
+    budget : int or None
+        Steps of the target that sources come on top of; None where arms are not compared.
+    total : int or None
+        Steps that every arm spends, sources included.
+    every : int
+        Steps between checkpoints of the target.
+    keys : dict of (str, str) to str
+        For each arm and task, what its result depends on but the seed, as a short hash: arms that
+        share a source train it once.
+
+    Examples
+    --------
+    >>> study = StudyFile.rebuilt(
+    ...     {"name": "line", "arms": {"transfer": {
+    ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
+    >>> arms = Arms.of(study)
+    >>> list(arms.curricula), arms.total
+    (['direct', 'transfer'], 500)
+    """
+
+    curricula: Mapping[str, Curriculum]
+    target: str
+    budget: int | None
+    total: int | None
+    every: int
+    keys: Mapping[tuple[str, str], str]
+
+    @classmethod
+    def of(cls, study: StudyFile) -> "Arms":
+        """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
+        given = study.arms
+        check_comparable(given)
+        first = next(iter(given.values()))
+        target = first.target
+        node = first.node(target)
+        budget, total = None, None
+        if isinstance(node.budget, int):
+            budget = node.budget
+            most = max(most_source_steps(arm) for arm in given.values())
+            total = -(-(budget + most) // node.every) * node.every
+        elif len(given) + study.document.direct > 1:
+            raise SettingError(
+                f"arms are compared at one total of steps: the budget of {target!r} is "
+                f"{node.budget}; give it in steps, or run one arm with direct = false"
+            )
+        if study.document.direct:
+            settings: dict[str, Any] = {
+                which: {target: first.setting(which, target)} for which in _OF_ALL
+            }
+            given = {DIRECT: Curriculum({target: first.tasks[target]}, **settings), **given}
+        if total is not None:
+            given = {
+                name: arm.changed(target, budget=total, every=node.every)
+                for name, arm in given.items()
+            }
+        plans = study.document.model_dump(mode="json", exclude_none=True)["arms"]
+        if study.document.direct:
+            plans = {DIRECT: _alone(next(iter(plans.values())), target), **plans}
+        keys = {
+            (arm, name): key
+            for arm, curriculum in given.items()
+            for name, key in _keys(plans[arm], curriculum, total).items()
+        }
+        return cls(given, target, budget, total, node.every, keys)
+
+
+_OF_ALL = [which for which in SETTINGS if which not in OF_TARGETS]
+
+
+def _alone(plan: dict[str, Any], target: str) -> dict[str, Any]:
+    """Return the plan of learning the target directly, as data."""
+    tasks = {name: dict(task) for name, task in plan["tasks"].items()}
+    for which in OF_TARGETS:
+        tasks[target].pop(which, None)
+    return {"tasks": tasks, "transfers": []}
+
+
+def _keys(plan: dict[str, Any], curriculum: Curriculum, total: int | None) -> dict[str, str]:
+    """Return the key of each task of an arm, sources first."""
+    keys: dict[str, str] = {}
+    graph = Graph.of(plan)
+    for name in curriculum.order:
+        into = [
+            {**transfer, "source": keys[transfer["source"]]}
+            for transfer in plan["transfers"]
+            if transfer["target"] == name
+        ]
+        drawings = [plan["tasks"][drawing] for drawing in graph.drawings(name)]
+        spent = total if name == curriculum.target else None
+        words = json.dumps([name, drawings, into, spent], sort_keys=True)
+        keys[name] = hashlib.blake2b(words.encode(), digest_size=KEY_BYTES).hexdigest()
+    return keys
+
+
+@lru_cache(maxsize=4)
+def rebuilt(resolved: str, folder: str) -> Arms:
+    """Return the arms of the study that a JSON text describes; kept, as many units ask."""
+    return Arms.of(StudyFile.rebuilt(json.loads(resolved), Path(folder)))

@@ -1,0 +1,79 @@
+"""A learning result as plain arrays, to be sent and stored, and back again."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.learning.film import Film
+from curricle.learning.result import LearningResult
+from curricle.learning.storage import SparseValues
+from curricle.node import Node
+from curricle.tasks.spaces import frozen
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+PLAIN = (
+    "steps",
+    "training_return",
+    "greedy_return",
+    "trust",
+    "episodes",
+    "steps_used",
+    "episodes_used",
+    "out_of_memory",
+)
+
+
+def arrays_of(
+    result: LearningResult,
+    source_steps: npt.NDArray[np.int64],
+    returned_steps: npt.NDArray[np.int64],
+) -> dict[str, npt.NDArray[Any]]:
+    """Return a result's arrays by name, with the steps that each seed spent on sources, (K,).
+
+    ``returned_steps`` are those of them that were spent on going back to the sources.
+
+    ``values`` are there if they were kept, or for each seed k the ``states_k`` and ``values_k`` of
+    its sparse table; ``film_steps`` and ``film_values`` if there is a film.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> none = np.zeros(1, np.int64)
+    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100), none, none))[-3:]
+    ['training_return', 'trust', 'values']
+    """
+    found = {name: getattr(result, name) for name in PLAIN}
+    found |= {"seeds": np.array(result.seeds, dtype=np.int64)}
+    found |= {"source_steps": source_steps, "returned_steps": returned_steps}
+    if isinstance(result.values, np.ndarray):
+        found["values"] = result.values
+    elif result.values is not None:
+        for k, table in enumerate(result.values):
+            found |= {f"states_{k}": table.states, f"values_{k}": table.values}
+    if result.film is not None:
+        found |= {"film_steps": result.film.steps, "film_values": result.film.values}
+    return found
+
+
+def result_of(node: Node, arrays: Arrays) -> LearningResult:
+    """Return the result that :func:`arrays_of` was called on; without values if there are none."""
+    seeds = tuple(arrays["seeds"].tolist())
+    values: Any = arrays.get("values")
+    if f"states_{len(seeds) - 1}" in arrays:
+        values = tuple(
+            SparseValues(arrays[f"states_{k}"], arrays[f"values_{k}"]) for k in range(len(seeds))
+        )
+    film = None
+    if "film_steps" in arrays:
+        film = Film(seeds[0], frozen(arrays["film_steps"]), frozen(arrays["film_values"]))
+    plain: dict[str, Any] = {name: frozen(arrays[name]) for name in PLAIN}
+    return LearningResult(
+        task=node.task,
+        learner=node.learner,
+        seeds=seeds,
+        values=frozen(values) if isinstance(values, np.ndarray) else values,
+        film=film,
+        **plain,
+    )

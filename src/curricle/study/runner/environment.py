@@ -1,0 +1,51 @@
+"""What a run ran on, so that it can be run again."""
+
+import platform
+import subprocess
+import sys
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from curricle.study.config.study_file import StudyFile
+
+LIBRARIES = ("numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
+
+
+def environment(study: StudyFile) -> dict[str, Any]:
+    """Return versions, the machine, the commit of the study's file, the seeds and the command.
+
+    Examples
+    --------
+    >>> found = environment(StudyFile.rebuilt(
+    ...     {"name": "a", "seeds": [3], "arms": {"b": {"tasks": {"c": {"type": "maze",
+    ...      "map": "ST"}}}}}, Path()))
+    >>> found["seeds"], found["versions"]["numpy"] == metadata.version("numpy")
+    ([3], True)
+    """
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": sys.argv,
+        "seeds": list(study.document.seeds),
+        "commit": commit(study.folder),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "versions": {name: metadata.version(name) for name in ("curricle", *LIBRARIES)},
+    }
+
+
+def commit(folder: Path) -> str | None:
+    """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
+    try:
+        told = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return told.stdout.strip() or None

@@ -1,0 +1,348 @@
+"""A study's folder: its configuration, and units that are either whole or absent."""
+
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
+
+from curricle.errors import StoreError
+from curricle.study.runner.unit import Trained, Unit, seed_words
+from curricle.study.store import PART, write_whole
+
+STUDY, ENVIRONMENT, LOCK = "study.json", "environment.json", ".lock"
+UNITS, MANIFEST = "units", "unit.json"
+RUN, VALUES, FILM, CURVES, DECISIONS = (
+    "run.npz",
+    "values.npz",
+    "film.npz",
+    "curves.parquet",
+    "decisions.parquet",
+)
+OF_READING = ("name", "seeds", "block", "threshold", "window")
+"""What may change without making results others'."""
+
+
+class Stored(NamedTuple):
+    """A unit that is there: where, and for which seeds of which key."""
+
+    path: Path
+    key: str
+    node: str
+    seeds: tuple[int, ...]
+
+
+class StudyFolder:
+    """The folder of one study; refuses those of others.
+
+    Everything is written beside its place and moved there when it is complete and on disk, so that
+    a run killed at any moment leaves whole units only.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    StoreError
+        When there is no study in the folder.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        if not (self.path / STUDY).is_file():
+            raise StoreError(f"a study's folder holds a {STUDY}: {self.path} has none")
+        self.study: dict[str, Any] = self._json(STUDY)
+        if not {"curricle", "folder", "configuration"} <= set(self.study):
+            raise StoreError(f"{self.path / STUDY} is not one that curricle wrote")
+
+    @classmethod
+    @contextmanager
+    def opened(
+        cls, path: str | Path, study: Mapping[str, Any], *, resume: bool
+    ) -> Iterator["StudyFolder"]:
+        """Open the folder for a study, made if need be, with other processes kept out.
+
+        The lock goes with the process, however that ends.
+
+        Parameters
+        ----------
+        path : path
+        study : dict
+            ``curricle`` (version), ``folder`` (of the study's modules), ``configuration``.
+        resume : bool
+            Whether it may hold results of this study already.
+
+        Raises
+        ------
+        StoreError
+            When it is in use, or holds another study, other files, or this study unless it is to
+            be resumed.
+        """
+        path = Path(path)
+        if path.exists() and not path.is_dir():
+            raise StoreError(f"results need a folder: {path} is a file")
+        ours = (path / STUDY).exists() or not path.exists()
+        if not ours and any(_foreign(entry) for entry in path.iterdir()):
+            raise StoreError(
+                f"results need an empty folder or one of this study: {path} holds other files"
+            )
+        lock = FileLock(path / LOCK)
+        with explained(path):
+            path.mkdir(parents=True, exist_ok=True)
+            try:
+                lock.acquire(timeout=0)
+            except Timeout:
+                raise StoreError(
+                    f"only one run at a time can work on a study: another is at work on {path}"
+                ) from None
+        try:
+            yield cls._claimed(path, study, resume)
+        finally:
+            lock.release()
+
+    @classmethod
+    def _claimed(cls, path: Path, study: Mapping[str, Any], resume: bool) -> "StudyFolder":
+        if (path / STUDY).exists():
+            folder = cls(path)
+            folder._check(study)
+            if not resume:
+                raise StoreError(
+                    f"{path} already holds this study, {len(folder.units())} units of it: go on "
+                    "with --resume, or choose another folder"
+                )
+            seeds = {*folder.study["configuration"]["seeds"], *study["configuration"]["seeds"]}
+            study = {**study, "configuration": {**study["configuration"], "seeds": sorted(seeds)}}
+        for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
+            # A killed run's: it means nothing.
+            shutil.rmtree(part) if part.is_dir() else part.unlink()
+        with explained(path):
+            write_whole(path / STUDY, _as_json(study))
+        return cls(path)
+
+    def _check(self, study: Mapping[str, Any]) -> None:
+        here = json.loads(json.dumps(study))
+        for name, (mine, yours) in _apart(self.study, here):
+            raise StoreError(
+                f"{self.path} holds another study: {name} is {_shown(mine)} there and "
+                f"{_shown(yours)} here; choose another folder"
+            )
+
+    def note(self, environment: Mapping[str, Any]) -> None:
+        """Add a run's environment to those of earlier runs."""
+        earlier = self._json(ENVIRONMENT) if (self.path / ENVIRONMENT).exists() else []
+        with explained(self.path):
+            write_whole(self.path / ENVIRONMENT, _as_json([*earlier, environment]))
+
+    def environments(self) -> list[dict[str, Any]]:
+        """Return the environment of each run so far."""
+        return self._json(ENVIRONMENT) if (self.path / ENVIRONMENT).exists() else []
+
+    # -- units ---------------------------------------------------------------------------------
+
+    def units(self) -> list[Stored]:
+        """Return what is there, by path.
+
+        Raises
+        ------
+        StoreError
+            Naming a unit that is damaged.
+        """
+        return self._units("*")
+
+    def units_of(self, key: str) -> list[Stored]:
+        """Return what is there of one key."""
+        return self._units(f"*-{key}")
+
+    def _units(self, pattern: str) -> list[Stored]:
+        manifests = self.path.glob(f"{UNITS}/{pattern}/*/{MANIFEST}")
+        found = [path for path in manifests if not path.parent.name.endswith(PART)]
+        return [self._stored(path) for path in sorted(found)]
+
+    def _stored(self, manifest: Path) -> Stored:
+        found = self._json(manifest.relative_to(self.path))
+        for name, (size, _) in found["files"].items():
+            file = manifest.parent / name
+            if not file.is_file() or file.stat().st_size != size:
+                self._damaged(file)
+        return Stored(manifest.parent, found["key"], found["node"], tuple(found["seeds"]))
+
+    def _damaged(self, file: Path) -> None:
+        raise StoreError(
+            f"{file} is damaged: it is not as it was written; delete the folder {file.parent} and "
+            "run the study again with --resume, which does only what is missing"
+        )
+
+    def write(self, unit: Unit, trained: Trained) -> None:
+        """Store what a unit left, all at once.
+
+        Raises
+        ------
+        StoreError
+            When the disk is full, say; what is there already stays.
+        """
+        name = re.sub(r"[^\w-]+", "_", unit.node)[:40]
+        place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
+        files = _files(unit, trained)
+        sizes = {file: [len(content), _digest(content)] for file, content in files.items()}
+        manifest = {
+            "key": unit.key,
+            "node": unit.node,
+            "seeds": unit.seeds,
+            "calibrations": trained.calibrations,
+            "files": sizes,
+        }
+        with explained(self.path):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
+            try:
+                for file, content in {**files, MANIFEST: _as_json(manifest)}.items():
+                    write_whole(part / file, content)
+                os.chmod(part, 0o755)
+                os.replace(part, place)
+            except BaseException:
+                shutil.rmtree(part, ignore_errors=True)
+                raise
+
+    def read(self, stored: Stored, name: str) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of a unit's file, such as ``run.npz``; none where it has no such file.
+
+        Raises
+        ------
+        StoreError
+            When the file is damaged.
+        """
+        file = stored.path / name
+        if not file.exists():
+            return {}
+        content = self._content(file)
+        try:
+            with np.load(io.BytesIO(content)) as arrays:
+                return {key: arrays[key] for key in arrays.files}
+        except (ValueError, OSError, zipfile.BadZipFile):
+            self._damaged(file)
+            raise
+
+    def table(self, stored: Stored, name: str) -> pa.Table:
+        """Return a unit's Parquet table."""
+        return pq.read_table(io.BytesIO(self._content(stored.path / name)))
+
+    def _content(self, file: Path) -> bytes:
+        manifest = self._json((file.parent / MANIFEST).relative_to(self.path))
+        content = file.read_bytes()
+        if _digest(content) != manifest["files"][file.name][1]:
+            self._damaged(file)
+        return content
+
+    def _json(self, name: str | Path) -> Any:
+        try:
+            return json.loads((self.path / name).read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise StoreError(f"{self.path / name} must be JSON: {error}") from None
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn a failure to write into one sentence that says what is safe."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"results cannot be written to {path} ({error.strerror}): what was stored before is "
+            "whole; run again with --resume when there is room"
+        ) from error
+
+
+def _foreign(entry: Path) -> bool:
+    """Return whether a file is none that a killed run may leave in a new folder."""
+    return entry.suffix != PART and entry.name != LOCK
+
+
+def _apart(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Yield where two configurations differ in what results depend on."""
+    if not (isinstance(mine, dict) and isinstance(yours, dict)):
+        if mine != yours:
+            yield name, (mine, yours)
+        return
+    for key in sorted({*mine, *yours}):
+        place = f"{name}.{key}" if name and name != "configuration" else key
+        if not (name == "configuration" and key in OF_READING) and place != "folder":
+            yield from _apart(mine.get(key), yours.get(key), place)
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value)
+    return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
+
+
+def _short(seeds: tuple[int, ...]) -> str:
+    words = "seeds-" + seed_words(seeds)
+    return words if len(words) < 60 else words[:40] + "-" + _digest(words.encode())
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def _as_json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1) + "\n").encode()
+
+
+def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
+    """Return a unit's files: curves and what was spent, tables, film, and the same as Parquet."""
+    arrays = trained.arrays
+    tables = {k: v for k, v in arrays.items() if re.fullmatch(r"(values|states)(_\d+)?", k)}
+    film = {k: v for k, v in arrays.items() if k.startswith("film_")}
+    run = {k: v for k, v in arrays.items() if k not in tables and k not in film}
+    files = {
+        RUN: _npz(np.savez, run),
+        CURVES: _parquet(curve_table(unit.node, arrays)),
+        DECISIONS: _parquet(pa.Table.from_pylist(trained.decisions)),
+    }
+    if tables:
+        files[VALUES] = _npz(np.savez, tables)
+    if film:
+        files[FILM] = _npz(np.savez_compressed, film)
+    return files
+
+
+def curve_table(node: str, arrays: Mapping[str, npt.NDArray[Any]]) -> pa.Table:
+    """Return a unit's curves as a tidy table, each seed up to its own end."""
+    steps = arrays["steps"]
+    shown = steps[None, :] <= arrays["steps_used"][:, None]
+    seed, checkpoint = np.nonzero(shown)
+    columns = {
+        "node": [node] * len(seed),
+        "seed": arrays["seeds"][seed],
+        "checkpoint": checkpoint,
+        "steps": steps[checkpoint],
+        "source_steps": arrays["source_steps"][seed],
+    }
+    for name in ("training_return", "greedy_return", "trust", "episodes"):
+        columns[name] = arrays[name][shown]
+    return pa.table(columns)
+
+
+def _npz(save: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
+    buffer = io.BytesIO()
+    save(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _parquet(table: pa.Table) -> bytes:
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    return bytes(sink.getvalue().to_pybytes())

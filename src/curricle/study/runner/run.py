@@ -1,0 +1,217 @@
+"""Running a study's units on any executor, storing each as soon as it is there."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from curricle.checks import whole_number
+from curricle.errors import CurricleError, SettingError, StudyError
+from curricle.interop.tracker import Tracker
+from curricle.interop.trackers import open_trackers
+from curricle.learning.result import LearningResult
+from curricle.study.config.study_file import StudyFile
+from curricle.study.runner.arms import Arms
+from curricle.study.runner.arrays import result_of
+from curricle.study.runner.environment import environment
+from curricle.study.runner.folder import RUN, VALUES, Stored, StudyFolder
+from curricle.study.runner.study import Study
+from curricle.study.runner.unit import Knowledge, Unit, Work, train_unit, units_of
+
+AHEAD = 2
+"""Units handed to the executor for each worker, so that none waits for the next."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    left : tuple of Unit
+        What was to be done when the run began.
+    unit : Unit or None
+        What has just been stored; None at the beginning.
+    """
+
+    left: tuple[Unit, ...]
+    unit: Unit | None = None
+
+
+def run_study(
+    study: StudyFile,
+    path: str | Path,
+    *,
+    resume: bool = False,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    shard: tuple[int, int] = (1, 1),
+    trackers: Sequence[str | Tracker] = (),
+    report: Callable[[str], Any] | None = None,
+    progress: Callable[[Progress], Any] | None = None,
+) -> Study:
+    """Return a study that was run, and whose results are in a folder.
+
+    Parameters
+    ----------
+    study : StudyFile
+    path : path
+        The folder; made if need be.
+    resume : bool
+        Whether to go on with what the folder holds of this study. More seeds may be asked for than
+        before.
+    workers : int, optional
+        Threads; as many as there are processors by default. Results do not depend on it.
+    executor : concurrent.futures.Executor, optional
+        Where units are trained instead; it is not shut down. A unit is a picklable function of
+        picklable data (:func:`train_unit`), so processes and other machines will do.
+    shard : (int, int)
+        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
+        together.
+    trackers : sequence of str or Tracker
+        Who else is told of each unit's curves: "tensorboard", "wandb", "mlflow", or one's own. One
+        that fails is reported and switched off; it never stops the run.
+    report : callable, optional
+        Called with a sentence for each failure of a tracker; printed to stderr by default.
+    progress : callable, optional
+        Called with a :class:`Progress` at the beginning and whenever a unit is stored.
+
+    Raises
+    ------
+    StoreError
+        When the folder holds something else, is in use, is damaged or cannot be written.
+    SettingError
+        When the arms cannot be compared, or workers or shard make no sense.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> study = StudyFile.rebuilt(
+    ...     {"name": "line", "seeds": [0, 1], "arms": {"transfer": {
+    ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
+    >>> found = run_study(study, Path(mkdtemp()) / "results")
+    >>> found.results["direct"]["line"].steps_used
+    array([500, 500])
+    """
+    workers = whole_number("workers", workers or os.cpu_count() or 1, 1, SettingError)
+    part, parts = shard
+    if not 1 <= part <= parts:
+        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+    arms = Arms.of(study)
+    given = {
+        "curricle": metadata.version("curricle"),
+        "folder": str(study.folder.resolve()),
+        "configuration": study.resolved(),
+    }
+    with StudyFolder.opened(path, given, resume=resume) as folder, ExitStack() as ending:
+        folder.note(environment(study))
+        done = finished(folder.units())
+        block = study.document.block
+        seeds = [s for s in study.document.seeds if s // block % parts == part - 1]
+        left = units_of(arms, seeds, block, {key: set(found) for key, found in done.items()})
+        told = open_trackers(trackers, study.document.name, given, folder.path, report)
+        ending.callback(told.close)
+        tell = progress or (lambda _: None)
+        tell(Progress(tuple(left)))
+        pool = executor or ending.enter_context(ThreadPoolExecutor(workers))
+        turn = _Turn(study, arms, folder, done, pool, workers * AHEAD)
+        for unit, result in turn.all(left):
+            told.record(unit.arm, unit.node, result)
+            tell(Progress(tuple(left), unit))
+        Study(folder.path).write_tables()
+    return Study(path)
+
+
+def finished(units: Iterable[Stored]) -> dict[str, dict[int, Stored]]:
+    """Return what is trained, key -> seed -> where it is."""
+    found: dict[str, dict[int, Stored]] = {}
+    for stored in units:
+        found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+    return found
+
+
+class _Turn:
+    """Units going through an executor, each after its sources."""
+
+    def __init__(
+        self,
+        study: StudyFile,
+        arms: Arms,
+        folder: StudyFolder,
+        done: dict[str, dict[int, Stored]],
+        pool: Executor,
+        ahead: int,
+    ):
+        self.arms, self.folder, self.done = arms, folder, done
+        self.pool, self.ahead = pool, ahead
+        self.study, self.modules = json.dumps(study.resolved()), str(study.folder.resolve())
+
+    def all(self, left: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
+        """Yield each unit with its result when it is stored."""
+        waiting, running = list(left), dict[Future[Any], Unit]()
+        try:
+            while waiting or running:
+                for unit in [unit for unit in waiting if self._ready(unit)]:
+                    if len(running) >= self.ahead:
+                        break
+                    waiting.remove(unit)
+                    running[self.pool.submit(train_unit, self._work(unit))] = unit
+                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in ended:
+                    unit = running.pop(future)
+                    yield unit, self._stored(unit, future)
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _ready(self, unit: Unit) -> bool:
+        return all(
+            seed in self.done.get(key, ()) for key in unit.sources.values() for seed in unit.seeds
+        )
+
+    def _stored(self, unit: Unit, future: "Future[Any]") -> LearningResult:
+        try:
+            trained = future.result()
+        except Exception as error:
+            ours = isinstance(error, CurricleError)
+            words = str(error) if ours else f"{type(error).__name__}: {error}"
+            raise StudyError(
+                f"{unit.words} failed, and what was stored before is whole: {words}"
+            ) from (None if ours else error)
+        self.folder.write(unit, trained)
+        for stored in self.folder.units_of(unit.key):
+            self.done.setdefault(unit.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        node = self.arms.curricula[unit.arm].node(unit.node)
+        return result_of(node, trained.arrays)
+
+    def _work(self, unit: Unit) -> Work:
+        read = {t.source for t in self.arms.curricula[unit.arm].into(unit.node)}
+        sources = {
+            name: Knowledge(
+                self._gathered(key, unit.seeds, VALUES, "values") if name in read else None,
+                self._gathered(key, unit.seeds, RUN, "steps_used")
+                + self._gathered(key, unit.seeds, RUN, "returned_steps"),
+            )
+            for name, key in unit.sources.items()
+        }
+        return Work(self.study, self.modules, unit, sources)
+
+    def _gathered(self, key: str, seeds: tuple[int, ...], file: str, name: str) -> Any:
+        """Return an array of some seeds, (K, ...), from wherever they are stored."""
+        where = [self.done[key][seed] for seed in seeds]
+        files = {stored.path: self.folder.read(stored, file) for stored in where}
+        if not all(name in arrays for arrays in files.values()):
+            return None  # a source whose values are not kept: training says so
+        return np.stack(
+            [
+                files[stored.path][name][stored.seeds.index(seed)]
+                for seed, stored in zip(seeds, where, strict=True)
+            ]
+        )

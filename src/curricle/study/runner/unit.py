@@ -1,0 +1,216 @@
+"""A unit of work, one task of one arm for some seeds: a pure function of the study."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.curriculum import CurriculumResult
+from curricle.learning.result import LearningResult
+from curricle.node import Node
+from curricle.study.runner.arms import Arms, rebuilt
+from curricle.study.runner.arrays import arrays_of
+
+FRAMES = 24
+"""Tables that are kept of the study's first seed in each task, for the story of its learning."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What is trained at once.
+
+    Attributes
+    ----------
+    key : str
+        What the result depends on but the seeds (:class:`Arms`).
+    arm, node : str
+        The first arm that needs it, and its task.
+    seeds : tuple of int
+        Rising.
+    sources : dict of str to str
+        The tasks that must have been trained for these seeds before, with their keys.
+    filmed : bool
+        Whether tables of the first seed are kept on the way.
+
+    Examples
+    --------
+    >>> Unit("0f", "direct", "maze", (0, 1, 4), {}, False).words
+    'direct: maze, seeds 0-1+4'
+    """
+
+    key: str
+    arm: str
+    node: str
+    seeds: tuple[int, ...]
+    sources: Mapping[str, str] = field(hash=False)
+    filmed: bool
+
+    @property
+    def words(self) -> str:
+        """The unit for people."""
+        return f"{self.arm}: {self.node}, seeds {seed_words(self.seeds)}"
+
+
+def seed_words(seeds: Iterable[int]) -> str:
+    """Return seeds as runs of numbers.
+
+    Examples
+    --------
+    >>> seed_words([0, 1, 2, 7, 9, 10])
+    '0-2+7+9-10'
+    """
+    runs: list[list[int]] = []
+    for seed in seeds:
+        if runs and seed == runs[-1][1] + 1:
+            runs[-1][1] = seed
+        else:
+            runs.append([seed, seed])
+    return "+".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+
+
+def units_of(
+    arms: Arms,
+    seeds: Iterable[int],
+    block: int,
+    done: Mapping[str, set[int]],
+) -> list[Unit]:
+    """Return what is left to do, sources first.
+
+    Parameters
+    ----------
+    arms : Arms
+    seeds : iterable of int
+    block : int
+        Seeds of a unit at most; seed s belongs to block s // block.
+    done : dict of str to set of int
+        Key -> the seeds that are trained.
+    """
+    seeds = sorted(seeds)
+    found: dict[tuple[str, tuple[int, ...]], Unit] = {}
+    for arm, curriculum in arms.curricula.items():
+        for node in curriculum.order:
+            key = arms.keys[arm, node]
+            blocks: dict[int, list[int]] = {}
+            for seed in seeds:
+                if seed not in done.get(key, ()):
+                    blocks.setdefault(seed // block, []).append(seed)
+            sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(node)}
+            for members in blocks.values():
+                filmed = members[0] == seeds[0]
+                unit = Unit(key, arm, node, tuple(members), sources, filmed)
+                found.setdefault((key, unit.seeds), unit)
+    return list(found.values())
+
+
+class Work(NamedTuple):
+    """All that a unit depends on, as plain data: it can be sent to any machine."""
+
+    study: str
+    """JSON, as ``StudyFile.resolved`` says it."""
+    folder: str
+    """Of the study's own modules."""
+    unit: Unit
+    sources: Mapping[str, "Knowledge"]
+
+
+class Knowledge(NamedTuple):
+    """What a target needs of a source's result."""
+
+    values: npt.NDArray[np.floating[Any]] | None
+    """(K, S, A), of a source that it reads."""
+    steps_used: npt.NDArray[np.int64]
+    """(K,) those of going back to its own sources included."""
+
+
+class Trained(NamedTuple):
+    """What a unit leaves."""
+
+    arrays: dict[str, npt.NDArray[Any]]
+    """The :class:`LearningResult`, array by array (:func:`arrays_of`)."""
+    decisions: list[dict[str, Any]]
+    """Why each seed went on and ended, a row a checkpoint."""
+    calibrations: list[dict[str, Any]]
+    """What was fitted for each seed; empty unless transfers are calibrated."""
+
+
+def train_unit(work: Work) -> Trained:
+    """Return what a unit's seeds learn; depends on nothing but `work`."""
+    arms = rebuilt(work.study, work.folder)
+    unit = work.unit
+    curriculum = arms.curricula[unit.arm]
+    trained = {
+        name: _known(curriculum.node(name), unit.seeds, knowledge)
+        for name, knowledge in work.sources.items()
+    }
+    found = curriculum.train(
+        unit.seeds,
+        only=unit.node,
+        trained=trained,
+        charge=arms.total is not None,
+        frames=FRAMES if unit.filmed else 0,
+        workers=1,
+    )
+    arrays = arrays_of(found[unit.node], found.source_steps(unit.node))
+    course = found.courses.get(unit.node)
+    arrays["returned_steps"] = (
+        np.zeros(len(unit.seeds), np.int64) if course is None else course.extra
+    )
+    course = found.courses.get(unit.node)
+    returned = np.zeros(len(unit.seeds), np.int64) if course is None else course.extra
+    return Trained(
+        arrays_of(found[unit.node], found.source_steps(unit.node), returned),
+        _decisions(found, unit),
+        [
+            {"scale": one.scale, "shift": one.shift, "refusal": one.refusal}
+            for one in found.calibrations.get(unit.node, ())
+        ],
+    )
+
+
+def _known(node: Node, seeds: tuple[int, ...], knowledge: Knowledge) -> LearningResult:
+    """Return what is known of a source as the result of training it, without its curves."""
+    none = np.zeros((len(seeds), 0))
+    return LearningResult(
+        task=node.task,
+        learner=node.learner,
+        seeds=seeds,
+        values=knowledge.values,
+        steps=np.zeros(0, np.int64),
+        training_return=none,
+        greedy_return=none,
+        episodes=none.astype(np.int64),
+        steps_used=knowledge.steps_used,
+        episodes_used=np.zeros(len(seeds), np.int64),
+        out_of_memory=np.zeros(len(seeds), np.bool_),
+        trust=none,
+    )
+
+
+def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
+    """Return a row for each decision of the node's gate, or one for the end of each seed."""
+    result = found[unit.node]
+    rows = list[dict[str, Any]]()
+    for k, decisions in enumerate(found.decisions(unit.node)):
+        place = {"node": unit.node, "seed": unit.seeds[k]}
+        rows += [
+            {
+                **place,
+                "steps": one.step,
+                "ends": one.spent or one.ends,
+                "lowest": one.lowest,
+                "level": one.rule.level,
+                "rise": one.rise,
+                "plateau": one.rule.plateau,
+                "words": str(one),
+            }
+            for one in decisions
+        ]
+        if not decisions:
+            used, nan = int(result.steps_used[k]), float("nan")
+            why = "memory is full" if result.out_of_memory[k] else "its budget is spent"
+            words = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
+            numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
+            rows.append({**place, "steps": used, "ends": True, **numbers, "words": words})
+    return rows
