@@ -152,11 +152,6 @@ def train_unit(work: Work) -> Trained:
         frames=FRAMES if unit.filmed else 0,
         workers=1,
     )
-    arrays = arrays_of(found[unit.node], found.source_steps(unit.node))
-    course = found.courses.get(unit.node)
-    arrays["returned_steps"] = (
-        np.zeros(len(unit.seeds), np.int64) if course is None else course.extra
-    )
     course = found.courses.get(unit.node)
     returned = np.zeros(len(unit.seeds), np.int64) if course is None else course.extra
     return Trained(
