@@ -38,7 +38,7 @@ class Return:
         Return: it goes back when each of its last evaluations lies more than this below where it
         started (or started again).
     again : int
-        Steps that each source is trained on for; charged on the target's account.
+        Steps that each source is trained on for; they are source steps like those before.
     most : int
         How often at most.
     evaluations : int
@@ -127,7 +127,7 @@ def with_returns(
     courses = []
     for k in range(len(first.seeds)):
         known = {name: (own, one_seed(result, k)) for name, (own, result) in sources.items()}
-        spent = 0 if charged is None else int(charged[k])
+        spent = None if charged is None else int(charged[k])
         courses.append(_course(back, node, known, potential_of, one_seed(first, k), spent))
     return Course(
         joined_results([course.result for course in courses]),
@@ -142,28 +142,31 @@ def _course(
     sources: Mapping[str, tuple[Node, LearningResult]],
     potential_of: Potential,
     result: LearningResult,
-    charged: int,
+    charged: int | None,
 ) -> Course:
     """Return the training of one seed."""
     nodes = {name: own for name, (own, _) in sources.items()}
     known = {name: learnt for name, (_, learnt) in sources.items()}
     watched, phi = back.watched(node), potential_of(known)
+    on = node if isinstance(node.budget, Gate) else node.changed(budget=Gate(node.most_steps))
     decisions, cost, extra, turn = watched.decisions(result)[0], back.again * len(known), 0, 0
     while decisions[-1].lost:
         step, turn = int(result.steps_used[0]), turn + 1
-        left, start = node.most_steps - charged - extra - step, result.values[0]
+        spent = 0 if charged is None else charged + extra
+        left, start = node.most_steps - spent - step, result.values[0]
         if left == 0:
             break
-        goes_back = turn <= back.most and left > cost
+        goes_back = turn <= back.most and (charged is None or left > cost)
         if goes_back:
             known = {name: _longer(nodes[name], known[name], back.again, turn) for name in known}
             better = potential_of(known)
             start, phi, extra = start - phi.values + better.values, better, extra + cost
+            spent += 0 if charged is None else cost
         then = f"goes back to {', '.join(known)}" if goes_back else "stays, with no return left"
         decisions[-1] = replace(decisions[-1], then=then)
-        part = _gone_on(watched if goes_back else node, result, start, charged + extra, turn)
-        later = (watched if goes_back else node).decisions(part)[0]
-        decisions += [decision for decision in later if decision.step > step]
+        after = _later(watched if goes_back else on, step)
+        part = _gone_on(after, result, start, spent, turn)
+        decisions += [later for later in after.decisions(part)[0] if later.step > step]
         result = _followed_by(result, part)
     return Course(result, np.array([extra]), [decisions])
 
@@ -174,6 +177,14 @@ def _longer(node: Node, result: LearningResult, steps: int, turn: int) -> Learni
         name=f"{node.name}/return {turn}", budget=steps, every=steps, how="initialise", guard=None
     )
     return on.train(result.seeds, [_initial(on, result.values[0])], workers=1)
+
+
+def _later(node: Node, step: int) -> Node:
+    """Return a target that is judged by what it does from a step on."""
+    gate = node.budget
+    assert isinstance(gate, Gate)
+    least = min(step + gate.evaluations * node.every, gate.most)
+    return node.changed(budget=replace(gate, least=max(gate.least, least)))
 
 
 def _gone_on(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.interop.tracker import checkpoints, environment_variables, hyperparameters, run_name
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 IDENTITY = ("curricle.folder", "curricle.arm", "curricle.node", "curricle.seed")
 """Tags that tell a run from all others; recording it again adds to it."""

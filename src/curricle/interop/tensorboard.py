@@ -9,7 +9,7 @@ from typing import Any
 
 from curricle.errors import StoreError
 from curricle.interop.tracker import checkpoints, hyperparameters
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 NO_FILE_NAME = re.compile(r'[%<>:"/\\|?*\x00-\x1f]|^\.|[. ]$')
 """What some file system takes for something other than part of a name."""

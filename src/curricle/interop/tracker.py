@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 CURVES = {
     "rollout/ep_rew_mean": "training_return",

@@ -12,7 +12,7 @@ from curricle.interop.mlflow import MLflow
 from curricle.interop.tensorboard import TensorBoard
 from curricle.interop.tracker import Tracker
 from curricle.interop.wandb import WandB
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 TRACKERS: dict[str, type[Tracker]] = {
     "tensorboard": TensorBoard,

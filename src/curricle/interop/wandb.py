@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.interop.tracker import checkpoints, environment_variables, plain, run_name
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 
 
 class WandB:

@@ -1,0 +1,64 @@
+"""A study's folder as its report."""
+
+from pathlib import Path
+
+from curricle.curriculum import CurriculumResult
+from curricle.errors import StoreError
+from curricle.report.study_page import StudyRecord, study_page
+from curricle.study.runner.study import Study
+from curricle.study.runner.unit import seed_words
+from curricle.study.store import write_whole
+
+
+def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
+    """Write the report of what is in a study's folder, and return where it is.
+
+    Parameters
+    ----------
+    folder : path
+    out : path, optional
+        ``report.html`` in the folder by default.
+
+    Raises
+    ------
+    StoreError
+        When there is nothing to compare yet, or the page cannot be written.
+    """
+    study = Study(folder)
+    path = Path(out) if out is not None else study.folder.path / "report.html"
+    page = study_page(study_record(study)).encode()
+    try:
+        write_whole(path, page)
+    except OSError as error:
+        raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
+    return path
+
+
+def study_record(study: Study) -> StudyRecord:
+    """Return what a report tells of a study: values of the sources that are read, and no others."""
+    results = {}
+    for arm, curriculum in study.arms.curricula.items():
+        read = {transfer.source for transfer in curriculum.transfers}
+        nodes = {name: study.result(arm, name, values=name in read) for name in curriculum.order}
+        results[arm] = CurriculumResult(curriculum, nodes, {})
+    places = [(arm, name) for arm, found in results.items() for name in found.nodes]
+    films = {(arm, name): results[arm][name].film for arm, name in places}
+    last = study.folder.environments()[-1]
+    return StudyRecord(
+        name=study.file.document.name,
+        comparison=study.comparison,
+        results=results,
+        films={place: film for place, film in films.items() if film is not None},
+        decisions={
+            place: [words[-1] for words in study.decisions(*place).values()] for place in places
+        },
+        environment={
+            "command": " ".join(last["command"]),
+            "started": last["started"],
+            "seeds": seed_words(study.seeds),
+            "commit": last["commit"] or "none",
+            "Python": last["python"],
+            "machine": last["machine"],
+            **last["versions"],
+        },
+    )

@@ -1,0 +1,135 @@
+"""Going back to the sources: when, at whose cost, and that nothing is lost by it."""
+
+import numpy as np
+import pytest
+
+from curricle import (
+    SARSA,
+    Curriculum,
+    CurriculumError,
+    Episodes,
+    Guard,
+    Pursuit,
+    QLearning,
+    Return,
+    SettingError,
+    Transfer,
+    project,
+)
+
+HUNT = Pursuit(size=3, predators=2, time_limit=50)
+CHASE = Pursuit(size=3, predators=1, time_limit=50)
+
+
+def plan(back, **settings):
+    """The mean of two hopeful sources: it starts well, and is lost in the first thousand steps."""
+    given = {"budget": {"chase": 1500, "hunt": 9000}, "every": {"hunt": 150}} | settings
+    return Curriculum(
+        {"chase": CHASE, "hunt": HUNT},
+        [
+            Transfer("chase", "hunt", project(HUNT, CHASE, predator=name))
+            for name in HUNT.predator_names
+        ],
+        back={"hunt": back},
+        learner=QLearning(learning_rate=0.1, epsilon=0.3),
+        **given,
+    )
+
+
+ALWAYS = Return(lost=0.0, again=400, most=2, evaluations=1)
+NEVER = Return(lost=1e9, again=400)
+
+
+def test_a_target_that_never_loses_anything_is_trained_as_without():
+    one, other = (plan(back).train(seeds=3) for back in (NEVER, None))
+    for name in ("values", "greedy_return", "training_return", "steps_used", "episodes"):
+        np.testing.assert_array_equal(getattr(one["hunt"], name), getattr(other["hunt"], name))
+    assert one.source_steps("hunt").tolist() == [1500] * 3
+    assert [len(told) for told in one.decisions("hunt")] == [61] * 3
+
+
+def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
+    found = plan(ALWAYS).train(seeds=4, charge=True)
+    extra = found.courses["hunt"].extra
+    assert (extra > 0).any()
+    assert set(extra.tolist()) <= {0, 400, 800}
+    np.testing.assert_array_equal(found.source_steps("hunt"), 1500 + extra)
+    np.testing.assert_array_equal(found["hunt"].steps_used, 9000 - 1500 - extra)
+    for told, spent in zip(found.decisions("hunt"), extra, strict=True):
+        returns = [str(one) for one in told if one.then.startswith("goes back")]
+        assert len(returns) == spent // 400, told
+        assert all(words.startswith("goes back to chase; lost: greedy") for words in returns)
+        steps = [one.step for one in told]
+        assert steps == sorted(set(steps))
+
+
+def test_a_seed_does_not_depend_on_the_others():
+    together, alone = plan(ALWAYS).train(seeds=4), plan(ALWAYS).train(seeds=[2])
+    for name in ("values", "steps_used", "episodes_used"):
+        np.testing.assert_array_equal(
+            getattr(together["hunt"], name)[2:3], getattr(alone["hunt"], name)
+        )
+    n = len(alone["hunt"].steps)
+    np.testing.assert_array_equal(
+        together["hunt"].greedy_return[2, :n], alone["hunt"].greedy_return[0]
+    )
+
+
+def test_curves_before_the_first_return_are_those_without_it():
+    with_it, without = plan(ALWAYS).train(seeds=3), plan(None).train(seeds=3)
+    for k, told in enumerate(with_it.decisions("hunt")):
+        first = next((one.step for one in told if one.lost), 9000) // 150
+        for curve in ("greedy_return", "training_return", "episodes"):
+            np.testing.assert_array_equal(
+                getattr(with_it["hunt"], curve)[k, : first + 1],
+                getattr(without["hunt"], curve)[k, : first + 1],
+            )
+
+
+def test_episodes_go_on_being_counted():
+    found = plan(ALWAYS).train(seeds=3)
+    assert (np.diff(found["hunt"].episodes, axis=1) >= 0).all()
+    np.testing.assert_array_equal(found["hunt"].episodes[:, -1], found["hunt"].episodes_used)
+
+
+def test_going_back_takes_what_the_source_knows_by_then():
+    """A source that hardly learnt before catches up: the target ends better than without."""
+    back = Return(lost=1.0, again=20_000, most=1)
+    budget = {"chase": 500, "hunt": 60_000}
+    found, without = (plan(one, budget=budget).train(seeds=4, charge=True) for one in (back, None))
+    went = found.courses["hunt"].extra > 0
+    assert went.any()
+    gained = found["hunt"].greedy_return[went, -1] - without["hunt"].greedy_return[went, -1]
+    assert gained.mean() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"how": {"hunt": "state"}}, "needs how 'initialise' or 'look_ahead' and no guard"),
+        ({"guard": {"hunt": Guard()}}, "and a guard"),
+        ({"budget": {"hunt": Episodes(5)}}, "needs a budget in steps or a gate"),
+    ],
+)
+def test_what_cannot_go_back_is_refused_before_training(settings, words):
+    with pytest.raises(SettingError, match=words):
+        plan(NEVER, **settings)
+
+
+def test_calibrated_potentials_do_not_go_back():
+    edge = Transfer("chase", "hunt", project(HUNT, CHASE, predator="predator_1"), calibrate=True)
+    with pytest.raises(CurriculumError, match="changes a potential that was calibrated"):
+        Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], back=NEVER)
+
+
+def test_other_learners_go_back_too():
+    found = plan(ALWAYS).changed("hunt", learner=SARSA()).train(seeds=2)
+    assert found["hunt"].steps_used.tolist() == [9000, 9000]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"lost": -1, "again": 5}, {"lost": 1, "again": 0}, {"lost": 1, "again": 5, "most": 0}]
+)
+def test_a_return_that_makes_no_sense_is_refused(wrong):
+    with pytest.raises(SettingError, match="of a return"):
+        Return(**wrong)
