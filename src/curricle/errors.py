@@ -9,6 +9,7 @@
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
     ├── CalibrationError rollouts that cannot tell what a potential is worth
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
+    ├── ConfigError      a study file that cannot be understood          (also ValueError)
     └── StoreError       a results folder that cannot be used
 
 Every message is one sentence: the rule, the value that broke it, and the place.
@@ -41,6 +42,10 @@ class CalibrationError(CurricleError):
 
 class CurriculumError(CurricleError, ValueError):
     """A curriculum graph has a cycle, an unknown task or a malformed transfer."""
+
+
+class ConfigError(CurricleError, ValueError):
+    """A study file cannot be understood; a line for each thing that is wrong with it."""
 
 
 class StoreError(CurricleError):
