@@ -1,0 +1,117 @@
+"""Which tasks of a curriculum lead to which, by name: told before anything is built."""
+
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, NamedTuple
+
+from curricle.study.config.tables import Place, meant, shown
+
+DRAWN = ("maze", "crop")
+"""Types of tasks that a crop may be a part of."""
+
+
+class Graph(NamedTuple):
+    """Names of tasks, and what leads from one to another."""
+
+    parts: dict[str, str | None]
+    """The maze of which each task is a crop, if it is one."""
+    edges: tuple[tuple[str, str], ...]
+    """Source and target of each transfer."""
+
+    @classmethod
+    def of(cls, plan: dict[str, Any]) -> "Graph":
+        """Return the graph of a curriculum as data, of which any part may be malformed."""
+        tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
+        edges = [(edge.get("source"), edge.get("target")) for edge in tables(plan.get("transfers"))]
+        return cls(
+            {name: of if isinstance(of, str) else None for name, of in tasks.items()},
+            tuple((s, t) for s, t in edges if isinstance(s, str) and isinstance(t, str)),
+        )
+
+    @property
+    def learnt(self) -> list[str]:
+        """The tasks that are learnt: all but those that only lend a crop their drawing."""
+        named = {name for edge in self.edges for name in edge}
+        lend = set(self.parts.values())
+        return [name for name in self.parts if name in named or name not in lend]
+
+    @property
+    def targets(self) -> list[str]:
+        """The tasks that are learnt and that no other builds on; a curriculum has one."""
+        sources = {source for source, _ in self.edges}
+        return [name for name in self.learnt if name not in sources]
+
+    def drawings(self, name: str) -> list[str]:
+        """Return the tasks that one is a crop of, itself first."""
+        found = list[str]()
+        part: str | None = name
+        while part is not None and part not in found:
+            found.append(part)
+            part = self.parts.get(part)
+        return found
+
+
+def table(value: Any) -> dict[str, Any]:
+    """Return a table as it is, and an empty one in place of what should have been a table."""
+    return value if isinstance(value, dict) else {}
+
+
+def tables(value: Any) -> list[dict[str, Any]]:
+    """Return a list's tables; none of what should have been a list."""
+    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+
+
+def problems(plan: dict[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Yield what is wrong with the names in a curriculum, each with its place.
+
+    Parameters
+    ----------
+    plan : dict
+        As data, of which any part may be malformed: that others complain of.
+    """
+    graph = Graph.of(plan)
+    for name, task in table(plan.get("tasks")).items():
+        of = table(task).get("of")
+        if table(task).get("type") == "crop" and isinstance(of, str):
+            yield from _part(plan["tasks"], graph, name, of)
+    whole = True
+    transfers = plan.get("transfers")
+    for index, edge in enumerate(transfers if isinstance(transfers, list) else []):
+        for role in ("source", "target"):
+            wanted = table(edge).get(role)
+            whole = whole and isinstance(wanted, str) and wanted in graph.parts
+            if isinstance(wanted, str) and wanted not in graph.parts:
+                yield ("transfers", index, role), _no_task(wanted, graph)
+    if whole:
+        yield from _whole(graph)
+
+
+def _part(tasks: dict[str, Any], graph: Graph, name: str, of: str) -> Iterator[tuple[Place, str]]:
+    place = ("tasks", name, "of")
+    if of not in graph.parts:
+        yield place, _no_task(of, graph)
+    elif table(tasks[of]).get("type") not in DRAWN:
+        yield place, f"must name a maze or a crop: got {of!r}"
+    elif graph.parts.get(graph.drawings(name)[-1]) is not None:
+        yield place, f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on"
+
+
+def _whole(graph: Graph) -> Iterator[tuple[Place, str]]:
+    """Yield what is wrong with a graph all of whose names are known."""
+    before: dict[str, list[str]] = {}
+    for source, target in graph.edges:
+        before.setdefault(target, []).append(source)
+    try:
+        TopologicalSorter(before).prepare()
+    except CycleError as error:
+        yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
+        return
+    if graph.parts and len(graph.targets) != 1:
+        yield (
+            ("tasks",),
+            f"must have one that no other builds on: got {', '.join(graph.targets) or 'none'}",
+        )
+
+
+def _no_task(name: str, graph: Graph) -> str:
+    return f"must name a task: got {shown(name)}{meant(name, graph.parts)}"

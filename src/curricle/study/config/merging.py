@@ -1,0 +1,170 @@
+"""From a file's tables to complete curricula: arms over the study, tasks over settings for all."""
+
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from curricle.errors import ConfigError
+from curricle.study.config.graph import Graph, table
+from curricle.study.config.settings import EpisodesTable, LearnerTable, Settings
+
+SETTINGS = tuple(Settings.model_fields)
+OF_TARGETS = ("aggregate", "how", "guard")
+"""Settings that say how potentials enter a task; a task without sources has none."""
+LASTING = frozenset({*SETTINGS, *LearnerTable.model_fields})
+"""Keys that mean the same in tables of every type."""
+RIVALS = {
+    "map": "file",
+    "file": "map",
+    "epsilon": "inverse_temperature",
+    "inverse_temperature": "epsilon",
+}
+"""Keys that stand for each other; the one given last counts."""
+
+Raw = dict[str, Any]
+
+
+def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
+    """Return a table with another's entries over its own.
+
+    Tables go into tables key by key and anything else takes the place of what was there. A table
+    that becomes another type keeps what every type has. Transfers, a list, are reached by number.
+
+    Examples
+    --------
+    >>> merged({"a": {"b": 1, "c": 2}, "d": [3]}, {"a": {"b": 4}, "d": [5]})
+    {'a': {'b': 4, 'c': 2}, 'd': [5]}
+    >>> merged({"transfers": [{"scale": 1}]}, {"transfers": {"0": {"scale": 2}}})
+    {'transfers': [{'scale': 2}]}
+    >>> merged({"type": "linear", "last": 0, "steps": 9}, {"type": "harmonic"})
+    {'type': 'harmonic'}
+    """
+    changes_type = "type" in patch and patch["type"] != base.get("type")
+    result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
+    for key, value in patch.items():
+        result.pop(RIVALS.get(key, ""), None)
+        result[key] = _over(result.get(key), value, key)
+    return result
+
+
+def _over(old: Any, new: Any, key: str) -> Any:
+    if not isinstance(new, dict):
+        return new
+    if key == "transfers" and isinstance(old, list):
+        return [_over(one, new[str(n)], "") if str(n) in new else one for n, one in enumerate(old)]
+    other_budget = key == "budget" and isinstance(old, dict) and _episodes(old) != _episodes(new)
+    return merged(old, new) if isinstance(old, dict) and not other_budget else new
+
+
+def _episodes(budget: Raw) -> bool:
+    return any(key in budget for key in EpisodesTable.model_fields)
+
+
+def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
+    """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
+
+    The value is read as TOML, or else taken as text.
+
+    Raises
+    ------
+    ConfigError
+        When it is no assignment.
+
+    Examples
+    --------
+    >>> assignment("tasks.chase.budget=1_000")
+    (('tasks', 'chase', 'budget'), {'tasks': {'chase': {'budget': 1000}}})
+    >>> assignment("how=state")
+    (('how',), {'how': 'state'})
+    """
+    key, equals, value = text.partition("=")
+    keys = dotted(key)
+    if not equals or not keys:
+        raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
+    given: Any
+    try:
+        given = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        given = value.strip()
+    for part in reversed(keys):
+        given = {part: given}
+    return keys, dict(given)
+
+
+def dotted(key: str) -> tuple[str, ...]:
+    """Return the parts of a dotted key of TOML; nothing if it is none.
+
+    Examples
+    --------
+    >>> dotted('arms."5x5".how')
+    ('arms', '5x5', 'how')
+    """
+    try:
+        node: Any = tomllib.loads(f"{key.strip()} = 0")
+    except tomllib.TOMLDecodeError:
+        return ()
+    parts = list[str]()
+    while isinstance(node, dict):
+        (part,) = node
+        parts.append(part)
+        node = node[part]
+    return tuple(parts)
+
+
+def complete(study: Raw, patch: Raw | None = None) -> Raw:
+    """Return a curriculum in which each task has all its settings.
+
+    Parameters
+    ----------
+    study : dict
+        As read; any part may be malformed, and then stays so.
+    patch : dict, optional
+        The arm, if it is not the study as it is.
+    """
+    base = {key: value for key, value in study.items() if key in ("tasks", "transfers", *SETTINGS)}
+    changes = table(patch)
+    if isinstance(changes.get("tasks"), dict):
+        # A change of a task that is not there has been refused, and is not worth more words.
+        there = table(base.get("tasks"))
+        known = {name: task for name, task in changes["tasks"].items() if name in there}
+        changes = {**changes, "tasks": known}
+    plan = merged(base, changes)
+    chosen = changes.get("transfers")
+    if isinstance(chosen, list):
+        plan["transfers"] = kept(chosen, base.get("transfers"))
+        plan["tasks"] = _needed(plan, Graph.of(base))
+    for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
+    taught = {target for _, target in Graph.of(plan).edges}
+    tasks = plan.get("tasks")
+    if isinstance(tasks, dict):
+        plan["tasks"] = {
+            name: _settled(task, for_all, name in taught) if isinstance(task, dict) else task
+            for name, task in tasks.items()
+        }
+    return plan
+
+
+def kept(chosen: list[Any], transfers: Any) -> list[Any]:
+    """Return the transfers that an arm names, those given by number taken from the study's."""
+    there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
+    numbers = [one for one in chosen if type(one) is not int or one in there]
+    return [there[one] if type(one) is int else one for one in numbers]
+
+
+def _needed(plan: Raw, base: Graph) -> Any:
+    """Return the tasks that an arm's own transfers need, and the study's target."""
+    graph = Graph.of(plan)
+    named = {name for edge in graph.edges for name in edge}
+    named |= set(base.targets) if len(base.targets) == 1 else set()
+    needed = {drawing for name in named for drawing in graph.drawings(name)}
+    tasks = plan.get("tasks")
+    if not isinstance(tasks, dict) or not named <= tasks.keys():
+        return tasks  # something is wrong, and said elsewhere
+    return {name: task for name, task in tasks.items() if name in needed}
+
+
+def _settled(task: Raw, for_all: Raw, taught: bool) -> Raw:
+    """Return a task with the settings for all under its own."""
+    settings = {w: value for w, value in for_all.items() if taught or w not in OF_TARGETS}
+    own = {which: task[which] for which in SETTINGS if which in task}
+    return {**task, **merged(settings, own)}

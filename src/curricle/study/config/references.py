@@ -1,0 +1,92 @@
+"""Functions that a study file names as ``module:function``."""
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from curricle.errors import ConfigError, CurricleError
+
+
+def load(reference: str, folder: Path) -> Callable[..., Any]:
+    """Return the function that ``module:function`` names.
+
+    A module beside the study file comes before one on ``sys.path``. It belongs to its folder:
+    modules of the same name in two folders stay apart. It imports its neighbours relatively
+    (``from .rules import slip``).
+
+    Parameters
+    ----------
+    reference : str
+    folder : Path
+        The study file's.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such module or function, or importing the module fails.
+
+    Examples
+    --------
+    >>> load("math:hypot", Path())(3, 4)
+    5.0
+    """
+    module_name, colon, name = reference.partition(":")
+    words = [*module_name.split("."), name]
+    if not colon or not all(word.isidentifier() for word in words):
+        raise ConfigError(f"a function is named as module:function: got {reference!r}")
+    with users_code(reference):
+        module = _module(module_name, folder)
+    if module is None:
+        raise ConfigError(
+            f"{reference} names no module: {module_name} is neither beside the study file nor on "
+            "Python's path"
+        )
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise ConfigError(f"{reference} names no function: {module_name} has no {name} to call")
+    return function  # type: ignore[no-any-return]
+
+
+@contextmanager
+def users_code(reference: str) -> Iterator[None]:
+    """Say which function of the user's failed, and how."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
+
+
+def _module(name: str, folder: Path) -> ModuleType | None:
+    """Return a module beside the study file or on ``sys.path``; None if there is none."""
+    for path in (f"{_package(folder)}.{name}", name):
+        if _exists(path):
+            return importlib.import_module(path)
+    return None
+
+
+def _exists(path: str) -> bool:
+    package, _, _ = path.rpartition(".")
+    if package and package not in sys.modules and not _exists(package):
+        return False
+    return importlib.util.find_spec(path) is not None
+
+
+def _package(folder: Path) -> str:
+    """Return the name of a package whose modules are those in a folder.
+
+    As submodules of it they are found without a word in ``sys.path``, and have names of their own.
+    """
+    place = str(folder.resolve())
+    name = f"curricle_study_{hashlib.sha256(place.encode()).hexdigest()[:16]}"
+    package = ModuleType(name, f"The modules in {place}.")
+    package.__path__ = [place]
+    sys.modules.setdefault(name, package)
+    return name

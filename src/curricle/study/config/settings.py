@@ -1,0 +1,279 @@
+"""Settings of learning as tables: learners, schedules, budgets, guard, evaluation, storage.
+
+The fields of each table are the parameters of what it builds, with the same defaults; a test holds
+them equal. Curricle itself, compiled loops and all, is only imported when something is built, so
+that a mistake in a file is reported at once.
+"""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from curricle.study.config.references import load
+from curricle.study.config.tables import (
+    Flag,
+    Number,
+    Table,
+    Whole,
+    by_type,
+    either,
+    flag,
+    meant,
+    number,
+    whole_number,
+    wrong,
+)
+
+AGGREGATES = ("maximum", "mean", "minimum", "total")
+
+
+class Setting(Table):
+    """A table that stands for one object."""
+
+    def build(self) -> Any:
+        """Return the object."""
+        raise NotImplementedError
+
+
+class LinearTable(Setting):
+    """A number that goes straight from one value to another, and stays there."""
+
+    type: Literal["linear"] = "linear"
+    first: Number = Field(description="Value at first.")
+    last: Number = Field(description="Value at last.")
+    steps: Whole = Field(description="Steps it takes to get there.")
+
+    def build(self) -> Any:
+        """Return the schedule."""
+        from curricle.learning.schedules import linear
+
+        return linear(self.first, self.last, steps=self.steps)
+
+
+class ExponentialTable(Setting):
+    """A number whose distance from its last value halves time after time."""
+
+    type: Literal["exponential"] = "exponential"
+    first: Number = Field(description="Value at first.")
+    last: Number = Field(default=0.0, description="Value it tends to.")
+    half_life: Number = Field(description="Steps in which the distance halves.")
+
+    def build(self) -> Any:
+        """Return the schedule."""
+        from curricle.learning.schedules import exponential
+
+        return exponential(self.first, self.last, half_life=self.half_life)
+
+
+class HarmonicTable(Setting):
+    """A number that falls as 1 / (1 + n / half); n counts steps, or updates of a learning rate."""
+
+    type: Literal["harmonic"] = "harmonic"
+    first: Number = Field(default=1.0, description="Value at first.")
+    last: Number = Field(default=0.0, description="Value it tends to.")
+    half: Number = Field(default=1.0, description="Steps or updates after which it is halfway.")
+
+    def build(self) -> Any:
+        """Return the schedule."""
+        from curricle.learning.schedules import harmonic
+
+        return harmonic(self.first, self.last, half=self.half)
+
+
+Rate = Annotated[
+    Number | LinearTable | ExponentialTable | HarmonicTable,
+    either(by_type(LinearTable, ExponentialTable, HarmonicTable), number),
+]
+
+
+class LearnerTable(Setting):
+    """A learner: what it updates by, how fast, how it explores."""
+
+    type: Literal["QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning"] = Field(
+        default="QLearning", description="The update."
+    )
+    learning_rate: Rate = Field(default=0.1, description="alpha in [0, 1], or a schedule.")
+    epsilon: Rate | None = Field(
+        default=None,
+        description="Share of uniform actions, or a schedule; 0.1 unless softmax is used.",
+    )
+    inverse_temperature: Rate | None = Field(
+        default=None,
+        description="Softmax exploration instead of epsilon-greedy: beta, or a schedule.",
+    )
+    initial_value: Number = Field(default=0.0, description="Q before learning.")
+
+    def build(self) -> Any:
+        """Return the learner."""
+        from curricle.learning import learners
+
+        rates = {"learning_rate", "epsilon", "inverse_temperature"}
+        given = {name: _built(getattr(self, name)) for name in rates}
+        return getattr(learners, self.type)(**given, initial_value=self.initial_value)
+
+
+class EpisodesTable(Setting):
+    """A budget in episodes."""
+
+    episodes: Whole = Field(description="How many.")
+
+    def build(self) -> Any:
+        """Return the budget."""
+        from curricle.learning.budget import Episodes
+
+        return Episodes(self.episodes)
+
+
+class GateTable(Setting):
+    """A budget that ends when the task is learnt: a gate to the tasks that build on it."""
+
+    most: Whole = Field(description="Steps after which it opens in any case.")
+    least: Whole = Field(default=0, description="Steps before which it does not open.")
+    value: Number | None = Field(default=None, description="Greedy return to be reached.")
+    fraction: Number | None = Field(
+        default=None,
+        description="The same, as a part of the way from an untaught policy to the optimum.",
+    )
+    plateau: Number | None = Field(
+        default=None, description="Gain below which learning stands still."
+    )
+    evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
+    when: Literal["any", "all"] = Field(default="any", description="Conditions that have to hold.")
+
+    def build(self) -> Any:
+        """Return the budget."""
+        gate = importlib.import_module("curricle.learning.gate")
+        return gate.Gate(**dict(self))
+
+
+class GuardTable(Setting):
+    """A guard against harmful potentials."""
+
+    share: Number = Field(default=0.5, description="Share of steps phi's learner gets at first.")
+    least: Number = Field(default=0.1, description="Share that either learner keeps, in (0, 0.5].")
+    pace: Number = Field(
+        default=0.003, description="Part of the way to its share gained an episode."
+    )
+    sure: Number = Field(default=3.0, description="Standard errors by which one has to be better.")
+    memory: Whole = Field(default=20, description="Episodes over which returns are averaged.")
+
+    def build(self) -> Any:
+        """Return the guard."""
+        from curricle.learning.guard import Guard
+
+        return Guard(**dict(self))
+
+
+class EvaluationTable(Setting):
+    """How the greedy policy is judged at each checkpoint."""
+
+    method: Literal["auto", "exact", "rollouts"] = Field(
+        default="auto", description="Exactly, by rollouts, or exactly where the task is small."
+    )
+    episodes: Whole = Field(default=100, description="Rollouts a checkpoint.")
+    discounted: Flag = Field(default=True, description="Whether rewards are discounted or summed.")
+
+    def build(self) -> Any:
+        """Return the evaluation."""
+        from curricle.learning.evaluation import GreedyEvaluation
+
+        return GreedyEvaluation(**dict(self))
+
+
+def _memory(value: Any) -> int | str | None:
+    return value if value is None or isinstance(value, str) else whole_number(value)
+
+
+class StorageTable(Setting):
+    """How learnt values are held."""
+
+    kind: Literal["auto", "dense", "sparse"] = Field(
+        default="auto", description="A row for every state, or for the states met."
+    )
+    dtype: Literal["float64", "float32"] = Field(default="float64", description="Precision.")
+    memory: Annotated[int | str | None, BeforeValidator(_memory)] = Field(
+        default=None,
+        description='Bytes, or "4 GiB", that the tables may take; half the machine\'s.',
+    )
+    keep: Flag = Field(default=True, description="Whether values are kept; a source's must be.")
+
+    def build(self) -> Any:
+        """Return the storage."""
+        from curricle.learning.storage import Storage
+
+        return Storage(**dict(self))
+
+
+def _budget_table(value: dict[str, Any]) -> type[Setting]:
+    return EpisodesTable if "episodes" in value else GateTable
+
+
+def _aggregate(value: str) -> str:
+    if value not in AGGREGATES and ":" not in value:
+        raise wrong(
+            f"must be one of {', '.join(AGGREGATES)}, or a function as module:function: got "
+            f"{value!r}{meant(value, AGGREGATES)}"
+        )
+    return value
+
+
+class Settings(Table):
+    """Settings that hold for all tasks, or for one."""
+
+    aggregate: Annotated[str, AfterValidator(_aggregate)] = Field(
+        default="mean",
+        description="How several potentials into a task become one: maximum, mean, minimum, total, "
+        "or a function (N, S, A) -> (S, A) as module:function.",
+    )
+    learner: LearnerTable = Field(default=LearnerTable(), description="Who learns.")
+    budget: Annotated[Whole | EpisodesTable | GateTable, either(_budget_table, whole_number)] = (
+        Field(
+            default=100_000,
+            description="Steps; { episodes = 800 }; or a gate, { most = 50_000, ... }.",
+        )
+    )
+    how: Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"] = Field(
+        default="initialise", description="How a potential enters learning."
+    )
+    guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
+        default=False, description="Whether a second learner watches over the potential, and how."
+    )
+    every: Whole | None = Field(
+        default=None, description="Steps between checkpoints; a hundredth of the budget by default."
+    )
+    evaluation: EvaluationTable = Field(
+        default=EvaluationTable(), description="How the greedy policy is judged."
+    )
+    storage: StorageTable = Field(default=StorageTable(), description="How values are held.")
+
+    def setting(self, which: str, folder: Path) -> Any:
+        """Return one of the settings as :class:`Curriculum` takes it.
+
+        Parameters
+        ----------
+        which : str
+            Such as ``"learner"``.
+        folder : Path
+            Where the modules of a study's own functions are.
+        """
+        value = getattr(self, which)
+        if which == "aggregate":
+            return _aggregate_function(value, folder)
+        if which == "guard":
+            value = GuardTable() if value is True else value or None
+        return _built(value)
+
+
+def _aggregate_function(name: str, folder: Path) -> Callable[..., Any]:
+    from curricle.transfer import aggregation
+
+    if name in AGGREGATES:
+        return getattr(aggregation, name)  # type: ignore[no-any-return]
+    return load(name, folder)
+
+
+def _built(value: Any) -> Any:
+    return value.build() if isinstance(value, Setting) else value

@@ -1,0 +1,281 @@
+"""Tasks as tables: mazes, crops of mazes, pursuits, Gymnasium's, and a user's own."""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    JsonValue,
+    ValidationInfo,
+    model_validator,
+)
+
+from curricle.study.config.references import load, users_code
+from curricle.study.config.settings import Settings
+from curricle.study.config.tables import (
+    Flag,
+    Name,
+    Number,
+    Table,
+    Whole,
+    by_type,
+    either,
+    no_table,
+    shown,
+    whole_number,
+    wrong,
+    wrong_at,
+)
+
+Cell = tuple[Whole, Whole]
+
+
+def _time_limit(value: Any) -> int | str:
+    return value if value == "none" else whole_number(value)
+
+
+def _reference(value: str) -> str:
+    if ":" not in value:
+        raise wrong(f"must name a function as module:function: got {value!r}")
+    return value
+
+
+TimeLimit = Annotated[int | Literal["none"], BeforeValidator(_time_limit)]
+Reference = Annotated[str, AfterValidator(_reference)]
+
+
+class TaskTable(Settings):
+    """A task, and settings for it alone."""
+
+    def rules(self) -> dict[str, Any]:
+        """Return what the task itself is, without type and settings, as its class takes it."""
+        names = [name for name in type(self).model_fields if name not in Settings.model_fields]
+        rules = {name: getattr(self, name) for name in names if name != "type"}
+        if rules.get("time_limit") == "none":
+            rules["time_limit"] = None
+        return rules
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the task.
+
+        Parameters
+        ----------
+        folder : Path
+            The study file's, with the modules of a user's own functions.
+        task : callable
+            Returns another task of the study, by its name.
+        """
+        raise NotImplementedError
+
+
+class RewardsTable(Table):
+    """What a step in a maze pays, by what the entered cell holds."""
+
+    step: Number = Field(default=-1.0, description="Paid by every step.")
+    treasure: Number = Field(default=200.0, description="Paid on entering a treasure's cell.")
+    fire: Number = Field(default=-500.0, description="Paid on entering a fire's cell.")
+    near_fire: Number = Field(default=-250.0, description="Paid on entering a cell next to a fire.")
+    pit: Number = Field(default=-2500.0, description="Paid on entering a pit's cell.")
+    bump: Number = Field(default=0.0, description="Paid when the edge or a wall is in the way.")
+
+
+def _start(value: Any) -> Any:
+    if isinstance(value, str) and value not in ("map", "uniform"):
+        raise wrong(f"must be 'map', 'uniform' or a list of cells: got {value!r}")
+    return value
+
+
+def _in_order(value: Any) -> Any:
+    """Return what is a set, but written as a list, in one order."""
+    return tuple(sorted(set(value))) if isinstance(value, tuple) else value
+
+
+Start = Annotated[
+    Literal["map", "uniform"] | tuple[Cell, ...], BeforeValidator(_start), AfterValidator(_in_order)
+]
+Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
+
+
+def _without_margins(drawing: str) -> str:
+    return "\n".join(line.strip() for line in drawing.strip().splitlines())
+
+
+class MazeTask(TaskTable):
+    """A maze drawn as text."""
+
+    type: Literal["maze"] = "maze"
+    map: Annotated[str, AfterValidator(_without_margins)] = Field(
+        description="The drawing, north on top: S start, T treasure, F fire, P pit, # wall, . free."
+    )
+    file: str | None = Field(
+        default=None, description="A text file with the map instead, relative to the study file."
+    )
+    rewards: RewardsTable = Field(default=RewardsTable(), description="What a step pays.")
+    combine: Literal["sum", "worst"] = Field(
+        default="sum", description="Whether rewards add up or the worst one counts."
+    )
+    ends: Ends = Field(
+        default=("pit", "treasure"), description="Objects whose entry ends the episode."
+    )
+    start: Start = Field(
+        default="map", description="'map' (the S cells), 'uniform', or [row, column] cells."
+    )
+    representation: Literal["absolute", "relative"] = Field(
+        default="absolute",
+        description="The agent's row and column, or where objects lie relative to it.",
+    )
+    origin: Cell = Field(default=(0, 0), description="Row and column of the top-left cell.")
+    discount: Number = Field(default=0.99, description="In [0, 1].")
+    time_limit: TimeLimit = Field(
+        default=200, description="Steps after which an episode is cut, or 'none'."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
+        """Put the map in its file's place, so that the study no longer depends on the file."""
+        if not isinstance(data, dict) or data.get("file") is None:
+            return data
+        if "map" in data:
+            raise wrong("has both map and file: one of them is enough")
+        others = {key: value for key, value in data.items() if key != "file"}
+        return {**others, "map": _text(data["file"], (info.context or {}).get("folder", Path()))}
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the maze."""
+        from curricle.tasks.gridworld import GridWorld, Rewards
+
+        rules = {key: value for key, value in self.rules().items() if key != "file"}
+        return GridWorld(**{**rules, "rewards": Rewards(**dict(self.rewards))})
+
+
+def _text(name: Any, folder: Path) -> str:
+    """Return what a file beside the study file says."""
+    if not isinstance(name, str):
+        raise wrong_at(("file",), f"must be text in quotes: got {shown(name)}", name)
+    try:
+        return (folder / name).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise wrong_at(("file",), f"cannot be read: {name}, {why}", name) from None
+
+
+class CropTask(TaskTable):
+    """A part of a maze of the study; all else is as there."""
+
+    type: Literal["crop"] = "crop"
+    of: Name = Field(description="The maze (or crop) it is a part of, by its name in [tasks].")
+    rows: Cell = Field(
+        description="First row and the one after the last, in the map's coordinates."
+    )
+    columns: Cell = Field(description="First column and the one after the last.")
+    start: Start = Field(default="uniform", description="As in a maze.")
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the part of the maze."""
+        return task(self.of).crop(rows=self.rows, columns=self.columns, start=self.start)
+
+
+def _capture(value: Any) -> Any:
+    if value in ("all", "any", "as_published"):
+        return value
+    if isinstance(value, str):
+        raise wrong(f"must be 'all', 'any', 'as_published' or a number of predators: got {value!r}")
+    return whole_number(value)
+
+
+def _prey(value: Any) -> Any:
+    if isinstance(value, str) and value != "uniform" and ":" not in value:
+        raise wrong(
+            "must be 'uniform', rows of probabilities, or a function as module:function: got "
+            f"{value!r}"
+        )
+    return value
+
+
+class PursuitTask(TaskTable):
+    """Predators and a prey on a grid."""
+
+    type: Literal["pursuit"] = "pursuit"
+    size: Whole = Field(default=4, description="Cells per side.")
+    predators: Whole = Field(default=2, description="How many hunt.")
+    moves: Literal[4, 5] = Field(default=5, description="North, east, south, west; 5 adds staying.")
+    torus: Flag = Field(default=False, description="Whether the grid wraps round.")
+    capture: Annotated[Literal["all", "any", "as_published"] | int, BeforeValidator(_capture)] = (
+        Field(default="all", description="How many predators must stand on the prey's cell.")
+    )
+    prey: Annotated[str | tuple[tuple[Number, ...], ...], BeforeValidator(_prey)] = Field(
+        default="uniform",
+        description="Its policy: 'uniform', rows of move probabilities for each cell (or state), "
+        "or a function from decoded states to such rows as module:function.",
+    )
+    step_reward: Number = Field(
+        default=-1.0, description="Paid by a step that does not catch the prey."
+    )
+    capture_reward: Number = Field(default=0.0, description="Paid by one that does.")
+    discount: Number = Field(default=0.99, description="In [0, 1].")
+    time_limit: TimeLimit = Field(
+        default=200, description="Steps after which an episode is cut, or 'none'."
+    )
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the pursuit."""
+        from curricle.tasks.pursuit import Pursuit
+
+        own = isinstance(self.prey, str) and ":" in self.prey
+        prey = load(str(self.prey), folder) if own else self.prey
+        return Pursuit(**{**self.rules(), "prey": prey})
+
+
+class GymnasiumTask(TaskTable):
+    """An environment of Gymnasium's registry."""
+
+    type: Literal["gymnasium"] = "gymnasium"
+    id: Name = Field(description="Such as FrozenLake-v1.")
+    arguments: dict[str, JsonValue] = Field(default={}, description="Passed to gymnasium.make.")
+    discount: Number = Field(default=0.99, description="In [0, 1].")
+    time_limit: TimeLimit | None = Field(
+        default=None,
+        description="Steps after which an episode is cut, or 'none'; the environment's own.",
+    )
+    encode: Reference | None = Field(
+        default=None, description="A function from observations to states, as module:function."
+    )
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the environment as a task."""
+        adapter = importlib.import_module("curricle.interop.gymnasium")
+        options: dict[str, Any] = {"discount": self.discount}
+        if self.time_limit is not None:
+            options["time_limit"] = self.rules()["time_limit"]
+        if self.encode is not None:
+            options["encode"] = load(self.encode, folder)
+        return adapter.from_gymnasium(self.id, **options, **self.arguments)
+
+
+class FactoryTask(TaskTable):
+    """A task that a function of the user's makes."""
+
+    type: Literal["factory"] = "factory"
+    factory: Reference = Field(description="The function that returns the task, module:function.")
+    arguments: dict[str, JsonValue] = Field(default={}, description="Passed to it by name.")
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return what the function returns, if it is a task."""
+        from curricle.tasks.task import dynamics
+
+        make = load(self.factory, folder)
+        with users_code(self.factory):
+            made = make(**self.arguments)
+            dynamics(made)
+        return made
+
+
+AnyTask = Annotated[
+    MazeTask | CropTask | PursuitTask | GymnasiumTask | FactoryTask,
+    either(by_type(MazeTask, CropTask, PursuitTask, GymnasiumTask, FactoryTask), no_table),
+]

@@ -1,0 +1,30 @@
+"""Study files to begin with."""
+
+from importlib.resources import files
+
+from curricle.errors import ConfigError
+from curricle.study.config.tables import unknown
+
+KINDS = ("maze", "pursuit", "gymnasium")
+
+
+def template(kind: str) -> str:
+    """Return a commented study file that runs as it is.
+
+    Parameters
+    ----------
+    kind : {"maze", "pursuit", "gymnasium"}
+
+    Raises
+    ------
+    ConfigError
+        When there is no such template.
+
+    Examples
+    --------
+    >>> template("maze").splitlines()[0]
+    '# A maze learnt from its corner. Run it with: curricle run FILE'
+    """
+    if kind not in KINDS:
+        raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
+    return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
