@@ -3,12 +3,14 @@ from .certificate.verdict import Certificate as Certificate, Counterexample as C
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
 from .errors import (
     CalibrationError as CalibrationError,
+    ConfigError as ConfigError,
     CurricleError as CurricleError,
     CurriculumError as CurriculumError,
     MappingError as MappingError,
     PotentialError as PotentialError,
     SettingError as SettingError,
     StoreError as StoreError,
+    StudyError as StudyError,
     TaskError as TaskError,
 )
 from .interop.environment import (
@@ -20,6 +22,8 @@ from .interop.pettingzoo import (
     agent_mappings as agent_mappings,
     to_pettingzoo as to_pettingzoo,
 )
+from .interop.tracker import Tracker as Tracker
+from .interop.trackers import Trackers as Trackers, open_trackers as open_trackers
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.film import Film as Film
@@ -72,6 +76,9 @@ from .study.alignment import differences as differences
 from .study.attribution import Attribution as Attribution, Region as Region, attribute as attribute
 from .study.compare import compare as compare
 from .study.comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
+from .study.config.document import Document as Document
+from .study.config.reading import read_study as read_study
+from .study.config.study_file import StudyFile as StudyFile
 from .study.flips import flips as flips
 from .study.forecast import Forecast as Forecast, Foreseen as Foreseen, forecast as forecast
 from .study.metrics import (
@@ -94,6 +101,10 @@ from .study.ordering import (
     probability_of_improvement as probability_of_improvement,
     sign_flip_test as sign_flip_test,
 )
+from .study.runner.merge import merge as merge
+from .study.runner.run import Progress as Progress, run_study as run_study
+from .study.runner.study import Study as Study, compared as compared
+from .study.runner.unit import Unit as Unit, train_unit as train_unit
 from .study.sequential import AddedSeeds as AddedSeeds, add_seeds as add_seeds
 from .study.statistics import (
     Interval as Interval,

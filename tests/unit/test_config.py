@@ -852,7 +852,7 @@ def test_a_mistake_is_told_without_loading_anything_heavy(tmp_path):
             read_study(sys.argv[1])
         except ConfigError as error:
             assert "predatrs" in str(error)
-            sys.exit(bool({"numba", "numpy", "gymnasium"} & set(sys.modules)))
+            sys.exit(bool({"numba", "pyarrow", "matplotlib"} & set(sys.modules)))
     """
     command = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path / "study.toml")]
     assert subprocess.run(command, check=False).returncode == 0

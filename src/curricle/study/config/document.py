@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from curricle.study.config.settings import Settings
-from curricle.study.config.tables import Count, Flag, Name, Number, Table, shown, wrong
+from curricle.study.config.tables import Count, Flag, Name, Number, Table, Whole, shown, wrong
 from curricle.study.config.tasks import AnyTask, TaskTable
 from curricle.study.config.transfers import TransferTable
 
@@ -50,6 +50,9 @@ class Running(Table):
     block: Count = Field(default=5, description="Seeds trained together as one unit of work.")
     threshold: Number | None = Field(default=None, description="Return that counts as learnt.")
     window: Count = Field(default=5, description="Checkpoints over which curves are smoothed.")
+    frames: Whole = Field(
+        24, description="Tables of the first seed kept on the way, to be watched in the report."
+    )
     direct: Flag = Field(
         default=True, description="Whether learning the target directly is an arm too."
     )

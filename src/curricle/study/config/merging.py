@@ -9,7 +9,7 @@ from curricle.study.config.graph import Graph, table
 from curricle.study.config.settings import EpisodesTable, LearnerTable, Settings
 
 SETTINGS = tuple(Settings.model_fields)
-OF_TARGETS = ("aggregate", "how", "guard")
+OF_TARGETS = ("aggregate", "how", "guard", "back")
 """Settings that say how potentials enter a task; a task without sources has none."""
 LASTING = frozenset({*SETTINGS, *LearnerTable.model_fields})
 """Keys that mean the same in tables of every type."""

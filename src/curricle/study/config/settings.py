@@ -5,7 +5,6 @@ them equal. Curricle itself, compiled loops and all, is only imported when somet
 that a mistake in a file is reported at once.
 """
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -140,13 +139,17 @@ class GateTable(Setting):
     plateau: Number | None = Field(
         default=None, description="Gain below which learning stands still."
     )
+    lost: Number | None = Field(
+        default=None, description="Return below its start at which what it began with is lost."
+    )
     evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
     when: Literal["any", "all"] = Field(default="any", description="Conditions that have to hold.")
 
     def build(self) -> Any:
         """Return the budget."""
-        gate = importlib.import_module("curricle.learning.gate")
-        return gate.Gate(**dict(self))
+        from curricle.learning.gate import Gate
+
+        return Gate(**dict(self))
 
 
 class GuardTable(Setting):
@@ -165,6 +168,36 @@ class GuardTable(Setting):
         from curricle.learning.guard import Guard
 
         return Guard(**dict(self))
+
+
+class BackTable(Setting):
+    """When a task goes back to its sources."""
+
+    lost: Number = Field(description="Return below where it started.")
+    again: Whole = Field(description="Steps that each source is trained on for.")
+    most: Whole = Field(3, description="How often at most.")
+    evaluations: Whole = Field(5, description="Checkpoints that have to agree.")
+
+    def build(self) -> Any:
+        """Return it."""
+        from curricle.returning import Return
+
+        return Return(**dict(self))
+
+
+class BackTable(Setting):
+    """When a task goes back to its sources."""
+
+    lost: Number = Field(description="Return below where it started.")
+    again: Whole = Field(description="Steps that each source is trained on for.")
+    most: Whole = Field(default=3, description="How often at most.")
+    evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
+
+    def build(self) -> Any:
+        """Return it."""
+        from curricle.returning import Return
+
+        return Return(**dict(self))
 
 
 class EvaluationTable(Setting):
@@ -240,6 +273,9 @@ class Settings(Table):
     )
     guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
         default=False, description="Whether a second learner watches over the potential, and how."
+    )
+    back: BackTable | None = Field(
+        default=None, description="Whether it goes back to its sources where their gift is lost."
     )
     every: Whole | None = Field(
         default=None, description="Steps between checkpoints; a hundredth of the budget by default."

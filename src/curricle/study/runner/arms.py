@@ -116,9 +116,10 @@ def _keys(plan: dict[str, Any], curriculum: Curriculum, total: int | None) -> di
             for transfer in plan["transfers"]
             if transfer["target"] == name
         ]
-        drawings = [plan["tasks"][drawing] for drawing in graph.drawings(name)]
+        task, *others = (plan["tasks"][drawing] for drawing in graph.drawings(name))
+        drawn = [{k: v for k, v in other.items() if k not in SETTINGS} for other in others]
         spent = total if name == curriculum.target else None
-        words = json.dumps([name, drawings, into, spent], sort_keys=True)
+        words = json.dumps([name, task, drawn, into, spent], sort_keys=True)
         keys[name] = hashlib.blake2b(words.encode(), digest_size=KEY_BYTES).hexdigest()
     return keys
 

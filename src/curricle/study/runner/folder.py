@@ -32,7 +32,7 @@ RUN, VALUES, FILM, CURVES, DECISIONS = (
     "curves.parquet",
     "decisions.parquet",
 )
-OF_READING = ("name", "seeds", "block", "threshold", "window")
+OF_READING = ("name", "seeds", "block", "threshold", "window", "frames")
 """What may change without making results others'."""
 
 

@@ -100,7 +100,8 @@ def run_study(
     >>> found.results["direct"]["line"].steps_used
     array([500, 500])
     """
-    workers = whole_number("workers", workers or os.cpu_count() or 1, 1, SettingError)
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    workers = whole_number("workers", workers, 1, SettingError)
     part, parts = shard
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
@@ -115,12 +116,15 @@ def run_study(
         done = finished(folder.units())
         block = study.document.block
         seeds = [s for s in study.document.seeds if s // block % parts == part - 1]
-        left = units_of(arms, seeds, block, {key: set(found) for key, found in done.items()})
+        there = {key: set(found) for key, found in done.items()}
+        left = units_of(arms, seeds, block, there, study.document.frames)
         told = open_trackers(trackers, study.document.name, given, folder.path, report)
         ending.callback(told.close)
         tell = progress or (lambda _: None)
         tell(Progress(tuple(left)))
-        pool = executor or ending.enter_context(ThreadPoolExecutor(workers))
+        pool = executor or ThreadPoolExecutor(workers)
+        if executor is None:  # nobody waits for units whose results would be thrown away
+            ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         turn = _Turn(study, arms, folder, done, pool, workers * AHEAD)
         for unit, result in turn.all(left):
             told.record(unit.arm, unit.node, result)
@@ -154,22 +158,43 @@ class _Turn:
         self.study, self.modules = json.dumps(study.resolved()), str(study.folder.resolve())
 
     def all(self, left: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
-        """Yield each unit with its result when it is stored."""
+        """Yield each unit with its result when it is stored.
+
+        When one fails, no more are begun, and those under way are stored before it is told.
+        """
         waiting, running = list(left), dict[Future[Any], Unit]()
+        failure: StudyError | None = None
         try:
             while waiting or running:
                 for unit in [unit for unit in waiting if self._ready(unit)]:
                     if len(running) >= self.ahead:
                         break
                     waiting.remove(unit)
-                    running[self.pool.submit(train_unit, self._work(unit))] = unit
+                    running[self._begun(unit)] = unit
                 ended, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in ended:
+                for future in [future for future in running if future in ended]:
                     unit = running.pop(future)
-                    yield unit, self._stored(unit, future)
+                    try:
+                        result = self._stored(unit, future)
+                    except StudyError as error:
+                        failure, waiting = failure or error, []
+                        running = {one: it for one, it in running.items() if not one.cancel()}
+                    else:
+                        yield unit, result
         finally:
             for future in running:
                 future.cancel()
+        if failure is not None:
+            raise failure
+
+    def _begun(self, unit: Unit) -> "Future[Any]":
+        work = self._work(unit)
+        try:
+            return self.pool.submit(train_unit, work)
+        except Exception as error:
+            refused: Future[Any] = Future()
+            refused.set_exception(error)
+            return refused
 
     def _ready(self, unit: Unit) -> bool:
         return all(

@@ -13,9 +13,6 @@ from curricle.node import Node
 from curricle.study.runner.arms import Arms, rebuilt
 from curricle.study.runner.arrays import arrays_of
 
-FRAMES = 24
-"""Tables that are kept of the study's first seed in each task, for the story of its learning."""
-
 
 @dataclass(frozen=True)
 class Unit:
@@ -31,12 +28,12 @@ class Unit:
         Rising.
     sources : dict of str to str
         The tasks that must have been trained for these seeds before, with their keys.
-    filmed : bool
-        Whether tables of the first seed are kept on the way.
+    frames : int
+        Tables of the first seed that are kept on the way.
 
     Examples
     --------
-    >>> Unit("0f", "direct", "maze", (0, 1, 4), {}, False).words
+    >>> Unit("0f", "direct", "maze", (0, 1, 4), {}, 0).words
     'direct: maze, seeds 0-1+4'
     """
 
@@ -45,7 +42,7 @@ class Unit:
     node: str
     seeds: tuple[int, ...]
     sources: Mapping[str, str] = field(hash=False)
-    filmed: bool
+    frames: int
 
     @property
     def words(self) -> str:
@@ -75,6 +72,7 @@ def units_of(
     seeds: Iterable[int],
     block: int,
     done: Mapping[str, set[int]],
+    frames: int = 0,
 ) -> list[Unit]:
     """Return what is left to do, sources first.
 
@@ -86,6 +84,8 @@ def units_of(
         Seeds of a unit at most; seed s belongs to block s // block.
     done : dict of str to set of int
         Key -> the seeds that are trained.
+    frames : int
+        Tables of the first seed to keep on the way, in each task.
     """
     seeds = sorted(seeds)
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
@@ -98,8 +98,8 @@ def units_of(
                     blocks.setdefault(seed // block, []).append(seed)
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(node)}
             for members in blocks.values():
-                filmed = members[0] == seeds[0]
-                unit = Unit(key, arm, node, tuple(members), sources, filmed)
+                shown = frames if members[0] == seeds[0] else 0
+                unit = Unit(key, arm, node, tuple(members), sources, shown)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
 
@@ -149,7 +149,7 @@ def train_unit(work: Work) -> Trained:
         only=unit.node,
         trained=trained,
         charge=arms.total is not None,
-        frames=FRAMES if unit.filmed else 0,
+        frames=unit.frames,
         workers=1,
     )
     course = found.courses.get(unit.node)
