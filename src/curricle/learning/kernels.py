@@ -20,7 +20,7 @@ from curricle.learning.sampling import (
 )
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.tasks.draws import STRIDE, first_above, piece, scramble
-from curricle.tasks.dynamics import first_state, transition
+from curricle.tasks.dynamics import cut_short, failed, first_state, transition
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             value = greedy_return(evaluation, model, view)
             write(record, checkpoint, episodes, ended, ended_return, value)
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget[0] or episodes >= budget[1]:
+        if step >= budget[0] or episodes >= budget[1] or failed(model):
             return step, episodes
         if fresh:
             state = first_state(model, scramble(counter))
@@ -213,7 +213,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 
-        fresh = terminated or length >= limit
+        fresh = terminated or length >= limit or cut_short(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action

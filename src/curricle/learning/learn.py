@@ -1,15 +1,13 @@
 """Training one task over many seeds: :func:`learn` and what it returns."""
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, one_of, whole_number
+from curricle.checks import instance, one_of
 from curricle.errors import SettingError
 from curricle.learning.budget import Episodes, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
@@ -29,6 +27,7 @@ from curricle.learning.run import (
 from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
+from curricle.learning.threads import over_seeds, threads_for
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics, same_task
 
@@ -162,7 +161,7 @@ def learn(
         Episodes that each seed acted in the task already, as :func:`calibrate` does. They count
         against the budget and stand at the start of the curves.
     workers : int, optional
-        Threads over seeds; as many as there are processors by default.
+        Threads over seeds; as many as there are processors by default. A live task has one.
 
     Returns
     -------
@@ -199,9 +198,7 @@ def learn(
     storage = Storage() if storage is None else storage
     instance("storage", storage, Storage, SettingError)
     judge = evaluation.settings(task)
-    if workers is not None:
-        workers = whole_number("workers", workers, 1, SettingError)
-    threads = min(workers or os.cpu_count() or 1, len(seeds))
+    threads = threads_for(moving, workers, len(seeds))
     check_guard(guard, learner, how, guarded=potential is not None)
     n_tables = learner.tables if guard is None else 2
     rows = rows_allowed(moving, n_tables, storage, len(seeds), threads, longest)
@@ -217,8 +214,7 @@ def learn(
         out = None if values is None else values[k]
         return run.train(start, potentials[k], out, preludes[k])
 
-    with ThreadPoolExecutor(threads) as pool:
-        done = list(pool.map(train, range(len(seeds))))
+    done = over_seeds(train, len(seeds), threads)
     found = values if kept else tuple(o.values for o in done) if storage.keep else None
     return _result(task, learner, seeds, found, done, every)
 

@@ -13,7 +13,7 @@ from numba import njit
 from curricle.errors import SettingError
 from curricle.learning import kernels
 from curricle.learning.guard import Guard, train_guarded
-from curricle.learning.judging import Exact, Rollouts
+from curricle.learning.judging import Exact, Off, Rollouts
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.q_learning import train_q_learning
@@ -23,6 +23,7 @@ from curricle.learning.schedules import constant
 from curricle.learning.storage import SparseValues, Storage
 from curricle.tasks.draws import scramble_number
 from curricle.tasks.dynamics import Functions
+from curricle.tasks.live import opened
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Dynamics
 
@@ -114,7 +115,7 @@ class Run:
     episodes: int
     every: int
     longest: int
-    evaluation: Exact | Rollouts
+    evaluation: Exact | Rollouts | Off
     storage: Storage
     rows: int
     guard: Guard | None = None
@@ -189,18 +190,19 @@ class Run:
     def _loop(self, loop: Callable[..., Any], rows: int, seed: _Seed, *tables: Any) -> Any:
         """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
-        return compiled(loop, isinstance(self.task.model, Functions))(
-            self.task.model,
-            (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
-            self.learner.rule(rows, self.task.actions.size),
-            *tables,
-            self.evaluation.for_run(seed.start),
-            np.array([seed.start], dtype=np.uint64),
-            seed.spent,
-            (np.int64(self.steps), np.int64(self.episodes)),
-            self.every,
-            seed.record,
-        )
+        with opened(self.task.model, seed.start) as model:
+            return compiled(loop, isinstance(model, Functions))(
+                model,
+                (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
+                self.learner.rule(rows, self.task.actions.size),
+                *tables,
+                self.evaluation.for_run(seed.start),
+                np.array([seed.start], dtype=np.uint64),
+                seed.spent,
+                (np.int64(self.steps), np.int64(self.episodes)),
+                self.every,
+                seed.record,
+            )
 
     @property
     def _width(self) -> Number:

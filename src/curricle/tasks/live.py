@@ -1,0 +1,224 @@
+"""Tasks that are played live: an environment itself says what comes of an action."""
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from operator import index
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.checks import instance
+from curricle.errors import TaskError
+from curricle.tasks.draws import scramble_number
+from curricle.tasks.horizon import check_horizon
+from curricle.tasks.live_model import RESET, Live
+from curricle.tasks.spaces import MISSING, Space
+
+Answer = tuple[Any, Any, Any, Any]
+"""A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
+BROKEN_DOWN: Answer = (-1, 0.0, True, False)
+
+
+class Unopened(NamedTuple):
+    """What stands for the model of a live task until its environments are open."""
+
+    task: "LiveMDP"
+
+
+@dataclass(frozen=True)
+class LiveMDP:
+    """A task without tables or rules of its own: every step is taken in an environment.
+
+    Learnt by the same loops as any other, one seed after the other. Each seed plays environments of
+    its own, one to learn in and one to evaluate policies in, seeded from its random stream and
+    closed in the end. :func:`from_gymnasium` makes these tasks; equal parts make equal tasks.
+
+    Parameters
+    ----------
+    states, actions : Space
+        S states and A actions.
+    make : callable
+        ``make()`` returns a new environment with the methods ``reset(seed=...)``, ``step(action)``
+        and ``close()`` of a ``gymnasium.Env``. Its truncations are no ends: learners bootstrap.
+    encode : callable
+        ``encode(observation)`` is the number of a state or the tuple of its components' values; by
+        default an observation is a state's number.
+    act : callable
+        ``act(a)`` is what the environment takes for action a; by default the number.
+    discount, time_limit
+        As in :class:`FiniteMDP`. Episodes are cut at the time limit even where the environment
+        would go on.
+
+    Raises
+    ------
+    TaskError
+        When a space, a function or the horizon is none; while learning, when an observation encodes
+        to no state. What an environment raises passes through as it is.
+
+    Examples
+    --------
+    >>> import curricle as cr
+    >>> class Ring:                             # any gymnasium.Env; home is 0
+    ...     def reset(self, seed=None):
+    ...         self.place = 3
+    ...         return self.place, {}
+    ...     def step(self, action):
+    ...         self.place = (self.place + (1 if action else -1)) % 8
+    ...         return self.place, -1.0, self.place == 0, False, {}
+    ...     def close(self):
+    ...         pass
+    >>> ring = LiveMDP(Space([cr.Component("place", 8)]), Space([cr.Component("move", 2)]), Ring)
+    >>> cr.learn(ring, budget=2000, seeds=2).greedy_return[:, -1].round(4)
+    array([-2.9701, -2.9701])
+    """
+
+    states: Space
+    actions: Space
+    make: Callable[[], Any]
+    encode: Callable[[Any], Any] = index
+    act: Callable[[int], Any] = index
+    discount: float = 0.99
+    time_limit: int | None = 200
+
+    def __post_init__(self) -> None:
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        for name in ("make", "encode", "act"):
+            if not callable(getattr(self, name)):
+                raise TaskError(f"{name} must be a function: got {getattr(self, name)!r}")
+        check_horizon(self)
+        if self.discount == 1 and self.time_limit is None:
+            raise TaskError("a live task with discount 1 needs a time limit: none set")
+
+    @property
+    def terminal(self) -> None:
+        """Unknown: which steps end an episode is the environment's secret."""
+
+    @property
+    def model(self) -> Unopened:
+        """Stands for what compiled loops run on, which exists while environments are open."""
+        return Unopened(self)
+
+    def __repr__(self) -> str:
+        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
+        return (
+            f"LiveMDP({self.states.size:,} states, {self.actions.size} actions, discount "
+            f"{self.discount:g}, {limit})"
+        )
+
+
+def is_live(task: Any) -> bool:
+    """Return whether a task is played in an environment, by one thread at a time."""
+    return isinstance(getattr(task, "model", None), Unopened)
+
+
+@contextmanager
+def opened(model: Any, start: int) -> Iterator[Any]:
+    """Yield a model that loops can run on: the one given, or a live one while it is open.
+
+    Parameters
+    ----------
+    model : NamedTuple
+    start : int
+        Where the run's random stream starts; environments are seeded from it.
+
+    Raises
+    ------
+    BaseException
+        In the end, what an environment raised meanwhile, an interrupt from the keyboard included.
+    """
+    if not isinstance(model, Unopened):
+        yield model
+        return
+    broken = list[BaseException]()
+    try:
+        with ExitStack() as stack:
+            players = [_player(model.task, stack, seed, broken) for seed in _seeds(start)]
+            for player in players:
+                next(player)
+            asked = [player.send for player in players]  # they must outlive their addresses
+            addresses = np.array([id(send) for send in asked], dtype=np.uint64)
+            yield Live(addresses, np.zeros(2, np.int8), np.uint64(0))
+    finally:
+        if broken:
+            raise broken[0]
+
+
+def _seeds(start: int) -> list[int]:
+    """Return two seeds below 2^31, which every environment takes."""
+    return [scramble_number(start ^ which) >> 33 for which in (1, 2)]
+
+
+def _player(
+    task: LiveMDP, closings: ExitStack, seed: int, broken: list[BaseException]
+) -> Generator[Answer | None, int, None]:
+    """Answer each action sent with what came of it in an environment, `RESET` with a start.
+
+    The environment is made, and seeded, when it is first asked for. Nothing is raised: whoever asks
+    is compiled code. A generator, as it also catches what is raised (by an interrupt) before the
+    first line of a function would be reached.
+    """
+    action = yield None
+    try:
+        environment = closings.enter_context(closing(task.make()))
+        number, moves = _numbering(task), [task.act(a) for a in range(task.actions.size)]
+        step, reset = environment.step, environment.reset
+        observation, _ = reset(seed=seed)
+        while True:
+            action = yield number(observation), 0.0, False, False
+            while action != RESET:
+                observation, reward, terminated, truncated, _ = step(moves[action])
+                action = yield number(observation), reward, terminated, truncated
+            observation, _ = reset()
+    except GeneratorExit:
+        raise
+    except BaseException as error:
+        broken.append(error)
+    while True:
+        yield BROKEN_DOWN
+
+
+def _numbering(task: LiveMDP) -> Callable[[Any], int]:
+    """Return the function from an observation to the number of its state, which it checks."""
+    encode, place, size = task.encode, _placing(task.states), task.states.size
+
+    def number(observation: Any) -> int:
+        found = encode(observation)
+        try:
+            state = place(found) if isinstance(found, tuple) else index(found)
+        except TypeError:
+            state = MISSING
+        if 0 <= state < size:
+            return state
+        raise TaskError(
+            f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
+            f"{', '.join(task.states.names)}: {observation!r} gives {found!r}"
+        )
+
+    return number
+
+
+def _placing(space: Space) -> Callable[[tuple[Any, ...]], int]:
+    """Return the function from a tuple of components' values to their point's number.
+
+    What :meth:`Space.encode` does for arrays, for one point at a time.
+    """
+    if not space.is_box:
+        columns = [column.tolist() for column in space.decode().values()]
+        known = {values: number for number, values in enumerate(zip(*columns, strict=True))}
+        return lambda values: known.get(values, MISSING)
+    ranges = [(component.low, component.size) for component in space.components]
+
+    def place(values: tuple[Any, ...]) -> int:
+        if len(values) != len(ranges):
+            return MISSING
+        number = 0
+        for value, (low, size) in zip(values, ranges, strict=True):
+            offset = index(value) - low
+            if not 0 <= offset < size:
+                return MISSING
+            number = number * size + offset
+        return number
+
+    return place
