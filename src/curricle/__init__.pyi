@@ -11,6 +11,8 @@ from .errors import (
     StoreError as StoreError,
     TaskError as TaskError,
 )
+from .interop.bins import Bins as Bins
+from .interop.from_gymnasium import from_gymnasium as from_gymnasium
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.following import Followed as Followed, follow as follow
@@ -97,6 +99,7 @@ from .study.survival import (
 from .tasks.computed import ComputedMDP as ComputedMDP
 from .tasks.draws import below as below, scramble as scramble, unit as unit
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
+from .tasks.live import LiveMDP as LiveMDP
 from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space

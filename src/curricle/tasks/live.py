@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import index
 from typing import Any, NamedTuple
 
@@ -75,9 +75,9 @@ class LiveMDP:
 
     states: Space
     actions: Space
-    make: Callable[[], Any]
-    encode: Callable[[Any], Any] = index
-    act: Callable[[int], Any] = index
+    make: Callable[[], Any] = field(hash=False)
+    encode: Callable[[Any], Any] = field(default=index, hash=False)
+    act: Callable[[int], Any] = field(default=index, hash=False)
     discount: float = 0.99
     time_limit: int | None = 200
 
@@ -181,7 +181,7 @@ def _player(
 
 def _numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, which it checks."""
-    encode, place, size = task.encode, _placing(task.states), task.states.size
+    encode, place, size = task.encode, placing(task.states), task.states.size
 
     def number(observation: Any) -> int:
         found = encode(observation)
@@ -199,10 +199,17 @@ def _numbering(task: LiveMDP) -> Callable[[Any], int]:
     return number
 
 
-def _placing(space: Space) -> Callable[[tuple[Any, ...]], int]:
+def placing(space: Space) -> Callable[[tuple[Any, ...]], int]:
     """Return the function from a tuple of components' values to their point's number.
 
-    What :meth:`Space.encode` does for arrays, for one point at a time.
+    What :meth:`Space.encode` does for arrays, quickly for one point; `MISSING` where there is none.
+
+    Examples
+    --------
+    >>> from curricle import Component
+    >>> place = placing(Space([Component("row", 2), Component("column", 3)]))
+    >>> place((1, 2)), place((2, 0))
+    (5, -1)
     """
     if not space.is_box:
         columns = [column.tolist() for column in space.decode().values()]
