@@ -1,7 +1,7 @@
 """Tasks that are played live: an environment itself says what comes of an action."""
 
-from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field
 from operator import index
 from typing import Any, NamedTuple
@@ -113,9 +113,8 @@ def is_live(task: Any) -> bool:
     return isinstance(getattr(task, "model", None), Unopened)
 
 
-@contextmanager
-def opened(model: Any, start: int) -> Iterator[Any]:
-    """Yield a model that loops can run on: the one given, or a live one while it is open.
+def opened(model: Any, start: int) -> AbstractContextManager[Any]:
+    """Return a model that loops can run on, for a `with`: the one given, or a live one while open.
 
     Parameters
     ----------
@@ -128,30 +127,36 @@ def opened(model: Any, start: int) -> Iterator[Any]:
     BaseException
         In the end, what an environment raised meanwhile, an interrupt from the keyboard included.
     """
-    if not isinstance(model, Unopened):
-        yield model
-        return
-    broken = list[BaseException]()
-    try:
-        with ExitStack() as stack:
-            players = [_player(model.task, stack, seed, broken) for seed in _seeds(start)]
-            for player in players:
-                next(player)
-            asked = [player.send for player in players]  # they must outlive their addresses
-            addresses = np.array([id(send) for send in asked], dtype=np.uint64)
-            yield Live(addresses, np.zeros(2, np.int8), np.uint64(0))
-    finally:
-        if broken:
-            raise broken[0]
+    return _Opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
 
 
-def _seeds(start: int) -> list[int]:
-    """Return two seeds below 2^31, which every environment takes."""
-    return [scramble_number(start ^ which) >> 33 for which in (1, 2)]
+class _Opened:
+    """The environments of one run."""
+
+    def __init__(self, task: LiveMDP, start: int):
+        self.closings = ExitStack()
+        self.raised = list[BaseException]()
+        # Two seeds below 2^31, which every environment takes.
+        seeds = [scramble_number(start ^ which) >> 33 for which in (1, 2)]
+        players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
+        for player in players:
+            next(player)
+        self.asked = [player.send for player in players]  # they must outlive their addresses
+
+    def __enter__(self) -> Live:
+        addresses = np.array([id(asked) for asked in self.asked], dtype=np.uint64)
+        return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self.closings.close()
+        finally:
+            if self.raised:
+                raise self.raised[0]
 
 
 def _player(
-    task: LiveMDP, closings: ExitStack, seed: int, broken: list[BaseException]
+    task: LiveMDP, seed: int, closings: ExitStack, raised: list[BaseException]
 ) -> Generator[Answer | None, int, None]:
     """Answer each action sent with what came of it in an environment, `RESET` with a start.
 
@@ -174,7 +179,7 @@ def _player(
     except GeneratorExit:
         raise
     except BaseException as error:
-        broken.append(error)
+        raised.append(error)
     while True:
         yield BROKEN_DOWN
 
