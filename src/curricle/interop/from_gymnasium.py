@@ -192,8 +192,8 @@ def _observations(
     encode: Callable[[Any], Any] | None,
     given: Space | None,
     known: Space | None,
-) -> tuple[Callable[[Any], Any], Space]:
-    """Return the function from observations to states, and the states."""
+) -> tuple[Callable[[Any], Any] | None, Space]:
+    """Return the function from observations to states, if they are not the same, and the states."""
     if encode is not None:
         states = getattr(encode, "states", None) if given is None else given
         if states is None:
@@ -210,7 +210,7 @@ def _observations(
             f"your own with states=Space(...): got {space}"
         )
     plain = isinstance(space, gym.spaces.Discrete) and space.start == 0
-    number = index if plain else Number(space)
+    number = None if plain else Number(space)
     return number, _renamed("states", given, known or space_of(space, "state"))
 
 

@@ -106,7 +106,9 @@ def wander(
     actions = np.zeros((n, length), np.int64)
     taken, terminated = np.zeros(n, np.int64), np.zeros(n, np.bool_)
     if starts is not None and is_live(moving):
-        raise SettingError("walks in a live task start as its episodes do: starts were given")
+        raise SettingError(
+            "a live task starts where its episodes do: walks from states given are impossible there"
+        )
     stream = stream_start(seed, "wandering")
     with opened(moving.model, stream) as model:
         compiled(_walk, isinstance(model, Functions))(

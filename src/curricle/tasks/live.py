@@ -41,9 +41,9 @@ class LiveMDP:
     make : callable
         ``make()`` returns a new environment with the methods ``reset(seed=...)``, ``step(action)``
         and ``close()`` of a ``gymnasium.Env``. Its truncations are no ends: learners bootstrap.
-    encode : callable
+    encode : callable, optional
         ``encode(observation)`` is the number of a state or the tuple of its components' values; by
-        default an observation is a state's number.
+        default an observation itself is.
     act : callable
         ``act(a)`` is what the environment takes for action a; by default the number.
     discount, time_limit
@@ -76,7 +76,7 @@ class LiveMDP:
     states: Space
     actions: Space
     make: Callable[[], Any] = field(hash=False)
-    encode: Callable[[Any], Any] = field(default=index, hash=False)
+    encode: Callable[[Any], Any] | None = field(default=None, hash=False)
     act: Callable[[int], Any] = field(default=index, hash=False)
     discount: float = 0.99
     time_limit: int | None = 200
@@ -85,8 +85,9 @@ class LiveMDP:
         instance("states", self.states, Space, TaskError)
         instance("actions", self.actions, Space, TaskError)
         for name in ("make", "encode", "act"):
-            if not callable(getattr(self, name)):
-                raise TaskError(f"{name} must be a function: got {getattr(self, name)!r}")
+            given = getattr(self, name)
+            if not callable(given) and (given is not None or name != "encode"):
+                raise TaskError(f"{name} must be a function: got {given!r}")
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
             raise TaskError("a live task with discount 1 needs a time limit: none set")
@@ -189,7 +190,7 @@ def _numbering(task: LiveMDP) -> Callable[[Any], int]:
     encode, place, size = task.encode, placing(task.states), task.states.size
 
     def number(observation: Any) -> int:
-        found = encode(observation)
+        found = observation if encode is None else encode(observation)
         try:
             state = place(found) if isinstance(found, tuple) else index(found)
         except TypeError:
