@@ -40,18 +40,22 @@ def frozen_lake():
     return gym.make("FrozenLake-v1", map_name="8x8")  # slippery, cut at 200 steps
 
 
-def q_learning(env, discount, steps):
-    """Return the Q-table after so many steps: one of the environment, one update, and so on."""
-    q = np.zeros((env.observation_space.n, env.action_space.n))
+def q_learning(env, discount, steps, shape=None, encode=lambda observation: observation):
+    """Return the Q-table after so many steps: one of the environment, one update, and so on.
+
+    `encode` makes an observation an index into a table of this shape, (S,) by default.
+    """
+    q = np.zeros((*(shape or (env.observation_space.n,)), env.action_space.n))
     rng = np.random.default_rng(0)
-    state, _ = env.reset(seed=0)
+    state = encode(env.reset(seed=0)[0])
     for _ in range(steps):
         if rng.random() < EPSILON:
             action = int(rng.integers(env.action_space.n))
         else:
             action = int(rng.choice(np.flatnonzero(q[state] == q[state].max())))
-        following, reward, terminated, truncated, _ = env.step(action)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        following = encode(observation)
         target = reward + (0.0 if terminated else discount * q[following].max())
-        q[state, action] += LEARNING_RATE * (target - q[state, action])
-        state = env.reset()[0] if terminated or truncated else following
+        q[state][action] += LEARNING_RATE * (target - q[state][action])
+        state = encode(env.reset()[0]) if terminated or truncated else following
     return q

@@ -13,10 +13,12 @@ from .errors import (
     StudyError as StudyError,
     TaskError as TaskError,
 )
+from .interop.bins import Bins as Bins
 from .interop.environment import (
     TaskEnvironment as TaskEnvironment,
     to_gymnasium as to_gymnasium,
 )
+from .interop.from_gymnasium import from_gymnasium as from_gymnasium
 from .interop.pettingzoo import (
     PursuitParallelEnv as PursuitParallelEnv,
     agent_mappings as agent_mappings,
@@ -122,6 +124,7 @@ from .study.survival import (
 from .tasks.computed import ComputedMDP as ComputedMDP
 from .tasks.draws import below as below, scramble as scramble, unit as unit
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
+from .tasks.live import LiveMDP as LiveMDP
 from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space

@@ -308,7 +308,7 @@ SETTINGS = {
     "workers": (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
     "evaluation": (
         lambda: GreedyEvaluation("best"),
-        "method must be one of auto, exact, rollouts: got 'best'",
+        "method must be one of auto, exact, rollouts, off: got 'best'",
     ),
     "no rollouts": (lambda: GreedyEvaluation(episodes=0), "at least 1: got 0"),
     "undiscounted for ever": (

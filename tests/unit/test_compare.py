@@ -715,7 +715,7 @@ RING = cr.ComputedMDP(
         (
             {"mine": copied(RING)},
             {"controls": ["placebo"]},
-            "a task given by functions has no tables to look at",
+            "a task given by functions or played live has no tables to look at",
         ),
         (
             {"mine": pursuit(storage={"hunt": cr.Storage(kind="sparse")})},

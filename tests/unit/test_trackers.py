@@ -17,8 +17,8 @@ from curricle.interop.tensorboard import TensorBoard
 from curricle.interop.tracker import CURVES, Tracker, checkpoints, hyperparameters
 from curricle.interop.trackers import TRACKERS, Trackers, open_trackers
 from curricle.interop.wandb import WandB
-from curricle.learning.result import LearningResult
 from curricle.learning.learners import QLearning
+from curricle.learning.result import LearningResult
 from curricle.tasks.gridworld import GridWorld
 
 CONFIGURATION = {

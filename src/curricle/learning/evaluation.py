@@ -1,17 +1,21 @@
 """How the greedy policy is judged while learning."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning import kernels
-from curricle.learning.judging import NO_ROOM, NO_STREAM, Exact, Rollouts
+from curricle.learning.judging import NO_ROOM, NO_STREAM, Exact, Off, Rollouts
 from curricle.tasks.dynamics import table_model
+from curricle.tasks.live import is_live
 from curricle.tasks.task import Task, dynamics, has_tables, tables
 
+Method = Literal["auto", "exact", "rollouts", "off"]
+EPISODES, LIVE_EPISODES = 100, 5
+"""Rollouts a checkpoint; fewer in a live task, whose steps are a hundred times dearer."""
 LARGEST_EXACT = 20_000
 """Outcomes (S x A x O) up to which ``method="auto"`` follows the greedy policy exactly."""
 NEGLIGIBLE = 1e-9
@@ -27,11 +31,13 @@ class GreedyEvaluation:
 
     Parameters
     ----------
-    method : {"auto", "exact", "rollouts"}
+    method : {"auto", "exact", "rollouts", "off"}
         Exactly, by following the distribution over states; or as the mean of some episodes. "auto"
-        is exact up to 20,000 outcomes (states x actions x outcomes of a pair).
-    episodes : int
-        Rollouts a checkpoint.
+        is exact up to 20,000 outcomes (states x actions x outcomes of a pair). "off" judges
+        nothing: greedy returns are NaN.
+    episodes : int, optional
+        Rollouts a checkpoint. 100 by default, 5 in a live task, where a hundred checkpoints cost
+        as much as 500 training episodes.
     discounted : bool
         Whether rewards are discounted, as :func:`solve` does, or summed as the paper does.
 
@@ -41,21 +47,28 @@ class GreedyEvaluation:
     GreedyEvaluation(method='rollouts', episodes=10, discounted=True)
     """
 
-    method: Literal["auto", "exact", "rollouts"] = "auto"
-    episodes: int = 100
+    method: Method = "auto"
+    episodes: int | None = None
     discounted: bool = True
 
     def __post_init__(self) -> None:
-        one_of("method", self.method, ("auto", "exact", "rollouts"), SettingError)
-        whole_number("episodes of an evaluation", self.episodes, 1, SettingError)
+        one_of("method", self.method, get_args(Method), SettingError)
+        if self.episodes is not None:
+            whole_number("episodes of an evaluation", self.episodes, 1, SettingError)
 
-    def settings(self, task: Task) -> Exact | Rollouts:
+    def settings(self, task: Task) -> Exact | Rollouts | Off:
         """Return the evaluation of this task as the compiled loops read it."""
+        if self.method == "off":
+            return Off()
         horizon = self.horizon(task)
         weight = dynamics(task).discount if self.discounted else 1.0
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             return Exact(table_model(tables(task)), weight, horizon, NEGLIGIBLE, *NO_ROOM)
-        return Rollouts(self.episodes, weight, horizon, NO_STREAM)
+        return Rollouts(self.rollouts(task), weight, horizon, NO_STREAM)
+
+    def rollouts(self, task: Task) -> int:
+        """Return the episodes that a rollout of this task takes the mean of."""
+        return self.episodes or (LIVE_EPISODES if is_live(task) else EPISODES)
 
     def horizon(self, task: Task) -> int:
         """Return the steps after which an episode is cut off, or adds nothing to speak of."""

@@ -21,7 +21,8 @@ from curricle.learning.rows import acting_row, acting_rows, greedies, greedy_of
 from curricle.learning.run import compiled, stream_start
 from curricle.learning.sampling import ACTION, best_of
 from curricle.tasks.draws import draw, scramble
-from curricle.tasks.dynamics import Functions, first_state, transition
+from curricle.tasks.dynamics import Functions, cut_short, first_state, transition
+from curricle.tasks.live import opened
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import dynamics
 
@@ -131,17 +132,17 @@ def follow(
     promised, rewards = np.empty(size), np.empty(size)
     earned, tail, beyond = np.empty(size), np.empty(size), np.empty(size)
     lengths, ended = np.empty(episodes, np.int64), np.empty(episodes, np.bool_)
-    start = np.array([stream_start(seed, stream)], dtype=np.uint64)
-    loop = compiled(_follow, isinstance(task.model, Functions))
-    loop(
-        task.model,
-        acting_view(potential),
-        (task.discount, horizon),
-        start,
-        (states, actions, promised, rewards),
-        (earned, tail, beyond),
-        (lengths, ended),
-    )
+    start = stream_start(seed, stream)
+    with opened(task.model, start) as model:
+        compiled(_follow, isinstance(model, Functions))(
+            model,
+            acting_view(potential),
+            (task.discount, horizon),
+            np.array([start], dtype=np.uint64),
+            (states, actions, promised, rewards),
+            (earned, tail, beyond),
+            (lengths, ended),
+        )
     n, first = int(lengths.sum()), np.cumsum(lengths) - lengths
     return Followed(
         states=frozen(states[:n].copy()),
@@ -173,10 +174,11 @@ def greedy_start(
     98.5
     """
     task = dynamics(potential.task)
-    settings = evaluation.settings(potential.task).for_run(stream_start(seed, stream))
+    start = stream_start(seed, stream)
+    settings = evaluation.settings(potential.task).for_run(start)
     users_code = isinstance(task.model, Functions) and not isinstance(settings, Exact)
-    loop = compiled(_judge, users_code)
-    return float(loop(settings, task.model, acting_view(potential)))
+    with opened(task.model, start) as model:
+        return float(compiled(_judge, users_code)(settings, model, acting_view(potential)))
 
 
 def acting_view(potential: PairPotential) -> Read | Acting:
@@ -199,13 +201,14 @@ def _follow(model, view, horizon, stream, steps, outlook, episodes):
     lengths, ended = episodes
     values, n = np.empty((1, view.values.shape[1])), 0
     for episode in range(lengths.shape[0]):
-        first, state, over = n, first_state(model, draw(stream)), False
-        while not over and n - first < limit:
+        first, state, over, cut = n, first_state(model, draw(stream)), False, False
+        while not over and not cut and n - first < limit:
             bits = draw(stream)
             action = greedy_of(view, state, bits) & ACTION
             acting_row(view, state, values)
             states[n], actions[n], promised[n] = state, action, values[0, action]
             state, rewards[n], over = transition(model, state, action, scramble(bits))
+            cut = cut_short(model)
             n += 1
         lengths[episode], ended[episode] = n - first, over
         still, left, sum_of_rewards = 0.0, 0.0, 0.0

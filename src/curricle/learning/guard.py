@@ -16,7 +16,7 @@ from curricle.learning.kernels import Acting, acting_values, spent_checkpoints, 
 from curricle.learning.sampling import choose, highest
 from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
-from curricle.tasks.dynamics import first_state, transition
+from curricle.tasks.dynamics import cut_short, failed, first_state, transition
 
 FEWEST = 5
 """Episodes of each learner before they are compared."""
@@ -144,7 +144,7 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
             if write(record, checkpoint, so_far, value, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes:
+        if step >= budget.steps or episodes >= budget.episodes or failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, scramble(counter)), counter + STRIDE
@@ -160,7 +160,7 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
             old = np.float64(q[learner, state, action])
             q[learner, state, action] = old + rate * (target - old)
         step, length, episode_return = step + 1, length + 1, episode_return + reward
-        state, fresh = next_state, terminated or length >= limit
+        state, fresh = next_state, terminated or length >= limit or cut_short(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
             remember(mean, variance, seen, acting, episode_return, guard.forgetting)

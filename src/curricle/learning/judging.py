@@ -9,7 +9,7 @@ from curricle.learning.rows import acting_row, greedy_of
 from curricle.learning.sampling import ACTION, TIED
 from curricle.tasks.dispatch import ByType
 from curricle.tasks.draws import draw, scramble
-from curricle.tasks.dynamics import Tables, first_state, transition
+from curricle.tasks.dynamics import Tables, aside, cut_short, first_state, transition
 
 JUDGE = 0x5851F42D4C957F2D
 """Sets the stream of evaluations apart from that of learning, which they must not disturb."""
@@ -51,6 +51,14 @@ class Exact(NamedTuple):
         )
 
 
+class Off(NamedTuple):
+    """No evaluation."""
+
+    def for_run(self, start: int) -> "Off":
+        """Return this."""
+        return self
+
+
 NO_STREAM = np.zeros(0, np.uint64)
 NO_ROOM = np.zeros((0, 0)), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), np.zeros((0, 0))
 """In their places before a run has its own."""
@@ -66,17 +74,22 @@ def greedy_return(evaluation, model, view):
 judgements = ByType(greedy_return, outlined=True)
 
 
+@judgements.body(Off)
+def _not_judged(evaluation, model, view):
+    return np.nan
+
+
 @judgements.body(Rollouts)
 def _rolled_return(evaluation, model, view):
-    total = 0.0
+    total, place = 0.0, aside(model)
     for _ in range(evaluation.episodes):
-        state, weight = first_state(model, draw(evaluation.stream)), 1.0
+        state, weight = first_state(place, draw(evaluation.stream)), 1.0
         for _ in range(evaluation.horizon):
             bits = draw(evaluation.stream)
             action = greedy_of(view, state, bits) & ACTION
-            state, reward, over = transition(model, state, action, scramble(bits))
+            state, reward, over = transition(place, state, action, scramble(bits))
             total += weight * reward
-            if over:
+            if over or cut_short(place):
                 break
             weight *= evaluation.weight
     return total / evaluation.episodes

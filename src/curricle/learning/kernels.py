@@ -21,7 +21,7 @@ from curricle.learning.sampling import (
 )
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.tasks.draws import STRIDE, first_above, piece, scramble
-from curricle.tasks.dynamics import first_state, transition
+from curricle.tasks.dynamics import cut_short, failed, first_state, transition
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -210,7 +210,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             if write(record, checkpoint, so_far, value, q[0], q[q.shape[0] - 1], budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes:
+        if step >= budget.steps or episodes >= budget.episodes or failed(model):
             return step, episodes
         if fresh:
             state = first_state(model, scramble(counter))
@@ -244,7 +244,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 
-        fresh = terminated or length >= limit
+        fresh = terminated or length >= limit or cut_short(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action

@@ -1,8 +1,6 @@
 """Training one task over many seeds: :func:`learn`."""
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -31,6 +29,7 @@ from curricle.learning.sampling import TIED
 from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
+from curricle.learning.threads import over_seeds, threads_for
 from curricle.tasks.task import Task, dynamics, same_task
 
 FloatArray = npt.NDArray[np.float64]
@@ -109,7 +108,7 @@ def learn(
     frames : int
         Tables of the first seed to keep on the way (:class:`Film`), at most; not of sparse ones.
     workers : int, optional
-        Threads over seeds; as many as there are processors by default.
+        Threads over seeds; as many as there are processors by default. A live task has one.
 
     Returns
     -------
@@ -151,9 +150,7 @@ def learn(
     gate = (
         budget.rule(gate_level(budget, task, evaluation)) if isinstance(budget, Gate) else NO_GATE
     )
-    if workers is not None:
-        workers = whole_number("workers", workers, 1, SettingError)
-    threads = min(workers or os.cpu_count() or 1, len(seeds))
+    threads = threads_for(moving, workers, len(seeds))
     check_guard(guard, learner, how, guarded=potential is not None)
     n_tables = learner.tables if guard is None else 2
     rows = rows_allowed(moving, n_tables, storage, len(seeds), threads, longest)
@@ -182,8 +179,7 @@ def _train(run: Run, each: Sequence[Any], threads: int) -> tuple[Any, list[Outco
             start, potential, None if values is None else values[k], prelude, charged, frames
         )
 
-    with ThreadPoolExecutor(threads) as pool:
-        done = list(pool.map(train, range(len(each))))
+    done = over_seeds(train, len(each), threads)
     if kept or not storage.keep:
         return values, done
     return tuple(outcome.values for outcome in done), done

@@ -12,7 +12,7 @@ from curricle.learning.rows import is_full, place, prepare
 from curricle.learning.sampling import TIED, act, best_of
 from curricle.learning.schedules import rate_of
 from curricle.tasks.draws import STRIDE, piece, scramble
-from curricle.tasks.dynamics import first_state, transition
+from curricle.tasks.dynamics import cut_short, failed, first_state, transition
 from curricle.tasks.machine import of_width, prefetch
 
 NOWHERE = np.uint64(2**64 - 1)
@@ -67,7 +67,8 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
             if write(record, checkpoint, so_far, value, q, q, budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes or is_full(table, row):
+        spent = step >= budget.steps or episodes >= budget.episodes
+        if spent or is_full(table, row) or failed(model):
             return step, episodes
         stop = min(checkpoint * every, budget.steps)
         while step < stop:
@@ -86,7 +87,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
             if not over:
                 target += discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
-            ends = over or step + 1 == last
+            ends = over or step + 1 == last or cut_short(model)
             if far and not ends and next_row != row:
                 waiting, change_there = row, change
             else:
@@ -98,7 +99,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
-                if episodes == budget.episodes:
+                if episodes == budget.episodes or failed(model):
                     break
                 state, counter = first_state(model, scramble(counter)), counter + STRIDE
                 row = place(table, state, False)

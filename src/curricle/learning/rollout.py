@@ -1,5 +1,8 @@
 """Following a policy through a task, one episode at a time: for drawings, checks and examples."""
 
+# Numba infers the types of what is compiled here.
+# mypy: allow-untyped-defs, allow-untyped-calls
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,9 +10,13 @@ import numpy.typing as npt
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.planning import policy_table
+from curricle.learning.planning import checked_policy, policy_table
+from curricle.learning.run import compiled, stream_start
+from curricle.tasks.draws import draw, first_above, scramble, unit
+from curricle.tasks.dynamics import Functions, cumulated, cut_short, first_state, transition
+from curricle.tasks.live import opened
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, tables
+from curricle.tasks.task import Task, dynamics, has_tables, tables
 
 IntArray = npt.NDArray[np.int64]
 
@@ -27,7 +34,7 @@ class Trajectory:
     terminated : bool
         Whether it ended in a terminal state.
     truncated : bool
-        Whether it was cut off instead (time limit, or `steps`).
+        Whether it was cut off instead (time limit, `steps`, or by a live task itself).
 
     Examples
     --------
@@ -63,18 +70,20 @@ def rollout(
     Parameters
     ----------
     task : Task
+        With or without tables; a live one is played in an environment of its own.
     policy : (S,) int array or (S, A) float array
         As in :func:`evaluate`.
     seed : int
     start : int, optional
-        First state; drawn from the start distribution by default.
+        First state; drawn from the start distribution by default. For tasks with tables.
     steps : int, optional
         Where to cut off; the task's time limit by default.
 
     Raises
     ------
     SettingError
-        When the policy is malformed, the start is terminal or no state, or there is no limit.
+        When the policy is malformed, the start is terminal or no state or cannot be chosen, or
+        there is no limit.
 
     Examples
     --------
@@ -83,15 +92,22 @@ def rollout(
     >>> episode.states, episode.rewards, episode.terminated
     (array([0, 1, 2]), array([ -1., 199.]), True)
     """
-    mdp = tables(task)
-    table = policy_table(mdp, policy)
     limit = whole_number(
         "the limit of a rollout in steps",
-        mdp.time_limit if steps is None else steps,
+        dynamics(task).time_limit if steps is None else steps,
         1,
         SettingError,
     )
-    rng = np.random.default_rng(whole_number("seed", seed, 0, SettingError))
+    seed = whole_number("seed", seed, 0, SettingError)
+    if not has_tables(task):
+        if start is not None:
+            raise SettingError(
+                f"a rollout of a task without tables starts as its episodes do: start was {start!r}"
+            )
+        return _played(task, policy, seed, limit)
+    mdp = tables(task)
+    table = policy_table(mdp, policy)
+    rng = np.random.default_rng(seed)
     state = rng.choice(mdp.states.size, p=mdp.start) if start is None else start
     state = whole_number("the state a rollout starts in", state, 0, SettingError)
     if state >= mdp.states.size or mdp.terminal[state]:
@@ -112,3 +128,39 @@ def rollout(
         terminated,
         not terminated,
     )
+
+
+def _played(task: Task, policy: npt.ArrayLike, seed: int, limit: int) -> Trajectory:
+    """Return one episode of a policy in a task that only its model knows."""
+    moving = dynamics(task)
+    n_states, n_actions = moving.states.size, moving.actions.size
+    checked = checked_policy(policy, np.zeros(n_states, dtype=bool), n_actions)
+    chances = np.eye(n_actions)[checked] if checked.ndim == 1 else checked.astype(np.float64)
+    states, actions = np.empty(limit + 1, np.int64), np.empty(limit, np.int64)
+    rewards, stream = np.empty(limit), stream_start(seed, "rollout")
+    with opened(moving.model, stream) as model:
+        n, terminated = compiled(_play, isinstance(model, Functions))(
+            model, cumulated(chances), np.array([stream], np.uint64), states, actions, rewards
+        )
+    return Trajectory(
+        frozen(states[: n + 1].copy()),
+        frozen(actions[:n].copy()),
+        frozen(rewards[:n].copy()),
+        bool(terminated),
+        not terminated,
+    )
+
+
+def _play(model, cumulative, stream, states, actions, rewards):
+    """Fill in an episode; return its steps and whether it reached an end."""
+    state, over, cut, n = first_state(model, draw(stream)), False, False, 0
+    states[0] = np.int64(state)
+    while not over and not cut and n < actions.shape[0]:
+        bits = draw(stream)
+        action = first_above(cumulative[state], unit(bits))
+        state, rewards[n], over = transition(model, state, action, scramble(bits))
+        cut = cut_short(model)
+        actions[n] = np.int64(action)
+        n += 1
+        states[n] = np.int64(state)
+    return n, over

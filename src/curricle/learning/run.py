@@ -15,7 +15,7 @@ from curricle.learning import kernels
 from curricle.learning.film import frame_checkpoints
 from curricle.learning.gate import NO_GATE, GateRule, opens
 from curricle.learning.guard import Guard, train_guarded
-from curricle.learning.judging import Exact, Rollouts
+from curricle.learning.judging import Exact, Off, Rollouts
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.q_learning import train_q_learning
@@ -25,6 +25,7 @@ from curricle.learning.schedules import constant
 from curricle.learning.storage import SparseValues, Storage
 from curricle.tasks.draws import scramble_number
 from curricle.tasks.dynamics import Functions
+from curricle.tasks.live import opened
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Dynamics
 
@@ -117,7 +118,7 @@ class Run:
     episodes: int
     every: int
     longest: int
-    evaluation: Exact | Rollouts
+    evaluation: Exact | Rollouts | Off
     storage: Storage
     rows: int
     guard: Guard | None = None
@@ -208,18 +209,19 @@ class Run:
     def _loop(self, loop: Callable[..., Any], rows: int, seed: _Seed, *tables: Any) -> Any:
         """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
-        return compiled(loop, isinstance(self.task.model, Functions))(
-            self.task.model,
-            (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
-            self.learner.rule(rows, self.task.actions.size),
-            *tables,
-            self.evaluation.for_run(seed.start),
-            np.array([seed.start], dtype=np.uint64),
-            seed.spent,
-            kernels.Bounds(seed.steps, self.episodes, self.gate),
-            self.every,
-            seed.record,
-        )
+        with opened(self.task.model, seed.start) as model:
+            return compiled(loop, isinstance(model, Functions))(
+                model,
+                (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
+                self.learner.rule(rows, self.task.actions.size),
+                *tables,
+                self.evaluation.for_run(seed.start),
+                np.array([seed.start], dtype=np.uint64),
+                seed.spent,
+                kernels.Bounds(seed.steps, self.episodes, self.gate),
+                self.every,
+                seed.record,
+            )
 
     @property
     def _width(self) -> Number:

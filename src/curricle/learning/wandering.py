@@ -13,7 +13,8 @@ from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.run import compiled, stream_start
 from curricle.tasks.draws import below, draw, scramble
-from curricle.tasks.dynamics import Functions, first_state, transition
+from curricle.tasks.dynamics import Functions, cut_short, first_state, transition
+from curricle.tasks.live import is_live, opened
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
 
@@ -85,7 +86,7 @@ def wander(
     Raises
     ------
     SettingError
-        When a number is too small or there is not one start for each walk.
+        When a number is too small, or there is not one start for each walk or a live task to start.
 
     Examples
     --------
@@ -104,16 +105,22 @@ def wander(
     states = np.zeros((n, length + 1), np.int64)
     actions = np.zeros((n, length), np.int64)
     taken, terminated = np.zeros(n, np.int64), np.zeros(n, np.bool_)
-    compiled(_walk, isinstance(moving.model, Functions))(
-        moving.model,
-        np.uint64(moving.actions.size),
-        np.array([stream_start(seed, "wandering")], np.uint64),
-        given,
-        states,
-        actions,
-        taken,
-        terminated,
-    )
+    if starts is not None and is_live(moving):
+        raise SettingError(
+            "a live task starts where its episodes do: walks from states given are impossible there"
+        )
+    stream = stream_start(seed, "wandering")
+    with opened(moving.model, stream) as model:
+        compiled(_walk, isinstance(model, Functions))(
+            model,
+            np.uint64(moving.actions.size),
+            np.array([stream], np.uint64),
+            given,
+            states,
+            actions,
+            taken,
+            terminated,
+        )
     return Walks(frozen(states), frozen(actions), frozen(taken), frozen(terminated))
 
 
@@ -124,12 +131,13 @@ def _walk(model, n_actions, stream, starts, states, actions, length, terminated)
         else:
             state = np.uint64(first_state(model, draw(stream)))
         states[walk, 0] = np.int64(state)
-        over = False
+        over, cut = False, False
         for step in range(actions.shape[1]):
-            if not over:
+            if not over and not cut:
                 bits = draw(stream)
                 action = below(bits, n_actions)
                 state, _, over = transition(model, state, action, scramble(bits))
+                cut = cut_short(model)
                 actions[walk, step] = np.int64(action)
                 length[walk] = step + 1
             states[walk, step + 1] = np.int64(state)

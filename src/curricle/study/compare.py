@@ -163,6 +163,10 @@ class _Plan:
                 f"a comparison at one total budget needs the target's in steps: {target!r} has "
                 f"{budget}"
             )
+        if first.setting("evaluation", target).method == "off":
+            raise SettingError(
+                f"a comparison rests on greedy evaluation: that of {target!r} is off"
+            )
         for name, arm in arms.items():
             check_fit(controls, name, arm)
         every = spacing(first.setting("every", target), budget)
@@ -249,11 +253,11 @@ class _Plan:
 
 def default_threshold(place: Target, direct: Arm) -> float:
     """Return nine tenths of the way from untaught to optimal; midway where that says nothing."""
+    if place.solution is None:
+        return midpoint(direct.curve)
     best, worst = place.optimum, place.untaught
     # Judged without discount, what is optimal with it need not be better than acting at random.
-    if place.solution is None or best <= worst:
-        return midpoint(direct.curve)
-    return fraction_of_optimum(best, worst, FRACTION)
+    return midpoint(direct.curve) if best <= worst else fraction_of_optimum(best, worst, FRACTION)
 
 
 def most_source_steps(curriculum: Curriculum) -> int:

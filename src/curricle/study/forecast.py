@@ -1,8 +1,6 @@
 """Forecast: what a curriculum's potentials are like in the target, before it is trained there."""
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +14,7 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.result import LearningResult
 from curricle.learning.target import Target
+from curricle.learning.threads import over_seeds, threads_for
 from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import Calibrate, Calibration, attempt
@@ -166,7 +165,7 @@ def forecast(
     trained : dict of str to LearningResult, optional
         Sources trained before, for the same seeds.
     episodes : int
-        Rollouts where the target is too large to be exact.
+        Rollouts of each potential where the target is too large, or live, to be exact.
     workers : int, optional
         Threads over seeds.
 
@@ -253,11 +252,10 @@ def _foresee(
     bounds: tuple[float, float],
     workers: int | None,
 ) -> Foreseen:
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        numbers = range(len(potentials))
-        seeds = tuple(pool.map(lambda k: realism(potentials[k], place, seed=k), numbers))
+    threads = threads_for(place.task, workers, len(potentials))
+    seeds = over_seeds(lambda k: realism(potentials[k], place, seed=k), len(potentials), threads)
     calibrations = tuple(attempt(phi, Calibrate(), seed=k) for k, phi in enumerate(potentials))
-    bare = Foreseen(name, aggregate, used, seeds, calibrations, "")
+    bare = Foreseen(name, aggregate, used, tuple(seeds), calibrations, "")
     return replace(bare, verdict=_verdict(bare, place, *bounds))
 
 

@@ -20,14 +20,22 @@ class ByType:
         Its signature and docstring are what the bodies keep to; it is never run.
     outlined : bool
         Whether bodies are called, not compiled into their callers: those that run seldom.
+    otherwise : callable, optional
+        The body for types that have none of their own.
     """
 
-    def __init__(self, function: Callable[..., Any], *, outlined: bool = False):
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        *,
+        outlined: bool = False,
+        otherwise: Callable[..., Any] | None = None,
+    ):
         self.function = function
         self._bodies: dict[type, Callable[..., Any]] = {}
 
         def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
-            return self._bodies.get(getattr(first, "instance_class", type(None)))
+            return self._bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)

@@ -1,7 +1,8 @@
 """How tasks move, for compiled loops: by tables, or by compiled functions.
 
 A *model* is a NamedTuple that a loop is handed; :func:`first_state` and :func:`transition` read it.
-A domain that computes its successors adds a model of its own (``pursuit_model.py``).
+A domain that computes its successors adds a model of its own (``pursuit_model.py``). What only a
+model that plays a live environment has to say (``live_model.py``) costs the others nothing.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +25,25 @@ def transition(model, state, action, bits):
     """Return next state (uint64), reward and whether the episode is over; 64 random bits."""
 
 
+def cut_short(model):
+    """Return whether the last transition's episode was cut off there by the task itself.
+
+    No end, like cutting off at the time limit, which loops see to.
+    """
+
+
+def failed(model):
+    """Return whether the task broke down; its transitions then mean nothing, and loops stop."""
+
+
+def aside(model):
+    """Return the model to evaluate a policy in, which must not disturb the one learnt in."""
+
+
 starts, moves = ByType(first_state), ByType(transition)
+cuts = ByType(cut_short, otherwise=lambda model: False)
+failures = ByType(failed, otherwise=lambda model: False)
+asides = ByType(aside, otherwise=lambda model: model)
 
 
 class Tables(NamedTuple):

@@ -62,7 +62,9 @@ def tables(task: Any) -> FiniteMDP:
     mdp = getattr(task, "mdp", None)
     if not isinstance(mdp, FiniteMDP):
         if isinstance(getattr(task, "model", None), tuple):
-            raise TaskError(f"a task given by functions has no tables to look at: {task!r}")
+            raise TaskError(
+                f"a task given by functions or played live has no tables to look at: {task!r}"
+            )
         raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}")
     return mdp
 

@@ -102,7 +102,8 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
 
 
 def _along_its_way(potential: PairPotential, target: Target, start: float, seed: int) -> Realism:
-    met = follow(potential, episodes=target.evaluation.episodes, seed=seed, stream="realism")
+    episodes = target.evaluation.rollouts(target.task)
+    met = follow(potential, episodes=episodes, seed=seed, stream="realism")
     earned = met.earned + met.tail * met.beyond
     return Realism(
         start=start,

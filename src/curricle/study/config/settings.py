@@ -175,21 +175,6 @@ class BackTable(Setting):
 
     lost: Number = Field(description="Return below where it started.")
     again: Whole = Field(description="Steps that each source is trained on for.")
-    most: Whole = Field(3, description="How often at most.")
-    evaluations: Whole = Field(5, description="Checkpoints that have to agree.")
-
-    def build(self) -> Any:
-        """Return it."""
-        from curricle.returning import Return
-
-        return Return(**dict(self))
-
-
-class BackTable(Setting):
-    """When a task goes back to its sources."""
-
-    lost: Number = Field(description="Return below where it started.")
-    again: Whole = Field(description="Steps that each source is trained on for.")
     most: Whole = Field(default=3, description="How often at most.")
     evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
 

@@ -1,6 +1,5 @@
 """Tasks as tables: mazes, crops of mazes, pursuits, Gymnasium's, and a user's own."""
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -248,13 +247,14 @@ class GymnasiumTask(TaskTable):
 
     def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the environment as a task."""
-        adapter = importlib.import_module("curricle.interop.gymnasium")
+        from curricle.interop.from_gymnasium import from_gymnasium
+
         options: dict[str, Any] = {"discount": self.discount}
         if self.time_limit is not None:
             options["time_limit"] = self.rules()["time_limit"]
         if self.encode is not None:
             options["encode"] = load(self.encode, folder)
-        return adapter.from_gymnasium(self.id, **options, **self.arguments)
+        return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
 
 
 class FactoryTask(TaskTable):

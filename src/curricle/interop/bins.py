@@ -1,0 +1,103 @@
+"""Bins: observations of numbers cut into states, so that tables can hold what is learnt of them."""
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import numbers
+from curricle.errors import TaskError
+from curricle.tasks.spaces import Component, Space
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """An observation of n numbers as n components, each cut into bins at its edges.
+
+    To be the `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into
+    the first or the last bin. Equal edges make equal bins.
+
+    Parameters
+    ----------
+    edges : dict of str to (m + 1,) float array
+        For each entry of an observation, in order, the name of its component and the ascending
+        edges of its m bins; a bin includes its lower edge.
+
+    Raises
+    ------
+    TaskError
+        When edges do not ascend or make no bin; when called, on an observation that is not n
+        numbers.
+
+    Examples
+    --------
+    >>> bins = Bins({"position": [-1.2, -0.5, 0.6], "velocity": [-0.07, -0.01, 0.01, 0.07]})
+    >>> bins.states
+    Space(6 points: position[2] x velocity[3])
+    >>> bins.states.label(bins(np.array([-0.5, -9.0])))
+    'position=-0.5 and above velocity=below -0.01'
+    """
+
+    edges: Mapping[str, npt.ArrayLike]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.edges, Mapping) or not self.edges:
+            raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
+        settled = {}
+        for name, edges in self.edges.items():
+            given = numbers(f"the edges of {name!r}", edges, TaskError)
+            if given.ndim != 1 or given.size < 2 or not (np.diff(given) > 0).all():
+                raise TaskError(
+                    f"edges must be two or more ascending numbers: {name!r} has {given.tolist()}"
+                )
+            settled[str(name)] = tuple(given.tolist())
+        object.__setattr__(self, "edges", settled)
+
+    @cached_property
+    def states(self) -> Space:
+        """The space of all combinations of bins."""
+        named = zip(self.edges, self._inner, strict=True)
+        return Space(
+            [Component(name, size, labels=_labels(inner)) for name, (inner, size) in named]
+        )
+
+    @cached_property
+    def _inner(self) -> list[tuple[tuple[float, ...], int]]:
+        """The edges between the bins of each component, and the number of these."""
+        each: Any = self.edges.values()
+        return [(edges[1:-1], len(edges) - 1) for edges in each]
+
+    def __call__(self, observation: npt.NDArray[np.floating[Any]]) -> int:
+        """Return the number of the state that an observation, (n,) float, falls into."""
+        values, state = observation.tolist(), 0
+        if len(values) != len(self._inner):
+            raise TaskError(f"an observation must have {len(self._inner)} entries: got {values}")
+        for value, (inner, size) in zip(values, self._inner, strict=True):
+            if value != value:
+                raise TaskError(f"an observation must be of numbers: got {values}")
+            state = state * size + bisect_right(inner, value)
+        return state
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Bins):
+            return NotImplemented
+        return list(self.edges.items()) == list(other.edges.items())
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.edges.items()))
+
+
+def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
+    """Return what bins with these edges between them are called; names differ."""
+    if not inner:
+        return ("any",)
+    shown = [f"{edge:g}" for edge in inner]
+    if len(set(shown)) < len(shown):
+        shown = [repr(edge) for edge in inner]
+    between = (f"{low} to {high}" for low, high in pairwise(shown))
+    return f"below {shown[0]}", *between, f"{shown[-1]} and above"

@@ -1,0 +1,234 @@
+"""Any Gymnasium environment with discrete spaces, or made discrete, as a task."""
+
+from collections.abc import Callable, Mapping
+from contextlib import closing, nullcontext
+from copy import deepcopy
+from dataclasses import dataclass, field
+from operator import index
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from curricle.errors import TaskError
+from curricle.interop.bins import Bins
+from curricle.interop.discrete import Number, Point, is_discrete, space_of
+from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
+from curricle.tasks.live import LiveMDP
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import Component, Space
+
+Environment = gym.Env[Any, Any] | str | EnvSpec | Callable[..., Any]
+
+
+def from_gymnasium(
+    environment: Environment,
+    *,
+    discount: float,
+    time_limit: int | None = None,
+    states: Space | None = None,
+    actions: Space | None = None,
+    encode: Callable[[Any], Any] | None = None,
+    live: bool = False,
+    **make_arguments: Any,
+) -> FiniteMDP | LiveMDP:
+    """Return a Gymnasium environment as a task: by its table if it shows one, else played live.
+
+    A table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied once, and the task is
+    solved, judged and learnt as fast as any :class:`FiniteMDP`. Every other environment is a
+    :class:`LiveMDP`: each step of learning is one of ``env.step``.
+
+    Parameters
+    ----------
+    environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
+        An id, a specification, an environment (another like it is made for each seed, by its
+        specification), or a function or class that makes one.
+    discount : float
+    time_limit : int, optional
+        Steps after which episodes are cut off; the environment's own by default.
+    states : Space, optional
+        Needed with an `encode` that has no ``states`` of its own. Without `encode` other names for
+        the observations, in their order.
+    actions : Space, optional
+        Other names for the actions, in their order.
+    encode : callable, optional
+        ``encode(observation)`` is a state's number or the tuple of its components' values. For
+        observations that are not discrete, :class:`Bins` for instance.
+    live : bool
+        Play live even where there is a table.
+    **make_arguments
+        What ``gymnasium.make`` or the callable is to get.
+
+    Returns
+    -------
+    FiniteMDP or LiveMDP
+        With known components (row, column; passenger, destination; ...) and labelled actions for
+        Gymnasium's toy-text worlds; else `state` and `action`, numbered where there are several,
+        called after the keys of a ``Dict``. Joint actions of a MultiDiscrete space are points of
+        its components.
+
+    Raises
+    ------
+    TaskError
+        When a space is not discrete and there is no `encode`, when names do not fit, or an
+        environment cannot be made again.
+
+    Examples
+    --------
+    >>> lake = from_gymnasium("FrozenLake-v1", discount=0.99)
+    >>> lake
+    FiniteMDP(16 states, 4 actions, 5 terminal, discount 0.99, time limit 100)
+    >>> lake.states.label(6), lake.actions.label(1)
+    ('row=1 column=2', 'move=south')
+    >>> cart = Bins({"position": [-2.4, 0, 2.4], "velocity": [-1, 0, 1],
+    ...              "angle": [-0.2, -0.05, 0, 0.05, 0.2], "spin": [-1, 0, 1]})
+    >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
+    LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
+    """
+    recipe = _recipe(environment, time_limit, make_arguments)
+    made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(recipe())
+    with made as env:
+        if time_limit is None and env.spec is not None:
+            time_limit = env.spec.max_episode_steps
+        if encode is None and not live and has_table(env):
+            return _tabled(env.unwrapped, states, actions, discount, time_limit)
+        if recipe.what is None:
+            raise TaskError(
+                "an environment without a specification cannot be made again for each seed; give "
+                f"a function that makes it: got {environment}"
+            )
+        names = names_of(env.unwrapped)
+        encode, states = _observations(env.observation_space, encode, states, names[0])
+        act, actions = _actions(env.action_space, actions, names[1])
+    return LiveMDP(states, actions, recipe, encode, act, discount, time_limit)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How an environment is made: what ``gymnasium.make`` or a callable takes; a frozen value."""
+
+    what: Any = field(hash=False)
+    arguments: Mapping[str, Any] = field(hash=False)
+
+    def __call__(self) -> gym.Env[Any, Any]:
+        """Return a new environment."""
+        arguments = deepcopy(dict(self.arguments))
+        if callable(self.what):
+            made: gym.Env[Any, Any] = self.what(**arguments)
+            return made
+        return gym.make(self.what, **arguments)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Recipe):
+            return NotImplemented
+        return _alike((self.what, self.arguments), (other.what, other.arguments))
+
+    def __repr__(self) -> str:
+        what = getattr(self.what, "id", getattr(self.what, "__name__", self.what))
+        return ", ".join([str(what), *(f"{k}={v!r}" for k, v in self.arguments.items())])
+
+
+def _recipe(environment: Environment, time_limit: int | None, arguments: dict[str, Any]) -> Recipe:
+    """Return how environments are made; by None, if the one given does not say."""
+    arguments = deepcopy(arguments)
+    if isinstance(environment, gym.Env) and arguments:
+        raise TaskError(
+            f"an environment that is made already takes no arguments: got {', '.join(arguments)}"
+        )
+    what = environment.spec if isinstance(environment, gym.Env) else environment
+    if what is not None and not isinstance(what, str | EnvSpec) and not callable(what):
+        raise TaskError(
+            "an environment must be an id, a specification, a gymnasium.Env or a function that "
+            f"makes one: got {what!r}"
+        )
+    if time_limit is not None and isinstance(what, str | EnvSpec):
+        arguments.setdefault("max_episode_steps", time_limit)
+    return Recipe(what, arguments)
+
+
+def _tabled(
+    world: Any,
+    states: Space | None,
+    actions: Space | None,
+    discount: float,
+    time_limit: int | None,
+) -> FiniteMDP:
+    """Return the task that a world's table describes."""
+    outcomes = outcomes_of(world)
+    n_states = len(outcomes)
+    known, moves = names_of(world)
+    if known is None or known.size != n_states:
+        known = Space([Component("state", n_states)])
+    start = np.asarray(start_of(world))
+    if start.ndim and n_states > start.size:  # an end set apart
+        start = np.append(start, 0.0)
+    return FiniteMDP.from_outcomes(
+        outcomes,
+        start=start,
+        states=_renamed("states", states, known),
+        actions=_renamed("actions", actions, moves or space_of(world.action_space, "action")),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+def _actions(
+    space: gym.Space[Any], given: Space | None, known: Space | None
+) -> tuple[Callable[[int], Any], Space]:
+    """Return what an environment takes for each action's number, and the actions."""
+    if not is_discrete(space):
+        raise TaskError(
+            f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
+            f"{space}"
+        )
+    plain = isinstance(space, gym.spaces.Discrete) and space.start == 0
+    act = index if plain else Point(space)
+    return act, _renamed("actions", given, known or space_of(space, "action"))
+
+
+def _observations(
+    space: gym.Space[Any],
+    encode: Callable[[Any], Any] | None,
+    given: Space | None,
+    known: Space | None,
+) -> tuple[Callable[[Any], Any] | None, Space]:
+    """Return the function from observations to states, if they are not the same, and the states."""
+    if encode is not None:
+        states = getattr(encode, "states", None) if given is None else given
+        if states is None:
+            raise TaskError("an encode function needs the states it encodes to: states not given")
+        if isinstance(encode, Bins) and space.shape != (len(encode.edges),):
+            raise TaskError(
+                f"bins must have edges for each entry of an observation, {space.shape}: they have "
+                f"edges for {len(encode.edges)}"
+            )
+        return encode, states
+    if not is_discrete(space):
+        raise TaskError(
+            "observations must be discrete, or be made so by encode=Bins(...) or a function of "
+            f"your own with states=Space(...): got {space}"
+        )
+    plain = isinstance(space, gym.spaces.Discrete) and space.start == 0
+    number = None if plain else Number(space)
+    return number, _renamed("states", given, known or space_of(space, "state"))
+
+
+def _renamed(what: str, given: Space | None, own: Space) -> Space:
+    """Return the space given if there is one, checked to have as many points."""
+    if given is not None and given.size != own.size:
+        raise TaskError(f"{what} must name the environment's {own.size}: got {given.size} of them")
+    return own if given is None else given
+
+
+def _alike(mine: Any, yours: Any) -> bool:
+    """Return whether two arguments are equal, arrays inside them included."""
+    if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
+        mine, yours = vars(mine), vars(yours)
+    if isinstance(mine, Mapping) and isinstance(yours, Mapping):
+        return mine.keys() == yours.keys() and all(_alike(mine[key], yours[key]) for key in mine)
+    if isinstance(mine, list | tuple) and isinstance(yours, list | tuple):
+        return len(mine) == len(yours) and all(map(_alike, mine, yours))
+    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
+        return np.array_equal(mine, yours)
+    return bool(mine == yours)

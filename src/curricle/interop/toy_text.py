@@ -1,0 +1,143 @@
+"""Gymnasium's worlds that show their transition tables, and what their states are made of."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.toy_text.blackjack import BlackjackEnv
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+from gymnasium.envs.toy_text.taxi import TaxiEnv
+from gymnasium.wrappers import (
+    OrderEnforcing,
+    PassiveEnvChecker,
+    RecordEpisodeStatistics,
+    TimeLimit,
+)
+
+from curricle.tasks.spaces import Component, Space
+
+LOOKING_ON = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
+"""Wrappers under which a table still tells all; the time limit is told by the specification."""
+PLACES = ("red", "green", "yellow", "blue")
+Outcomes = list[list[list[tuple[float, int, float, bool]]]]
+
+
+def has_table(env: gym.Env[Any, Any]) -> bool:
+    """Return whether an environment shows a transition table that says all about it.
+
+    It has ``P`` and a start distribution, no wrapper that changes what it does, and no time limit
+    that is nowhere told. A taxi whose passengers change their minds does what is not in its table.
+
+    Examples
+    --------
+    >>> has_table(gym.make("FrozenLake-v1")), has_table(gym.make("Blackjack-v1"))
+    (True, False)
+    """
+    while isinstance(env, gym.Wrapper):
+        if not isinstance(env, LOOKING_ON) or (isinstance(env, TimeLimit) and env.spec is None):
+            return False
+        env = env.env
+    sizes = list[int]()
+    for space in (env.observation_space, env.action_space):
+        if not isinstance(space, gym.spaces.Discrete) or space.start != 0:
+            return False
+        sizes.append(int(space.n))
+    if start_of(env) is None or getattr(env, "fickle_passenger", False):
+        return False
+    return _lists_outcomes(getattr(env, "P", None), *sizes)
+
+
+def _lists_outcomes(table: Any, n_states: int, n_actions: int) -> bool:
+    """Return whether ``table[s][a]`` are lists of (probability, next state, reward, terminated)."""
+    try:
+        pairs = [table[s][a] for s in range(n_states) for a in range(n_actions)]
+        return len(table) == n_states and all(
+            len(outcome) == 4 for pair in pairs for outcome in pair
+        )
+    except (TypeError, KeyError, IndexError):
+        return False
+
+
+def start_of(world: Any) -> npt.ArrayLike | None:
+    """Return the start distribution of an unwrapped environment, its start state, or None."""
+    for name in ("initial_state_distrib", "start_state_index"):
+        if hasattr(world, name):
+            return np.asarray(getattr(world, name))
+    return None
+
+
+def outcomes_of(world: Any) -> Outcomes:
+    """Return a table's outcome lists, in which entering a state ends the episode always or never.
+
+    Where a state is entered both ways, or an episode starts in one that also ends it, ending moves
+    to one more state, the last: all ends are worth 0.
+    """
+    n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
+    outcomes: Outcomes = [
+        [[(p, int(after), r, bool(ended)) for p, after, r, ended in world.P[s][a]]
+         for a in range(n_actions)]
+        for s in range(n_states)
+    ]  # fmt: skip
+    both = _entered_both_ways(outcomes, start_of(world))
+    if not both:
+        return outcomes
+    apart: Outcomes = [
+        [[(p, n_states if ended and after in both else after, r, ended)
+          for p, after, r, ended in pair]
+         for pair in pairs]
+        for pairs in outcomes
+    ]  # fmt: skip
+    return [*apart, [[] for _ in range(n_actions)]]
+
+
+def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike | None) -> set[int]:
+    """Return the states in which an episode may go on, and which may also end one."""
+    given = np.asarray(start)
+    going_on = {int(given)} if given.ndim == 0 else set(np.flatnonzero(given).tolist())
+    waiting, ends = list(going_on), set[int]()
+    while waiting:
+        for pair in outcomes[waiting.pop()]:
+            for probability, after, _, ended in pair:
+                if ended and probability > 0:
+                    ends.add(after)
+                elif probability > 0 and after not in going_on:
+                    going_on.add(after)
+                    waiting.append(after)
+    return going_on & ends
+
+
+def names_of(world: Any) -> tuple[Space | None, Space | None]:
+    """Return the state and action spaces of a known world in words, None where there are none.
+
+    Compass directions and map coordinates are called as in :class:`GridWorld`, so that mappings by
+    name work between the two.
+
+    Examples
+    --------
+    >>> names_of(gym.make("FrozenLake-v1").unwrapped)
+    (Space(16 points: row[4] x column[4]), Space(4 points: move[4]))
+    """
+    if isinstance(world, FrozenLakeEnv):
+        return _cells(*np.asarray(world.desc).shape), _moves("west", "south", "east", "north")
+    if isinstance(world, CliffWalkingEnv):
+        return _cells(*world.shape), _moves("north", "east", "south", "west")
+    if isinstance(world, TaxiEnv):
+        passenger = Component("passenger", 5, labels=(*PLACES, "taxi"))
+        destination = Component("destination", 4, labels=PLACES)
+        states = Space([*_cells(5, 5).components, passenger, destination])
+        return states, _moves("south", "north", "east", "west", "pick up", "drop off")
+    if isinstance(world, BlackjackEnv):
+        ace = Component("ace", 2, labels=("none", "usable"))
+        states = Space([Component("player", 32), Component("dealer", 11), ace])
+        return states, _moves("stick", "hit")
+    return None, None
+
+
+def _cells(rows: int, columns: int) -> Space:
+    return Space([Component("row", int(rows)), Component("column", int(columns))])
+
+
+def _moves(*labels: str) -> Space:
+    return Space([Component("move", len(labels), labels=labels)])

@@ -1,0 +1,237 @@
+"""Tasks that are played live: an environment itself says what comes of an action."""
+
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from dataclasses import dataclass, field
+from operator import index
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.checks import instance
+from curricle.errors import TaskError
+from curricle.tasks.draws import scramble_number
+from curricle.tasks.horizon import check_horizon
+from curricle.tasks.live_model import RESET, Live
+from curricle.tasks.spaces import MISSING, Space
+
+Answer = tuple[Any, Any, Any, Any]
+"""A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
+BROKEN_DOWN: Answer = (-1, 0.0, True, False)
+
+
+class Unopened(NamedTuple):
+    """What stands for the model of a live task until its environments are open."""
+
+    task: "LiveMDP"
+
+
+@dataclass(frozen=True)
+class LiveMDP:
+    """A task without tables or rules of its own: every step is taken in an environment.
+
+    Learnt by the same loops as any other, one seed after the other. Each seed plays environments of
+    its own, one to learn in and one to evaluate policies in, seeded from its random stream and
+    closed in the end. :func:`from_gymnasium` makes these tasks; equal parts make equal tasks.
+
+    Parameters
+    ----------
+    states, actions : Space
+        S states and A actions.
+    make : callable
+        ``make()`` returns a new environment with the methods ``reset(seed=...)``, ``step(action)``
+        and ``close()`` of a ``gymnasium.Env``. Its truncations are no ends: learners bootstrap.
+    encode : callable, optional
+        ``encode(observation)`` is the number of a state or the tuple of its components' values; by
+        default an observation itself is.
+    act : callable
+        ``act(a)`` is what the environment takes for action a; by default the number.
+    discount, time_limit
+        As in :class:`FiniteMDP`. Episodes are cut at the time limit even where the environment
+        would go on.
+
+    Raises
+    ------
+    TaskError
+        When a space, a function or the horizon is none; while learning, when an observation encodes
+        to no state. What an environment raises passes through as it is.
+
+    Examples
+    --------
+    >>> import curricle as cr
+    >>> class Ring:                             # any gymnasium.Env; home is 0
+    ...     def reset(self, seed=None):
+    ...         self.place = 3
+    ...         return self.place, {}
+    ...     def step(self, action):
+    ...         self.place = (self.place + (1 if action else -1)) % 8
+    ...         return self.place, -1.0, self.place == 0, False, {}
+    ...     def close(self):
+    ...         pass
+    >>> ring = LiveMDP(Space([cr.Component("place", 8)]), Space([cr.Component("move", 2)]), Ring)
+    >>> cr.learn(ring, budget=2000, seeds=2).greedy_return[:, -1].round(4)
+    array([-2.9701, -2.9701])
+    """
+
+    states: Space
+    actions: Space
+    make: Callable[[], Any] = field(hash=False)
+    encode: Callable[[Any], Any] | None = field(default=None, hash=False)
+    act: Callable[[int], Any] = field(default=index, hash=False)
+    discount: float = 0.99
+    time_limit: int | None = 200
+
+    def __post_init__(self) -> None:
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        for name in ("make", "encode", "act"):
+            given = getattr(self, name)
+            if not callable(given) and (given is not None or name != "encode"):
+                raise TaskError(f"{name} must be a function: got {given!r}")
+        check_horizon(self)
+        if self.discount == 1 and self.time_limit is None:
+            raise TaskError("a live task with discount 1 needs a time limit: none set")
+
+    @property
+    def terminal(self) -> None:
+        """Unknown: which steps end an episode is the environment's secret."""
+
+    @property
+    def model(self) -> Unopened:
+        """Stands for what compiled loops run on, which exists while environments are open."""
+        return Unopened(self)
+
+    def __repr__(self) -> str:
+        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
+        return (
+            f"LiveMDP({self.states.size:,} states, {self.actions.size} actions, discount "
+            f"{self.discount:g}, {limit})"
+        )
+
+
+def is_live(task: Any) -> bool:
+    """Return whether a task is played in an environment, by one thread at a time."""
+    return isinstance(getattr(task, "model", None), Unopened)
+
+
+def opened(model: Any, start: int) -> AbstractContextManager[Any]:
+    """Return a model that loops can run on, for a `with`: the one given, or a live one while open.
+
+    Parameters
+    ----------
+    model : NamedTuple
+    start : int
+        Where the run's random stream starts; environments are seeded from it.
+
+    Raises
+    ------
+    BaseException
+        In the end, what an environment raised meanwhile, an interrupt from the keyboard included.
+    """
+    return _Opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
+
+
+class _Opened:
+    """The environments of one run."""
+
+    def __init__(self, task: LiveMDP, start: int):
+        self.closings = ExitStack()
+        self.raised = list[BaseException]()
+        # Two seeds below 2^31, which every environment takes.
+        seeds = [scramble_number(start ^ which) >> 33 for which in (1, 2)]
+        players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
+        for player in players:
+            next(player)
+        self.asked = [player.send for player in players]  # they must outlive their addresses
+
+    def __enter__(self) -> Live:
+        addresses = np.array([id(asked) for asked in self.asked], dtype=np.uint64)
+        return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self.closings.close()
+        finally:
+            if self.raised:
+                raise self.raised[0]
+
+
+def _player(
+    task: LiveMDP, seed: int, closings: ExitStack, raised: list[BaseException]
+) -> Generator[Answer | None, int, None]:
+    """Answer each action sent with what came of it in an environment, `RESET` with a start.
+
+    The environment is made, and seeded, when it is first asked for. Nothing is raised: whoever asks
+    is compiled code. A generator, as it also catches what is raised (by an interrupt) before the
+    first line of a function would be reached.
+    """
+    action = yield None
+    try:
+        environment = closings.enter_context(closing(task.make()))
+        number, moves = _numbering(task), [task.act(a) for a in range(task.actions.size)]
+        step, reset = environment.step, environment.reset
+        observation, _ = reset(seed=seed)
+        while True:
+            action = yield number(observation), 0.0, False, False
+            while action != RESET:
+                observation, reward, terminated, truncated, _ = step(moves[action])
+                action = yield number(observation), reward, terminated, truncated
+            observation, _ = reset()
+    except GeneratorExit:
+        raise
+    except BaseException as error:
+        raised.append(error)
+    while True:
+        yield BROKEN_DOWN
+
+
+def _numbering(task: LiveMDP) -> Callable[[Any], int]:
+    """Return the function from an observation to the number of its state, which it checks."""
+    encode, place, size = task.encode, placing(task.states), task.states.size
+
+    def number(observation: Any) -> int:
+        found = observation if encode is None else encode(observation)
+        try:
+            state = place(found) if isinstance(found, tuple) else index(found)
+        except TypeError:
+            state = MISSING
+        if 0 <= state < size:
+            return state
+        raise TaskError(
+            f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
+            f"{', '.join(task.states.names)}: {observation!r} gives {found!r}"
+        )
+
+    return number
+
+
+def placing(space: Space) -> Callable[[tuple[Any, ...]], int]:
+    """Return the function from a tuple of components' values to their point's number.
+
+    What :meth:`Space.encode` does for arrays, quickly for one point; `MISSING` where there is none.
+
+    Examples
+    --------
+    >>> from curricle import Component
+    >>> place = placing(Space([Component("row", 2), Component("column", 3)]))
+    >>> place((1, 2)), place((2, 0))
+    (5, -1)
+    """
+    if not space.is_box:
+        columns = [column.tolist() for column in space.decode().values()]
+        known = {values: number for number, values in enumerate(zip(*columns, strict=True))}
+        return lambda values: known.get(values, MISSING)
+    ranges = [(component.low, component.size) for component in space.components]
+
+    def place(values: tuple[Any, ...]) -> int:
+        if len(values) != len(ranges):
+            return MISSING
+        number = 0
+        for value, (low, size) in zip(values, ranges, strict=True):
+            offset = index(value) - low
+            if not 0 <= offset < size:
+                return MISSING
+            number = number * size + offset
+        return number
+
+    return place

@@ -1,0 +1,198 @@
+"""Learning live against learning on the same rules as tables, and against plain Python."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+
+import curricle as cr
+from curricle.learning.run import stream_start
+
+LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
+EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
+WAYS = ["initialise", "look_ahead", "look_back", "bonus", "advice", "state"]
+ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
+STEPS, EVERY = 900, 100
+
+
+class TableEnv(gym.Env):
+    """Plays tables that leave nothing to chance."""
+
+    def __init__(self, mdp):
+        self.mdp = mdp
+        self.observation_space = gym.spaces.Discrete(mdp.states.size)
+        self.action_space = gym.spaces.Discrete(mdp.actions.size)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = int(self.mdp.start_states[0])
+        return self.state, {}
+
+    def step(self, action):
+        row = self.mdp.outcome_row[self.state, action]
+        self.state = int(self.mdp.next_state[row, 0])
+        reward = float(self.mdp.reward[row, 0])
+        return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
+
+
+@pytest.fixture
+def pair(random_mdp):
+    """Return tables without chance, and the same played live."""
+
+    def make(seed, **shape):
+        drawn = random_mdp(seed, width=1, n_states=12, **shape)
+        start = np.zeros(12)
+        start[0] = 1.0
+        mdp = cr.FiniteMDP(
+            drawn.states,
+            drawn.actions,
+            drawn.outcome_row,
+            drawn.probability,
+            drawn.next_state,
+            drawn.reward,
+            drawn.terminal,
+            start,
+            drawn.discount,
+            drawn.time_limit,
+        )
+        live = cr.LiveMDP(
+            mdp.states,
+            mdp.actions,
+            lambda: TableEnv(mdp),
+            discount=mdp.discount,
+            time_limit=mdp.time_limit,
+        )
+        return mdp, live
+
+    return make
+
+
+def assert_same(live, tabled, terminal):
+    """To the last bit, but for the values of terminal states, which a live task cannot know."""
+    np.testing.assert_array_equal(live.values[:, ~terminal], tabled.values[:, ~terminal])
+    names = "training_return", "greedy_return", "episodes", "steps_used", "episodes_used", "trust"
+    for name in names:
+        np.testing.assert_array_equal(getattr(live, name), getattr(tabled, name))
+
+
+def learn_both(pair, learner, budget=STEPS, **settings):
+    mdp, live = pair
+    settings = {"every": EVERY, "seeds": [4, 1], "evaluation": ROLLED, **settings}
+    assert_same(
+        cr.learn(live, learner, budget, **settings),
+        cr.learn(mdp, learner, budget, **settings),
+        mdp.terminal,
+    )
+
+
+@pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_every_learner_learns_live_what_it_learns_on_tables(kind, exploration, pair):
+    learn_both(pair(1, time_limit=9), kind(learning_rate=0.3, initial_value=0.7, **exploration))
+
+
+@pytest.mark.parametrize("how", WAYS)
+def test_every_way_of_entering(how, pair):
+    mdp, live = pair(2, time_limit=9)
+    learner = cr.SARSA(epsilon=0.3) if how == "look_back" else cr.QLearning(epsilon=0.3)
+    rng, found = np.random.default_rng(0), []
+    phi = rng.normal(size=(12,) if how == "state" else (12, mdp.actions.size))
+    kind = cr.StatePotential if how == "state" else cr.StateActionPotential
+    for task in (live, mdp):
+        potential = kind(task, phi)
+        settings = {"every": EVERY, "evaluation": ROLLED, "seeds": 2}
+        found.append(cr.learn(task, learner, STEPS, potential=potential, how=how, **settings))
+    assert_same(*found, mdp.terminal)
+
+
+def test_a_guard(pair):
+    mdp, live = pair(3, time_limit=9)
+    phi, found = np.random.default_rng(0).normal(size=(12, mdp.actions.size)), []
+    for task in (live, mdp):
+        potential = cr.StateActionPotential(task, phi)
+        settings = {"every": EVERY, "evaluation": ROLLED, "guard": cr.Guard()}
+        found.append(cr.learn(task, budget=STEPS, potential=potential, **settings))
+    assert_same(*found, mdp.terminal)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_sparse_tables(dtype, pair):
+    mdp, live = pair(4, time_limit=9)
+    storage = cr.Storage("sparse", dtype)
+    one, other = (
+        cr.learn(task, budget=STEPS, every=EVERY, storage=storage, evaluation=ROLLED).values[0]
+        for task in (live, mdp)
+    )
+    np.testing.assert_array_equal(one.states, other.states)
+    np.testing.assert_array_equal(one.values, other.values)
+
+
+def test_budgets_in_episodes(pair):
+    learn_both(pair(5, time_limit=9), cr.QLearning(), cr.Episodes(70))
+    learn_both(pair(5, time_limit=9), cr.DoubleQLearning(), cr.Episodes(70))
+
+
+def test_following_and_walking(pair):
+    mdp, live = pair(6, time_limit=9)
+    phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
+    phi[mdp.terminal] = 0.0
+    one, other = (cr.follow(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp))
+    for name in ("states", "actions", "promised", "earned", "lengths", "ended", "returns"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+# -- an environment left to chance, which cuts episodes off itself ---------------------------------
+
+MASK = 2**64 - 1
+
+
+def scramble(z):
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
+    return z ^ (z >> 31)
+
+
+def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
+    """Learn in place as `learn` does; q must have no two equal values in a row."""
+    start = stream_start(seed, "")
+    counter = start
+    state, _ = env.reset(seed=scramble(start ^ 1) >> 33)
+    counter, length = counter + 0x9E3779B97F4A7C15 & MASK, 0  # the draw of a start, not needed here
+    returns, total = [], 0.0
+    for _ in range(steps):
+        counter = counter + 0x9E3779B97F4A7C15 & MASK
+        bits = scramble(counter)
+        if (bits >> 32) / 2**32 < epsilon:
+            action = ((bits & 0xFFFFFFFF) * q.shape[1]) >> 32
+        else:
+            action = int(q[state].argmax())
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else discount * q[following].max())
+        q[state, action] += rate * (target - q[state, action])
+        state, length, total = following, length + 1, total + reward
+        if terminated or truncated or length >= limit:
+            returns.append(total)
+            state, _ = env.reset()
+            counter, length, total = counter + 0x9E3779B97F4A7C15 & MASK, 0, 0.0
+    return returns
+
+
+@pytest.mark.parametrize("limit", [None, 5])
+@pytest.mark.parametrize("seed", [0, 12345])
+def test_live_learning_equals_a_loop_in_python(seed, limit):
+    def lake():
+        return gym.wrappers.TimeLimit(FrozenLakeEnv(), 11)  # cut by the environment, unannounced
+
+    task = cr.from_gymnasium(lake, discount=0.9, time_limit=limit)
+    assert isinstance(task, cr.LiveMDP)
+    assert task.time_limit == limit
+    phi = np.random.default_rng(seed).normal(size=(16, 4))
+    learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
+    potential = cr.StateActionPotential(task, phi)
+    found = cr.learn(task, learner, 2000, seeds=[seed], potential=potential, every=2000)
+    q = phi.copy()
+    settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
+    returns = q_learning(lake(), q, 2000, seed=seed, **settings)
+    np.testing.assert_array_equal(found.values[0], q)
+    assert found.episodes_used[0] == len(returns)
+    assert found.training_return[0, -1] == sum(returns) / len(returns)

@@ -1,0 +1,102 @@
+"""A small study that several tests read: a chain of three mazes, taught in three ways."""
+
+import os
+import shutil
+
+import pytest
+
+from curricle.study.config.reading import read_study
+from curricle.study.runner.run import run_study
+
+# The crop shares its drawing with the target, the middle task is taught and teaches, the gate ends
+# in each seed's own time, and one arm pays for a calibration.
+CHAIN = """
+name = "chain"
+seeds = 4
+block = 2
+every = 50
+[tasks.maze]
+type = "maze"
+map = '''
+S...P
+.#...
+...PT
+'''
+time_limit = 40
+budget = 600
+[tasks.easy]
+type = "maze"
+map = '''
+S....
+.#...
+...PT
+'''
+time_limit = 40
+budget = 600
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [1, 3]
+columns = [2, 5]
+every = 20
+budget = { most = 300, value = 194.5, evaluations = 3 }
+[[transfers]]
+source = "corner"
+target = "easy"
+mapping = "same_position"
+[[transfers]]
+source = "easy"
+target = "maze"
+mapping = "same_position"
+[arms.chain]
+[arms.state]
+how = "state"
+[arms.calibrated]
+transfers = [
+  { source = "easy", target = "maze", mapping = "same_position", calibrate = { episodes = 5 } },
+]
+"""
+OF_RUNS = {"environment.json", ".lock"}
+"""Files that tell of a run and not of its results."""
+
+
+@pytest.fixture(scope="session")
+def study_file(tmp_path_factory):
+    """The study as a file."""
+    path = tmp_path_factory.mktemp("study") / "chain.toml"
+    path.write_text(CHAIN)
+    return path
+
+
+@pytest.fixture(scope="session")
+def finished(study_file, tmp_path_factory):
+    """The folder of the study, run in one go; to be read only."""
+    folder = tmp_path_factory.mktemp("finished") / "chain"
+    run_study(read_study(study_file), folder, workers=2)
+    return folder
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """A copy of that folder, to do harm to."""
+    return shutil.copytree(finished, tmp_path / "copied")
+
+
+@pytest.fixture
+def quick_disk(monkeypatch):
+    """Files are not waited for until they are on disk, which takes most of a small run's time."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+
+
+@pytest.fixture(scope="session")
+def contents():
+    """A function: folder -> what its files hold, by their names, and its empty folders."""
+
+    def read(folder):
+        entries = (entry for entry in folder.rglob("*") if entry.name not in OF_RUNS)
+        return {
+            str(entry.relative_to(folder)): entry.read_bytes() if entry.is_file() else None
+            for entry in entries
+        }
+
+    return read
