@@ -1,0 +1,258 @@
+"""What a comparison found, as a page says it: a sentence each arm, and a table of all measures."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from curricle.report.scales import minus
+from curricle.study.comparison import DIRECT, SIGNIFICANT, Comparison
+from curricle.study.statistics import Interval
+
+MEASURES = {
+    "gain": ("gain", "mean height of the curve above the direct learner's, in return"),
+    "final": ("gain at end", "return at the end of all steps, above the direct learner's"),
+    "better": ("P(better)", "probability that a run is above a direct run on average"),
+    "saved_charged": ("steps saved", "steps to the threshold, fewer than the direct learner's"),
+    "return": ("mean return", "interquartile mean over seeds of the curve's mean height"),
+    "gain_free": ("gain", "as before, over the target's budget alone"),
+    "jumpstart": ("jumpstart", "return at the first target step, above the direct learner's"),
+    "saved": ("steps saved", "target steps to the threshold, fewer than the direct learner's"),
+}
+"""Measure of :meth:`Comparison.rows` -> its name, and what it is."""
+FREE = ("gain_free", "jumpstart", "saved")
+"""Those that leave source steps aside."""
+TIMED = ("saved", "saved_charged")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is known of one arm.
+
+    Attributes
+    ----------
+    arm : str
+    control : bool
+    tone : {"pays", "costs", "open"}
+    verdict : str
+    sentences : tuple of str
+    gain : Interval
+        Charged, in return.
+    """
+
+    arm: str
+    control: bool
+    tone: str
+    verdict: str
+    sentences: tuple[str, ...]
+    gain: Interval
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry of the table: what it says, and below that how sure it is."""
+
+    text: str
+    below: str = ""
+
+
+def headline(comparison: Comparison) -> str:
+    """Return the whole comparison in a sentence or two: what paid, and what most."""
+    own = [name for name, arm in comparison.arms.items() if name != DIRECT and not arm.control]
+    paid = [name for name in own if comparison.contrasts[name].verdict == "pays"]
+    harmed = [name for name in own if comparison.contrasts[name].verdict.startswith("costs")]
+    counts = [
+        f"{_count(found, own)} {words[len(found) > 1]}"
+        for found, words in (
+            (paid, ("pays for itself", "pay for themselves")),
+            (harmed, ("costs more than it brings", "cost more than they bring")),
+        )
+        if found
+    ]
+    open_ = len(own) - len(paid) - len(harmed)
+    if open_ and not counts:
+        return "No curriculum is shown to differ from learning the target directly."
+    if open_:
+        counts.append(f"of {open_} no difference is shown")
+    said = ", ".join(counts)
+    most = max(
+        paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].gain.estimate))
+    )
+    gain, seeds = signed(comparison.contrasts[most].gain), comparison.seeds
+    leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
+    return (
+        f"{said[0].upper()}{said[1:]}: {leading}{gain} return against learning directly, "
+        f"source steps charged, over {seeds} seeds."
+    )
+
+
+def findings(comparison: Comparison) -> tuple[Finding, ...]:
+    """Return what is known of each arm besides the direct learner, in their order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from curricle.study.comparison import Arm
+    >>> from curricle.study.curve import Curve
+    >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
+    >>> arms = {"direct": Arm(Curve(steps, low), low, low, False),
+    ...         "taught": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
+    >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
+    >>> found.verdict, found.sentences[0]
+    ('pays', '+1.50...[1.50,...1.50] return on average over all 100 steps, its 50 source steps ...')
+    """
+    rows = {row["arm"]: row for row in comparison.rows()}
+    names = [name for name in comparison.arms if name != DIRECT]
+    return tuple(_finding(comparison, name, rows) for name in names)
+
+
+def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
+    contrast, row = comparison.contrasts[name], rows[name]
+    tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
+    sure = f" (p\xa0=\xa0{contrast.adjusted:.2g})" if comparison.seeds > 1 else ""
+    sentences = [
+        f"{signed(contrast.gain)} return on average over all {comparison.total:,} steps, its "
+        f"{row['source_steps']:,.0f} source steps charged{sure}.",
+        f"With sources free: {signed(contrast.gain_free)}.",
+        _reached(comparison, row, rows[DIRECT]),
+    ]
+    control = comparison[name].control
+    return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.gain)
+
+
+def _reached(comparison: Comparison, row: dict[str, Any], direct: dict[str, Any]) -> str:
+    """Return the sentence about the threshold."""
+    threshold, seeds = figures(comparison.threshold), comparison.seeds
+    if not row["reached"] and not direct["reached"]:
+        return f"Neither it nor the direct learner reaches {threshold} in any seed."
+
+    def when(one: dict[str, Any]) -> str:
+        if not one["reached"]:
+            return "in no seed"
+        some = f" in {one['reached']} of {seeds} seeds" if one["reached"] < seeds else ""
+        bound = "at least " if some else ""
+        return f"after {bound}{one['steps_to_threshold']:,.0f} steps on average{some}"
+
+    return f"Reaches {threshold} {when(row)}; the direct learner {when(direct)}."
+
+
+def too_few(comparison: Comparison) -> str:
+    """Return why no difference could have been shown; empty if one could.
+
+    Flipping the signs of K paired differences gives no p below 2 / 2^K.
+    """
+    least = min(1.0, len(comparison.contrasts) * 2.0 ** (1 - comparison.seeds))
+    if comparison.seeds == 1:
+        return "One seed allows neither intervals nor tests."
+    if least < SIGNIFICANT:
+        return ""
+    arms = len(comparison.contrasts)
+    return (
+        f"{comparison.seeds} seeds are too few for any verdict: with {arms} arm{'s' * (arms > 1)} "
+        f"to test no p can be below {least:.2g}."
+    )
+
+
+def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
+    """Return where 0 and each gain's low, estimate and high lie on one axis, in percent of it.
+
+    Examples
+    --------
+    >>> gains = Interval(1.0, 0.0, 3.0, 0.95, 9), Interval(-1.0, -1.0, -1.0, 0.95, 9)
+    >>> forest([Finding(name, False, "open", "", (), gain) for name, gain in zip("ab", gains)])
+    (25.0, {'a': (25.0, 50.0, 100.0), 'b': (0.0, 0.0, 0.0)})
+    """
+    ends: dict[str, list[float]] = {}
+    for one in found:
+        middle = float(one.gain.estimate)
+        low, high = (float(end) for end in (one.gain.low, one.gain.high))
+        ends[one.arm] = [middle if math.isnan(low) else low, middle, max(middle, high)]
+    every = [0.0, *(value for values in ends.values() for value in values)]
+    low, width = min(every), (max(every) - min(every)) or 1.0
+    places = {arm: [100 * (value - low) / width for value in ends[arm]] for arm in ends}
+    return 100 * -low / width, {arm: (a, b, c) for arm, (a, b, c) in places.items()}
+
+
+def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
+    """Return the metrics of :meth:`Comparison.rows` as text: arm -> column -> entry.
+
+    Columns are those of `MEASURES`, and ``time``, ``p`` and ``source_steps``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from curricle.study.comparison import Arm
+    >>> from curricle.study.curve import Curve
+    >>> flat = np.zeros((2, 3))
+    >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
+    >>> found = table(Comparison("hunt", {"direct": arm, "taught": arm}, 50, 100, 1.0, 1))
+    >>> found["taught"]["time"], found["direct"]["gain"].text
+    (Cell(text='> 100', below='2 of 2 never'), '')
+    """
+    found = {}
+    for row in comparison.rows():
+        name, missed = row["arm"], row["seeds"] - row["reached"]
+        cells = {measure: _measured(comparison, row, measure) for measure in MEASURES}
+        cells["time"] = Cell(
+            "> " * (missed > 0) + f"{row['steps_to_threshold']:,.0f}",
+            f"{missed} of {row['seeds']} never" if missed else "",
+        )
+        p = row["p_adjusted"]
+        cells["p"] = Cell("" if math.isnan(p) or row["seeds"] == 1 else f"{p:.2g}")
+        cells["source_steps"] = Cell(f"{row['source_steps']:,.0f}")
+        found[name] = cells
+    return found
+
+
+def signed(interval: Interval) -> str:
+    r"""Return an interval without its seeds, with a sign, and spaces at which no line breaks.
+
+    Examples
+    --------
+    >>> signed(Interval(-1.5, -2.0, 1.0, 0.95, 30)).replace("\xa0", "_")
+    '−1.50_[−2.00,_1.00]'
+    """
+    bare = "+" * (float(interval.estimate) > 0) + minus(_bare(interval))
+    return bare.replace(" ", "\xa0")
+
+
+def figures(number: float) -> str:
+    """Return a number in three significant digits, zeros too, or all before the point.
+
+    Examples
+    --------
+    >>> figures(-19.0), figures(0.5), figures(-3215.4)
+    ('−19.0', '0.500', '−3,215')
+    """
+    if number == 0:
+        return "0"
+    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
+
+
+def _bare(interval: Interval) -> str:
+    return str(interval).rsplit(",", 1)[0]
+
+
+def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell:
+    numbers = (row[measure], row[f"{measure}_low"], row[f"{measure}_high"])
+    if math.isnan(numbers[0]):
+        return Cell("")
+    text, _, bounds = minus(_bare(Interval(*numbers, 0.95, row["seeds"]))).partition(" ")
+    if measure not in TIMED:
+        return Cell(text, bounds)
+    arm, direct = (
+        comparison.times(name, strong=measure not in FREE).reached for name in (row["arm"], DIRECT)
+    )
+    if not arm.any() and not direct.any():
+        return Cell("–", "never reached")
+    # Seeds that never got there count as if they had at the end.
+    bound = ("≈ ", "≤ ") if not arm.all() else ("≥ ", "")
+    return Cell(bound[int(direct.all())] + text, bounds)
+
+
+def _count(found: list[str], own: list[str]) -> str:
+    if len(own) == 1:
+        return "the curriculum"
+    if len(found) == len(own) == 2:
+        return "both curricula"
+    return f"all {len(own)} curricula" if len(found) == len(own) else f"{len(found)} of {len(own)}"

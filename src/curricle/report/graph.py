@@ -1,0 +1,357 @@
+"""The curriculum graph of a study: a card for each task, an arrow for each pair that transfers."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.learning.budget import Episodes
+from curricle.learning.learn import LearningResult
+from curricle.report.findings import figures
+from curricle.report.scales import minus
+from curricle.report.sharing import shared
+from curricle.study.comparison import DIRECT
+from curricle.study.statistics import bootstrap
+from curricle.tasks.task import dynamics, same_task
+from curricle.transfer.by_name import ComponentMapping
+from curricle.transfer.edge import Transfer
+
+FloatArray = npt.NDArray[np.float64]
+Reasons = Mapping[tuple[str, str], Sequence[str]]
+"""(arm, task) -> for each seed why its training ended."""
+
+CARD, GAP, FALL = 156, 14, 64
+"""Width of a card, and the space between cards, sideways and down, in CSS pixels."""
+SIDE = 44
+"""Room at the sides for arrows that go round other cards."""
+CARD_HEIGHT, LINE = 156, 17
+"""Height of a card without its returns, and of a line."""
+SPARK, SPARK_HEIGHT = 140.0, 44.0
+"""Size of the curve on a card."""
+SPARK_POINTS = 60
+LARGEST_COVERAGE = 5_000_000
+"""Target pairs up to which a mapping's coverage is counted."""
+
+
+@dataclass(frozen=True)
+class Spark:
+    """A small learning curve.
+
+    Attributes
+    ----------
+    arms : tuple of str
+        Whose it is; the first gives its look.
+    line, band : str
+        Points of its mean and of its band (empty for a single seed).
+    words : str
+        Mean return at its start and its end.
+    """
+
+    arms: tuple[str, ...]
+    line: str
+    band: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Node:
+    """A task of the graph.
+
+    Attributes
+    ----------
+    name, kind : str
+        Its name, and what it is.
+    left, top, height : int
+        Its card.
+    sparks : tuple of Spark
+        Of the arms, and of the direct learner where it is the target.
+    steps, reason : str
+        How long the arms learnt it, and why that ended.
+    """
+
+    name: str
+    kind: str
+    left: int
+    top: int
+    height: int
+    sparks: tuple[Spark, ...]
+    steps: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Edge:
+    """All transfers from one task to another.
+
+    Attributes
+    ----------
+    source, target : str
+    path : str
+        Of its arrow.
+    place : (float, float)
+        Of its number.
+    words : tuple of str
+        A sentence for each transfer.
+    """
+
+    source: str
+    target: str
+    path: str
+    place: tuple[float, float]
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A graph that one or several arms share.
+
+    Attributes
+    ----------
+    arms : tuple of str
+    nodes : tuple of Node
+        In the order of training.
+    edges : tuple of Edge
+    notes : tuple of str
+        How each arm combines several transfers into one task.
+    width, height : int
+        CSS pixels.
+    """
+
+    arms: tuple[str, ...]
+    nodes: tuple[Node, ...]
+    edges: tuple[Edge, ...]
+    notes: tuple[str, ...]
+    width: int
+    height: int
+
+
+def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[Graph, ...]:
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
+
+    Parameters
+    ----------
+    results : dict of str to CurriculumResult
+        Of each arm; the direct learner's has no graph.
+    reasons : dict of (str, str) to sequence of str
+        Why the training of an arm's task ended, for each seed; its budget was spent, by default.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
+    >>> graph, = graphs({"taught": plan.train()}, {})
+    >>> [node.name for node in graph.nodes], graph.nodes[0].steps, graph.nodes[0].reason
+    (['corner', 'maze'], '1,000 steps', 'budget spent')
+    """
+    taught = {arm: one.curriculum for arm, one in results.items() if arm != DIRECT}
+    return tuple(_graph(arms, results, reasons) for arms, _ in shared(taught, _alike))
+
+
+def _alike(one: Curriculum, other: Curriculum) -> bool:
+    """Return whether two curricula have the same tasks and transfers."""
+    if one.order != other.order or len(one.transfers) != len(other.transfers):
+        return False
+    tasks = all(same_task(one.tasks[name], other.tasks[name]) for name in one.order)
+    pairs = zip(one.transfers, other.transfers, strict=True)
+    return tasks and all(_same_transfer(mine, yours) for mine, yours in pairs)
+
+
+def _same_transfer(one: Transfer, other: Transfer) -> bool:
+    for name in ("source", "target", "scale", "shift", "calibration"):
+        if getattr(one, name) != getattr(other, name):
+            return False
+    if isinstance(one.mapping, ComponentMapping) or isinstance(other.mapping, ComponentMapping):
+        return repr(one.mapping) == repr(other.mapping)
+    return np.array_equal(one.mapping.index, other.mapping.index)
+
+
+def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons) -> Graph:
+    curriculum = results[arms[0]].curriculum
+    sparks = {}
+    for name in curriculum.order:
+        compared = [arm for arm in (*arms, DIRECT) if arm in results and name in results[arm].nodes]
+        sparks[name] = _sparks({arm: results[arm][name] for arm in compared})
+    heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in sparks.items()}
+    corners, width, height = _layout(curriculum, heights)
+    nodes = tuple(
+        Node(
+            name,
+            _kind(curriculum.tasks[name]),
+            *corners[name],
+            heights[name],
+            sparks[name],
+            _steps([results[arm][name] for arm in arms]),
+            _ended(name, arms, results, reasons),
+        )
+        for name in curriculum.order
+    )
+    edges = []
+    for source, target in dict.fromkeys((t.source, t.target) for t in curriculum.transfers):
+        left, top = corners[source]
+        start, end = (left, top + heights[source]), corners[target]
+        between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
+        words = [_transfer_words(t) for t in curriculum.into(target) if t.source == source]
+        edges.append(Edge(source, target, *_arrow(start, end, between), tuple(words)))
+    notes = _notes(arms, results)
+    return Graph(tuple(arms), nodes, tuple(edges), notes, width, height)
+
+
+def _kind(task: Any) -> str:
+    moving = dynamics(task)
+    return f"{type(task).__name__}, {moving.states.size:,} states × {moving.actions.size:,} actions"
+
+
+def _layout(
+    curriculum: Curriculum, heights: Mapping[str, int]
+) -> tuple[dict[str, tuple[int, int]], int, int]:
+    """Return the corner of each card, and the size of all: sources above what they lead to."""
+    depth = dict[str, int]()
+    for name in curriculum.order:
+        depth[name] = max((depth[t.source] + 1 for t in curriculum.into(name)), default=0)
+    rows: dict[int, list[str]] = {}
+    for name, row in sorted(depth.items(), key=lambda one: one[1]):
+        rows.setdefault(row, []).append(name)
+    side = SIDE if any(depth[t.target] - depth[t.source] > 1 for t in curriculum.transfers) else 0
+    width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
+    corners, top = {}, 0
+    for names in rows.values():
+        left = (width - len(names) * (CARD + GAP) + GAP) // 2
+        for place, name in enumerate(names):
+            corners[name] = (left + place * (CARD + GAP), top)
+        top += max(heights[name] for name in names) + FALL
+    return corners, width, top - FALL
+
+
+def _arrow(
+    start: tuple[int, int], end: tuple[int, int], between: Sequence[int]
+) -> tuple[str, tuple[float, float]]:
+    """Return the path from below one card to above another, and its middle.
+
+    It goes round the cards in `between`, given by their right edges.
+    """
+    (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
+    half, middle, inner = (y1 - y0) / 2, (x0 + x1) / 2, (x0, x1)
+    if between:
+        # A cubic's middle is an eighth of each end and three eighths of each inner point.
+        middle = max(between) + SIDE / 2
+        inner = ((middle - (x0 + x1) / 8) * 4 / 3,) * 2
+    path = f"M{x0:g} {y0}C{inner[0]:g} {y0 + half:g} {inner[1]:g} {y1 - half:g} {x1:g} {y1}"
+    return path, (middle, y0 + half)
+
+
+def mapping_words(transfer: Transfer) -> str:
+    """Return what a transfer's mapping says.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, project
+    >>> mapping = project(Pursuit(3, 2), Pursuit(3, 1), predator="predator_2")
+    >>> mapping_words(Transfer("chase", "hunt", mapping))
+    'predator is predator_2, prey by name'
+    """
+    mapping = transfer.mapping
+    if isinstance(mapping, ComponentMapping):
+        names = dict.fromkeys((*mapping.source.states.names, *mapping.source.actions.names))
+        kept = [name for name in names if mapping.renaming.get(name, name) == name]
+        renamed = [f"{name} is {mapping.renaming[name]}" for name in names if name not in kept]
+        return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])
+    return "state by state and action by action"
+
+
+def _transfer_words(transfer: Transfer) -> str:
+    """Return a transfer in words: its mapping, how much it reaches, and its size."""
+    words, target = [mapping_words(transfer)], dynamics(transfer.mapping.target)
+    if target.states.size * target.actions.size <= LARGEST_COVERAGE:
+        cover = transfer.mapping.coverage()
+        words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        if cover.ended:
+            words.append(f"{cover.ended:.0%} at the source's end")
+        if cover.unmapped:
+            value = minus(f"{transfer.mapping.unmapped_value:g}")
+            words.append(f"{cover.unmapped:.0%} unmapped (worth {value})")
+    if transfer.scale != 1:
+        words.append(f"scaled by {minus(f'{transfer.scale:g}')}")
+    if transfer.shift:
+        words.append(f"shifted by {minus(f'{transfer.shift:g}')}")
+    if transfer.calibration is not None:
+        words.append("calibrated in the target")
+    return "; ".join(words)
+
+
+def _notes(arms: Sequence[str], results: Mapping[str, CurriculumResult]) -> tuple[str, ...]:
+    """Return how several transfers into a task become one potential."""
+    said: dict[str, list[str]] = {}
+    for arm in arms:
+        curriculum = results[arm].curriculum
+        for name in curriculum.order:
+            if len(curriculum.into(name)) > 1:
+                function = curriculum.setting("aggregate", name)
+                called = getattr(function, "__name__", "a function of its own")
+                words = f"{name} starts from their {called}"
+                said.setdefault(words, []).append(arm)
+    if len(said) == 1:
+        return (f"{next(iter(said))}.",)
+    return tuple(f"{'; '.join(whose)}: {words}." for words, whose in said.items())
+
+
+def _sparks(learnt: Mapping[str, LearningResult]) -> tuple[Spark, ...]:
+    """Return the curves of one task in one scale; arms that learnt it alike share one."""
+    different = shared(
+        learnt, lambda one, other: np.array_equal(one.greedy_return, other.greedy_return)
+    )
+    curves = []
+    for _, one in different:
+        n = len(one.steps)
+        place = np.unique(np.linspace(0, n - 1, min(n, SPARK_POINTS)).round().astype(int))
+        band = bootstrap(one.greedy_return[:, place], resamples=500)
+        curves.append((one.steps[place], np.array([band.estimate, band.low, band.high])))
+    low = min(float(np.nanmin(values)) for _, values in curves)
+    high = max(float(np.nanmax(values)) for _, values in curves)
+    last = max(int(steps[-1]) for steps, _ in curves) or 1
+    sparks = []
+    for (arms, one), (steps, values) in zip(different, curves, strict=True):
+        x = steps / last * SPARK
+        mean, lower, upper = (high - values) / ((high - low) or 1.0) * SPARK_HEIGHT
+        outline = [*x, *x[::-1]], [*lower, *upper[::-1]]
+        ends = one.greedy_return[:, [0, -1]].mean(axis=0)
+        drawn = _points(*outline) if len(one.seeds) > 1 else ""
+        words = f"{figures(ends[0])} → {figures(ends[1])}"
+        sparks.append(Spark(arms, _points(x, mean), drawn, words))
+    return tuple(sparks)
+
+
+def _points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+def _steps(learnt: Sequence[LearningResult]) -> str:
+    spent = np.concatenate([one.steps_used for one in learnt])
+    least, most = int(spent.min()), int(spent.max())
+    return f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps"
+
+
+def _ended(
+    name: str, arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons
+) -> str:
+    """Return why trainings of a task ended, the most frequent reason first."""
+    said = Counter[str]()
+    for arm in arms:
+        said.update(reasons.get((arm, name)) or default_reasons(results[arm], name))
+    if len(said) == 1:
+        return next(iter(said))
+    return "; ".join(f"{reason} ({n} of {said.total()})" for reason, n in said.most_common())
+
+
+def default_reasons(result: CurriculumResult, name: str) -> tuple[str, ...]:
+    """Return why each seed's training of a task ended where nothing was decided while it ran."""
+    by_episodes = isinstance(result.curriculum.setting("budget", name), Episodes)
+    spent = "all episodes done" if by_episodes else "budget spent"
+    return tuple("memory full" if full else spent for full in result[name].out_of_memory)
