@@ -73,6 +73,8 @@ from .report.flips import collapse_figure as collapse_figure, draw_flips as draw
 from .report.forecast import draw_forecast as draw_forecast
 from .report.picture import plot as plot
 from .report.potentials import draw_potential as draw_potential, draw_sources as draw_sources
+from .report.study_page import StudyRecord as StudyRecord, study_page as study_page
+from .report.study_report import write_report as write_report
 from .returning import Return as Return
 from .study.alignment import differences as differences
 from .study.attribution import Attribution as Attribution, Region as Region, attribute as attribute

@@ -12,12 +12,29 @@
 import os
 import sys
 import traceback
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from curricle.cli import paper, reading, running
 
+
+class _Commands(TyperGroup):
+    """The commands, left at once when interrupted."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            typer.echo("curricle: interrupted; what was stored before is whole", err=True)
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(130)  # units still in compiled loops would be waited for
+
+
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -58,8 +75,3 @@ def main() -> None:
             traceback.print_exception(error.__cause__)
         typer.echo(f"curricle: {error}", err=True)
         sys.exit(3 if failed else 1)
-    except KeyboardInterrupt:
-        typer.echo("curricle: interrupted; what was stored before is whole", err=True)
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(130)  # units still in compiled loops would be waited for

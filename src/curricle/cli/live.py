@@ -4,7 +4,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
+from contextlib import ExitStack
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -43,9 +43,6 @@ def run_live(
         console=console,
         disable=not console.is_terminal,
     )
-    pool: Any = nullcontext(None)
-    if processes:
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     rows: dict[tuple[str, str], Any] = {}
 
     def show(progress: Progress) -> None:
@@ -57,8 +54,20 @@ def run_live(
         if not console.is_terminal:
             print(f"done {progress.unit.words}", file=sys.stderr, flush=True)
 
-    with bars, pool as executor:
-        run_study(study, path, workers=workers, executor=executor, progress=show, **settings)
+    with bars, ExitStack() as ending:
+        pool: ProcessPoolExecutor | None = None
+        if processes:
+            pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+            ending.callback(pool.shutdown, wait=False, cancel_futures=True)
+        run_study(
+            study,
+            path,
+            workers=workers,
+            executor=pool,
+            trackers=track,
+            progress=show,
+            **settings,
+        )
 
 
 def _seeds(progress: Progress) -> Counter[tuple[str, str]]:

@@ -53,7 +53,9 @@ def run(
     ] = None,
     seeds: Seeds = None,
     changes: Changes = None,
-    workers: Annotated[int | None, typer.Option(help="Threads; all processors by default.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Threads; all processors by default.")
+    ] = None,
     processes: Annotated[bool, typer.Option(help="Processes instead of threads.")] = False,
     shard: Annotated[
         str, typer.Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
@@ -116,6 +118,7 @@ def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyFil
 
 def _part(shard: str) -> tuple[int, int]:
     part, slash, parts = shard.partition("/")
-    if not (slash and part.isdecimal() and parts.isdecimal()):
-        raise typer.BadParameter(f"a shard is i/n, such as 1/4: got {shard!r}")
+    numbers = slash and part.isdecimal() and parts.isdecimal()
+    if not numbers or not 1 <= int(part) <= int(parts):
+        raise typer.BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
     return int(part), int(parts)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from curricle.checks import one_of
 from curricle.errors import StoreError
 from curricle.study.comparison import DIRECT
 from curricle.study.runner.study import Study
@@ -11,6 +12,7 @@ from curricle.study.runner.study import Study
 
 def study_lines(study: Study, arm: str | None, node: str | None) -> Iterator[str]:
     """Yield how far a study is, what each task learnt, and the comparison if there is one."""
+    _check(study, arm, node)
     document = study.file.document
     wanted = len(document.seeds)
     yield f"{document.name}: {len(study.seeds)} of {wanted} seeds finished in every arm"
@@ -35,6 +37,7 @@ def decision_lines(
     study: Study, arm: str | None, node: str | None, seed: int | None
 ) -> Iterator[str]:
     """Yield why tasks went on and ended: every decision of one seed, or the last of each."""
+    _check(study, arm, node)
     found = False
     for name, curriculum in study.arms.curricula.items():
         for task in curriculum.order:
@@ -50,3 +53,13 @@ def decision_lines(
             f"{study.folder.path} holds no decision of arm {arm or 'any'}, task {node or 'any'}, "
             f"seed {'any' if seed is None else seed}"
         )
+
+
+def _check(study: Study, arm: str | None, node: str | None) -> None:
+    """Raise StoreError unless the study has the arm and the task asked for."""
+    curricula = study.arms.curricula
+    if arm is not None:
+        one_of("an arm", arm, curricula, StoreError)
+    if node is not None:
+        tasks = [name for one in curricula.values() for name in one.order]
+        one_of("a task", node, dict.fromkeys(tasks), StoreError)

@@ -140,8 +140,8 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
         if step == checkpoint * every:
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
             record.trust[checkpoint] = share
-            so_far = step, episodes, ended, ended_return
-            if write(record, checkpoint, so_far, value, q[ahead], q[ahead], budget.gate):
+            so_far = step, episodes, ended, ended_return, value
+            if write(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes or failed(model):

@@ -158,13 +158,13 @@ def film(record, checkpoint, q, other):
 
 
 @piece
-def write(record, checkpoint, so_far, value, q, other, gate):
+def write(record, checkpoint, so_far, q, other, gate):
     """Fill one checkpoint of a record, and return whether the gate opens there.
 
-    `so_far` are the steps, the episodes, and the number and returns of those ended since the last
-    checkpoint; the policy acts on the mean of `q` and `other`.
+    `so_far` are the steps, the episodes, the number and returns of those ended since the last
+    checkpoint, and the greedy return; the policy acts on the mean of `q` and `other`.
     """
-    step, episodes, ended, ended_return = so_far
+    step, episodes, ended, ended_return, value = so_far
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
     record.greedy_return[checkpoint] = value
     record.episodes[checkpoint] = episodes
@@ -205,9 +205,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     while True:
         if step == checkpoint * every:
             view = Acting(q, advice, at(weight, step), room)
-            value = greedy_return(evaluation, model, view)
-            so_far = step, episodes, ended, ended_return
-            if write(record, checkpoint, so_far, value, q[0], q[q.shape[0] - 1], budget.gate):
+            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, view)
+            if write(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes or failed(model):

@@ -62,9 +62,8 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * every:
-            value = greedy_return(evaluation, model, table)
-            so_far = step, episodes, ended, ended_return
-            if write(record, checkpoint, so_far, value, q, q, budget.gate):
+            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
+            if write(record, checkpoint, so_far, q, q, budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         spent = step >= budget.steps or episodes >= budget.episodes

@@ -1,48 +1,23 @@
 """The picture of a comparison: how arms learn, how their runs end, what they gain."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from curricle.errors import SettingError
-from curricle.report.plotting import COLOURS, STYLE, draw_curve, write_columns
+from curricle.report.learning_curves import LOG, draw_arms
+from curricle.report.looks import Look, arm_looks
+from curricle.report.plotting import COLOURS, STYLE, write_columns
 from curricle.report.scales import caption, minus, return_scale, steps_scale
 from curricle.study.comparison import DIRECT, SIGNIFICANT, Comparison
-from curricle.study.curve import Curve
 from curricle.study.metrics import asymptotic_performance
 from curricle.study.ordering import performance_profile
 
-OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula, in order; then again with other dashes. The direct learner is black."""
-MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
-CONTROL_DASHES: tuple[Any, ...] = (
-    (0, (3, 1.5)),
-    (0, (5, 1.2, 1, 1.2)),
-    (0, (7, 2)),
-    (0, (1.6, 1)),
-    (0, (5, 1.2, 1, 1.2, 1, 1.2)),
-    (0, (8, 1.5, 3, 1.5)),
-)
-_LOG = " (symlog scale)"
-GREYNESS = 0.6
-"""How much of a control's colour is grey."""
 ROW_HEIGHT = 0.21
-
-
-@dataclass(frozen=True)
-class _Look:
-    """How an arm is drawn: its name in the list, colour and dashes, and whether it is a control."""
-
-    short: str
-    colour: str
-    dashes: Any
-    control: bool
 
 
 @matplotlib.rc_context(STYLE)
@@ -71,6 +46,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     Examples
     --------
     >>> from curricle.study.comparison import Arm
+    >>> from curricle.study.curve import Curve
     >>> steps, low = np.array([0, 50, 100]), np.zeros((3, 3))
     >>> arms = {
     ...     "direct": Arm(Curve(steps, low), low, low, False),
@@ -81,7 +57,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     """
     if len(comparison.arms) < 2:
         raise SettingError(f"a comparison to draw needs an arm besides {DIRECT!r}: got none")
-    looks = _looks(comparison)
+    looks = arm_looks(comparison)
     height = max(3.7, 1.5 + ROW_HEIGHT * len(looks))
     figure = Figure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
@@ -93,71 +69,20 @@ def draw_comparison(comparison: Comparison) -> Figure:
     return figure
 
 
-def _looks(comparison: Comparison) -> dict[str, _Look]:
-    """Return how each arm looks; a control has the colour of the curriculum before it, greyer."""
-    looks = {DIRECT: _Look(DIRECT, COLOURS["black"], "-", False)}
-    parent, place, own, controls = "", -1, COLOURS["grey"], 0
-    for name, arm in comparison.arms.items():
-        if name == DIRECT:
-            continue
-        if arm.control:
-            dashes = CONTROL_DASHES[controls % len(CONTROL_DASHES)]
-            short = name.removeprefix(f"{parent}, ")
-            looks[name] = _Look(short, _greyed(own), dashes, True)
-            controls += 1
-        else:
-            parent, place, controls = name, place + 1, 0
-            again, colour = divmod(place, len(OWN_COLOURS))
-            own = COLOURS[OWN_COLOURS[colour]]
-            looks[name] = _Look(name, own, MORE_DASHES[again % len(MORE_DASHES)], False)
-    return looks
-
-
-def _greyed(colour: str) -> str:
-    grey, own = np.array(to_rgb("#999999")), np.array(to_rgb(colour))
-    mixed = GREYNESS * grey + (1 - GREYNESS) * own
-    return to_hex((mixed[0], mixed[1], mixed[2]))
-
-
-def _draw_curves(axes: Axes, comparison: Comparison, looks: Mapping[str, _Look]) -> None:
+def _draw_curves(axes: Axes, comparison: Comparison, looks: Mapping[str, Look]) -> None:
     """Draw the charged curves, dotted up to where the target begins."""
-    untaught = float(comparison.direct.curve.filled()[:, 0].mean())
-    for name, look in _controls_first(looks):
-        arm = comparison[name]
-        charged = arm.charged(comparison.direct)
-        # The first checkpoint at which a seed has left its sources.
-        begin = int(np.searchsorted(charged.steps, arm.curve.source_steps.min()))
-        begin = min(begin, len(charged.steps) - 1)
-        shown = Curve(charged.steps[begin:], charged.values[:, begin:])
-        draw_curve(axes, shown, label=name, colour=look.colour, dashes=look.dashes)
-        if begin:
-            at = charged.steps[begin], charged.values[:, begin].mean()
-            way = [0, at[0], at[0]], [untaught, untaught, at[1]]
-            axes.plot(*way, ":", color="#555555", lw=1.2, zorder=3)
-            axes.plot(*at, "o", color=look.colour, mfc="w", ms=4.5, zorder=4)
+    draw_arms(axes, comparison, looks, charged=True)
     low, high = axes.dataLim.intervaly
     return_scale(axes.yaxis, min(low, comparison.threshold), max(high, comparison.threshold))
-    axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
-    axes.annotate(
-        minus(f"threshold {comparison.threshold:.4g}"),
-        (1, comparison.threshold),
-        (-2, 2),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        ha="right",
-        fontsize=7.5,
-        color="#555555",
-    )
     unit = steps_scale(axes.xaxis, comparison.total)
-    axes.set_xlim(0, comparison.total)
     axes.set(
         title="learning, sources charged",
         xlabel=f"total steps{f' ({unit})' if unit else ''}",
-        ylabel=f"greedy return{_LOG * (axes.get_yscale() != 'linear')}",
+        ylabel=f"greedy return{LOG * (axes.get_yscale() != 'linear')}",
     )
 
 
-def _draw_profiles(axes: Axes, comparison: Comparison, looks: Mapping[str, _Look]) -> None:
+def _draw_profiles(axes: Axes, comparison: Comparison, looks: Mapping[str, Look]) -> None:
     """Draw the share of runs above tau; a step where a run ends."""
     final = {
         name: asymptotic_performance(arm.charged(comparison.direct))
@@ -181,12 +106,12 @@ def _draw_profiles(axes: Axes, comparison: Comparison, looks: Mapping[str, _Look
     axes.set(
         ylim=(-0.03, 1.03),
         title="how runs end",
-        xlabel=f"τ: final return{_LOG * (axes.get_xscale() != 'linear')}",
+        xlabel=f"τ: final return{LOG * (axes.get_xscale() != 'linear')}",
         ylabel="share of runs with a final return > τ",
     )
 
 
-def _draw_gains(axes: Axes, comparison: Comparison, looks: Mapping[str, _Look]) -> None:
+def _draw_gains(axes: Axes, comparison: Comparison, looks: Mapping[str, Look]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
     sure = comparison.seeds > 1
@@ -215,7 +140,7 @@ def _draw_gains(axes: Axes, comparison: Comparison, looks: Mapping[str, _Look]) 
 
 def _write_rows(
     axes: Axes,
-    looks: Mapping[str, _Look],
+    looks: Mapping[str, Look],
     numbers: Mapping[str, tuple[str, str]],
     head: tuple[str, str],
 ) -> None:
@@ -229,7 +154,7 @@ def _write_rows(
     write_columns(axes, columns)
 
 
-def _controls_first(looks: Mapping[str, _Look]) -> list[tuple[str, _Look]]:
+def _controls_first(looks: Mapping[str, Look]) -> list[tuple[str, Look]]:
     """Return the arms with the direct learner and the curricula last, to be drawn on top."""
     return sorted(looks.items(), key=lambda one: not one[1].control)
 

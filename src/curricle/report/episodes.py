@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.learning.film import Film
 from curricle.learning.planning import greedy_policy
 from curricle.learning.rollout import Trajectory, rollout
 from curricle.report.findings import figures
 from curricle.report.stage import Stage
-from curricle.report.storyboard import Film
 from curricle.tasks.task import dynamics, has_tables
 
 FloatArray = npt.NDArray[np.float64]

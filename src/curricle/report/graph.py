@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import Episodes
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 from curricle.report.findings import figures
 from curricle.report.scales import minus
 from curricle.report.sharing import shared

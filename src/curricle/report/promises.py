@@ -7,9 +7,10 @@ import numpy as np
 
 from curricle.certificate.certify import certify
 from curricle.certificate.verdict import Certificate
-from curricle.curriculum import Curriculum, CurriculumResult, calibrated
+from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.knowledge import calibrated
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import LearningResult
+from curricle.learning.result import LearningResult
 from curricle.report.sharing import shared
 from curricle.study.forecast import Forecast, forecast
 from curricle.tasks.task import dynamics

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.curriculum import CurriculumResult
+from curricle.learning.film import Film
 from curricle.report.episodes import Episode, before_and_after
 from curricle.report.sharing import shared
 from curricle.report.stage import Stage, stage
-from curricle.report.storyboard import MOST_FRAMES, Film, Storyboard, storyboard
+from curricle.report.storyboard import MOST_FRAMES, Storyboard, storyboard
 from curricle.tasks.task import Task, same_task
 
 Films = Mapping[tuple[str, str], Film]

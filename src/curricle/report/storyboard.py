@@ -3,13 +3,14 @@
 import base64
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
 from matplotlib.colors import to_hex
 
+from curricle.learning.film import Film
 from curricle.report.potentials import DIVERGING, MOST_NUMBERS, SEQUENTIAL
 from curricle.report.scales import minus
 from curricle.report.stage import Stage, squares
@@ -24,22 +25,6 @@ LEVELS = 2**16
 """Values are rounded to so many between the lowest and the highest."""
 SHADES = 64
 """Colours of a map."""
-
-
-class Film(Protocol):
-    """The values that a policy acts on while one seed learns, at M moments."""
-
-    @property
-    def seed(self) -> int:
-        """Whose they are."""
-
-    @property
-    def steps(self) -> IntArray:
-        """Steps learnt at each moment, (M,) int64, increasing."""
-
-    @property
-    def values(self) -> npt.NDArray[np.float32]:
-        """Values at each moment, (M, S, A) float32."""
 
 
 @dataclass(frozen=True)
