@@ -7,8 +7,9 @@ import numpy as np
 
 from curricle.curriculum import Curriculum
 from curricle.errors import CurricleError
-from curricle.learning.result import LearningResult
+from curricle.learning.result import LearningResult, without_curves
 from curricle.learning.target import Target
+from curricle.report.graph import mapping_words
 from curricle.study.config.study_file import StudyFile
 from curricle.study.forecast import Forecast, forecast
 from curricle.study.runner.arms import Arms
@@ -25,10 +26,13 @@ def preview(study: StudyFile) -> Iterator[str]:
     arms = Arms.of(study)
     seeds = study.document.seeds
     yield f"{study.document.name}: {len(arms.curricula)} arms, {len(seeds)} seeds"
+    alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
+        alike.setdefault(tuple(graph(curriculum)), []).append(name)
+    for lines, names in alike.items():
         yield ""
-        yield f"arm {name}"
-        yield from graph(curriculum)
+        yield f"arm{'s' * (len(names) > 1)} {', '.join(names)}"
+        yield from lines
     yield ""
     yield from _bill(costs(arms, seeds, study.document.block))
     for name, curriculum in arms.curricula.items():
@@ -45,7 +49,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         yield f"  {name}: {task}; {type(node.learner).__name__}; {_budget(node.budget)}"
         edges = curriculum.into(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
-            yield f"    {label}: {edge.mapping.coverage()}"
+            yield f"    {label}: {mapping_words(edge)}"
 
 
 def _budget(budget: object) -> str:
@@ -90,21 +94,8 @@ def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
         node = curriculum.node(name)
         solution = Target.of(node.task, node.evaluation).solution
         if solution is not None:
-            none = np.zeros((1, 0))
-            found[name] = LearningResult(
-                task=node.task,
-                learner=node.learner,
-                seeds=(0,),
-                values=solution.action_values[None],
-                steps=np.zeros(0, np.int64),
-                training_return=none,
-                greedy_return=none,
-                episodes=none.astype(np.int64),
-                steps_used=np.zeros(1, np.int64),
-                episodes_used=np.zeros(1, np.int64),
-                out_of_memory=np.zeros(1, np.bool_),
-                trust=none,
-            )
+            values, none = solution.action_values[None], np.zeros(1, np.int64)
+            found[name] = without_curves(node.task, node.learner, (0,), values, none)
     return found
 
 

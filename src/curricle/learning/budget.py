@@ -35,6 +35,9 @@ class Episodes:
         number = whole_number("a budget in episodes", self.number, 1, SettingError)
         object.__setattr__(self, "number", number)
 
+    def __str__(self) -> str:
+        return f"{self.number:,} episodes"
+
 
 Budget = int | Episodes | Gate
 """Steps, episodes, or steps up to a gate."""

@@ -51,6 +51,8 @@ class Gate:
     --------
     >>> from curricle import GridWorld, learn
     >>> gate = Gate(most=50_000, value=190.0, evaluations=2)
+    >>> print(gate)
+    50,000 steps, until a greedy return of 190.0 over 2 evaluations
     >>> result = learn(GridWorld("S..T"), budget=gate, every=100)
     >>> int(result.steps_used[0])
     600
@@ -88,6 +90,23 @@ class Gate:
             if getattr(self, name) is not None:
                 number(f"{name} of a gate", getattr(self, name), SettingError, 0.0)
         one_of("when of a gate", self.when, ("any", "all"), SettingError)
+
+    def __str__(self) -> str:
+        n = self.evaluations
+        asked = [
+            words
+            for given, words in (
+                (self.value, f"a greedy return of {self.value}"),
+                (self.fraction, f"{self.fraction} of the way to the optimum"),
+                (self.plateau, f"a rise below {self.plateau}"),
+            )
+            if given is not None
+        ]
+        until = f", until {f' {_JOINED[self.when]} '.join(asked)} over {n} evaluations" * bool(
+            asked
+        )
+        least = f"{self.least:,} to " if self.least else ""
+        return f"{least}{self.most:,} steps{until}"
 
     def rule(self, level: float | None = None) -> "GateRule":
         """Return the gate as compiled loops read it.
@@ -139,6 +158,9 @@ class Gate:
             if found[-1].ends or step >= self.most:
                 break
         return found
+
+
+_JOINED = {"any": "or", "all": "and"}
 
 
 class GateRule(NamedTuple):

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.curriculum import CurriculumResult
-from curricle.learning.result import LearningResult
-from curricle.node import Node
+from curricle.learning.result import without_curves
 from curricle.study.runner.arms import Arms, rebuilt
 from curricle.study.runner.arrays import arrays_of
 
@@ -141,7 +140,9 @@ def train_unit(work: Work) -> Trained:
     unit = work.unit
     curriculum = arms.curricula[unit.arm]
     trained = {
-        name: _known(curriculum.node(name), unit.seeds, knowledge)
+        name: without_curves(
+            curriculum.tasks[name], curriculum.node(name).learner, unit.seeds, *knowledge
+        )
         for name, knowledge in work.sources.items()
     }
     found = curriculum.train(
@@ -161,25 +162,6 @@ def train_unit(work: Work) -> Trained:
             {"scale": one.scale, "shift": one.shift, "refusal": one.refusal}
             for one in found.calibrations.get(unit.node, ())
         ],
-    )
-
-
-def _known(node: Node, seeds: tuple[int, ...], knowledge: Knowledge) -> LearningResult:
-    """Return what is known of a source as the result of training it, without its curves."""
-    none = np.zeros((len(seeds), 0))
-    return LearningResult(
-        task=node.task,
-        learner=node.learner,
-        seeds=seeds,
-        values=knowledge.values,
-        steps=np.zeros(0, np.int64),
-        training_return=none,
-        greedy_return=none,
-        episodes=none.astype(np.int64),
-        steps_used=knowledge.steps_used,
-        episodes_used=np.zeros(len(seeds), np.int64),
-        out_of_memory=np.zeros(len(seeds), np.bool_),
-        trust=none,
     )
 
 
