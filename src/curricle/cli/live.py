@@ -20,6 +20,7 @@ from rich.progress import (
 )
 
 from curricle.study.config.study_file import StudyFile
+from curricle.study.runner.arms import Arms
 from curricle.study.runner.run import Progress, run_study
 
 
@@ -56,7 +57,7 @@ def run_live(
 
     with bars, ExitStack() as ending:
         pool: ProcessPoolExecutor | None = None
-        if processes:
+        if processes or Arms.of(study).live:
             pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         run_study(

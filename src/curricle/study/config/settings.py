@@ -188,10 +188,12 @@ class BackTable(Setting):
 class EvaluationTable(Setting):
     """How the greedy policy is judged at each checkpoint."""
 
-    method: Literal["auto", "exact", "rollouts"] = Field(
-        default="auto", description="Exactly, by rollouts, or exactly where the task is small."
+    method: Literal["auto", "exact", "rollouts", "off"] = Field(
+        default="auto", description="Exactly, by rollouts, exactly where the task is small, or off."
     )
-    episodes: Whole = Field(default=100, description="Rollouts a checkpoint.")
+    episodes: Whole | None = Field(
+        default=None, description="Rollouts a checkpoint; 100, or 5 of a task played live."
+    )
     discounted: Flag = Field(default=True, description="Whether rewards are discounted or summed.")
 
     def build(self) -> Any:

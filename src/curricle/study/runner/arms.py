@@ -15,6 +15,7 @@ from curricle.study.comparison import DIRECT
 from curricle.study.config.graph import Graph
 from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_file import StudyFile
+from curricle.tasks.live import is_live
 
 KEY_BYTES = 8
 
@@ -55,6 +56,12 @@ class Arms:
     total: int | None
     every: int
     keys: Mapping[tuple[str, str], str]
+
+    @property
+    def live(self) -> bool:
+        """Whether a task is played live: by Python, which runs one thread at a time."""
+        curricula = self.curricula.values()
+        return any(is_live(task) for curriculum in curricula for task in curriculum.tasks.values())
 
     @classmethod
     def of(cls, study: StudyFile) -> "Arms":

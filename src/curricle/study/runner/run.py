@@ -68,7 +68,8 @@ def run_study(
         Whether to go on with what the folder holds of this study. More seeds may be asked for than
         before.
     workers : int, optional
-        Threads; as many as there are processors by default. Results do not depend on it.
+        Threads; as many as there are processors by default, one where a task is played live (an
+        executor of processes serves those better). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
         Where units are trained instead; it is not shut down. A unit is a picklable function of
         picklable data (:func:`train_unit`), so processes and other machines will do.
