@@ -1,0 +1,190 @@
+"""The theorems of shaping, through the Gymnasium wrappers, on random small worlds."""
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import TimeLimit
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra.numpy import arrays
+
+import curricle as cr
+from curricle.interop.potential_shaping import PotentialShaping
+from curricle.interop.vector_shaping import VectorPotentialShaping
+
+
+class World(gym.Env):
+    """A finite MDP, P and r (S, A, S), that ends in its last state; a reset may name the state."""
+
+    def __init__(self, p, r):
+        self.p, self.r = p, r
+        self.n_states, self.n_actions = p.shape[:2]
+        self.observation_space = gym.spaces.Discrete(self.n_states)
+        self.action_space = gym.spaces.Discrete(self.n_actions)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = (options or {}).get("state", 0)
+        return self.state, {}
+
+    def step(self, action):
+        return self.move(
+            action, int(self.np_random.choice(self.n_states, p=self.p[self.state, action]))
+        )
+
+    def move(self, action, following):
+        reward, self.state = float(self.r[self.state, action, following]), following
+        return following, reward, following == self.n_states - 1, False, {}
+
+    def task(self, rewards, discount):
+        terminal = np.arange(self.n_states) == self.n_states - 1
+        return cr.FiniteMDP.from_dense(
+            self.p, rewards, terminal=terminal, start=0, discount=discount
+        )
+
+
+class Led(World):
+    """A world in which actions name the next state too: action + A s'."""
+
+    def __init__(self, p, r):
+        super().__init__(p, r)
+        self.action_space = gym.spaces.Discrete(self.n_actions * self.n_states)
+
+    def step(self, action):
+        following, action = divmod(action, self.n_actions)
+        return self.move(action, following)
+
+
+@st.composite
+def tables(draw, max_states=4, max_actions=3):
+    """Draw P and r; every step may end the episode, so that all of them do."""
+    n, a = draw(st.integers(2, max_states)), draw(st.integers(1, max_actions))
+    weights = draw(arrays(np.int64, (n, a, n), elements=st.integers(0, 3)))
+    weights[:, :, -1] += 1
+    reward = draw(arrays(np.int64, (n, a, n), elements=st.integers(-5, 5)))
+    return weights / weights.sum(axis=2, keepdims=True), reward.astype(float)
+
+
+finite = st.floats(-1e3, 1e3)
+discounts = st.sampled_from([0.0, 0.3, 0.95, 1.0])
+
+
+def potential_of(data, p, elements=finite):
+    return data.draw(arrays(np.float64, p.shape[0], elements=elements))
+
+
+# -- the discounted sum of F telescopes ----------------------------------------------------------
+
+
+@given(tables(), discounts, st.data())
+def test_an_episodes_shaping_telescopes(world, discount, data):
+    phi, limit = potential_of(data, world[0]), data.draw(st.integers(1, 9))
+    env = PotentialShaping(TimeLimit(World(*world), limit), phi.__getitem__, discount=discount)
+    for seed in range(3):
+        state, _ = env.reset(seed=seed)
+        first, total, steps, over = state, 0.0, 0, False
+        while not over:
+            state, reward, terminated, truncated, info = env.step(steps % world[0].shape[1])
+            total += discount**steps * (reward - info["original_reward"])
+            steps, over = steps + 1, terminated or truncated
+        last = 0.0 if terminated else phi[state]
+        tolerance = 1e-12 * max(1, abs(phi).max())
+        assert abs(total - (discount**steps * last - phi[first])) <= steps * tolerance
+        assert abs(info["telescoping_residual"]) <= steps * tolerance
+
+
+@given(tables(), discounts, st.sampled_from(list(AutoresetMode)), st.booleans(), st.data())
+@settings(max_examples=30)
+def test_every_sub_environments_shaping_telescopes(world, discount, mode, batched, data):
+    phi, limit = potential_of(data, world[0]), data.draw(st.integers(1, 5))
+    n, tolerance = 3, 1e-12 * max(1, abs(phi).max())
+    made = SyncVectorEnv([lambda: TimeLimit(World(*world), limit)] * n, autoreset_mode=mode)
+    envs = VectorPotentialShaping(made, phi.__getitem__, discount=discount, batched=batched)
+    envs.reset(seed=0)
+    total, steps = np.zeros(n), np.zeros(n, int)
+    for _ in range(20):
+        states, rewards, terminated, truncated, infos = envs.step(np.zeros(n, int))
+        total += discount**steps * (rewards - infos["original_reward"])
+        steps += infos["_shaping"]
+        for i in np.flatnonzero(terminated | truncated):
+            state = infos["final_obs"][i] if mode is AutoresetMode.SAME_STEP else states[i]
+            last = 0.0 if terminated[i] else phi[state]
+            expected = discount ** steps[i] * last - phi[0]
+            assert abs(total[i] - expected) <= steps[i] * tolerance
+            assert abs(infos["telescoping_residual"][i]) <= steps[i] * tolerance
+            total[i], steps[i] = 0.0, 0
+        if mode is AutoresetMode.DISABLED and (terminated | truncated).any():
+            envs.reset(options={"reset_mask": terminated | truncated})
+
+
+# -- the optimum survives ------------------------------------------------------------------------
+
+
+@given(tables(), st.sampled_from([0.3, 0.75, 0.95, 1.0]), st.data())
+def test_what_the_wrapper_pays_keeps_the_optimal_policies(world, discount, data):
+    p, r = world
+    n, a = p.shape[:2]
+    whole = st.integers(-8, 8).map(float)
+    sources = {name: potential_of(data, p, whole) for name in ("one", "other")}
+    g = data.draw(st.sampled_from([cr.mean, cr.minimum, cr.maximum, cr.total]))
+    env = PotentialShaping(
+        Led(p, r), {k: v.__getitem__ for k, v in sources.items()}, discount=discount, aggregate=g
+    )
+    shaped = np.zeros((n, a, n))
+    for state, action, following in np.ndindex(n - 1, a, n):
+        env.reset(options={"state": state})
+        shaped[state, action, following] = env.step(action + a * following)[1]
+    plain, after = (cr.solve(env.unwrapped.task(each, discount)) for each in (r, shaped))
+    phi = g(np.array(list(sources.values())))
+    bound = plain.error_bound + after.error_bound + 1e-9
+    assert abs(after.values - (plain.values - phi))[:-1].max() <= bound
+    np.testing.assert_array_equal(after.optimal, plain.optimal)
+
+
+# -- learning through the wrapper ----------------------------------------------------------------
+
+
+def q_learning(env, q, discount, actions, rate=0.5, seed=0):
+    """Return the table after the given actions, started at q."""
+    q = q.copy()
+    state, _ = env.reset(seed=seed)
+    for action in actions:
+        following, reward, terminated, truncated, _ = env.step(action)
+        worth = 0.0 if terminated else q[following].max()
+        q[state, action] += rate * (reward + discount * worth - q[state, action])
+        state = env.reset()[0] if terminated or truncated else following
+    return q
+
+
+@given(tables(), discounts, st.integers(1, 6), st.data())
+def test_shaping_is_initialisation_at_the_potential(world, discount, limit, data):
+    """Wiewiora 2003: with the same experience Q + Phi is what Q learns that starts at Phi."""
+    p, _ = world
+    n, a = p.shape[:2]
+    phi = potential_of(data, p)
+    phi[-1] = 0.0
+    actions = data.draw(st.lists(st.integers(0, a - 1), min_size=30, max_size=30))
+    env = TimeLimit(World(*world), limit)
+    started = q_learning(env, np.repeat(phi[:, None], a, axis=1), discount, actions)
+    shaped = PotentialShaping(env, phi.__getitem__, discount=discount)
+    learnt = q_learning(shaped, np.zeros((n, a)), discount, actions)
+    np.testing.assert_allclose(learnt + phi[:, None], started, atol=1e-11 * max(1, abs(phi).max()))
+
+
+def test_q_learning_in_a_chain_learns_q_less_the_potential():
+    # Four cells and an end; left, right; every step costs 1. Cut off often, which is no end.
+    n, discount = 5, 0.9
+    p, r = np.zeros((n, 2, n)), np.full((n, 2, n), -1.0)
+    for cell in range(n):
+        p[cell, 0, max(cell - 1, 0)] = p[cell, 1, min(cell + 1, n - 1)] = 1.0
+    world, phi = World(p, r), np.array([3.0, -2.0, 5.0, 1.0, 7.0])
+    optimum = cr.solve(world.task(r, discount)).action_values
+    actions = np.random.default_rng(0).integers(2, size=4000).tolist()
+    for env, expected in (
+        (TimeLimit(world, 6), optimum),
+        (
+            PotentialShaping(TimeLimit(world, 6), phi.__getitem__, discount=discount),
+            optimum - phi[:, None],
+        ),
+    ):
+        learnt = q_learning(env, np.zeros((n, 2)), discount, actions)
+        np.testing.assert_allclose(learnt[:-1], expected[:-1], atol=1e-9)
