@@ -24,8 +24,10 @@ from .interop.pettingzoo import (
     agent_mappings as agent_mappings,
     to_pettingzoo as to_pettingzoo,
 )
+from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .interop.tracker import Tracker as Tracker
 from .interop.trackers import Trackers as Trackers, open_trackers as open_trackers
+from .interop.vector_shaping import VectorPotentialShaping as VectorPotentialShaping
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.film import Film as Film

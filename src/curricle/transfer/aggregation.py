@@ -80,16 +80,15 @@ def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
     array([[1., 2.]])
     """
     result = np.asarray(function(potentials), dtype=np.float64)
+    if result.shape == potentials.shape[1:] and np.isfinite(result).all():
+        return result
     name = getattr(function, "__name__", repr(function))
     if result.shape != potentials.shape[1:]:
         raise CurriculumError(
             f"an aggregate must return shape {potentials.shape[1:]}: {name} returned {result.shape}"
         )
-    bad = np.argwhere(~np.isfinite(result))
-    if len(bad):
-        state, action = bad[0]
-        raise CurriculumError(
-            f"an aggregate must return finite values: {name} returned {result[state, action]} at "
-            f"state {state}, action {action}"
-        )
-    return result
+    state, action = np.argwhere(~np.isfinite(result))[0]
+    raise CurriculumError(
+        f"an aggregate must return finite values: {name} returned {result[state, action]} at "
+        f"state {state}, action {action}"
+    )
