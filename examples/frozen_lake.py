@@ -6,8 +6,8 @@ On slippery ice values speak of the holes nearby, and the 4x4 lake has its holes
 
 Measured over 20 seeds, the source's steps charged: no way of laying the 4x4 lake on the 8x8 lake
 pays. Goal on goal makes no difference, the others lose, if not with a guard. The dry lake pays:
-half the episodes reach the goal after 73,500 steps instead of 120,000. Its values halved, as on ice they
-are too hopeful, pay twice as much (34,600).
+half the episodes reach the goal after 73,500 steps instead of 120,000. Its values halved, as on ice
+they are too hopeful, pay twice as much (34,600).
 
 python examples/frozen_lake.py
 """

@@ -5,11 +5,11 @@ task of 100 states and 5 actions (the taxi has 500 and 6): drive to a place and 
 values are read as "my passenger waits there" and as "my passenger wants to go there". A taxi with
 two or three of the four places is mapped by name, and the rest of the real one left unmapped.
 
-Measured over 20 seeds, the source's steps charged, steps until greedy episodes return 0 (the best is
-7.9): 114,000 directly, about 90,000 from the smaller taxis. From the errand as it is no seed gets
-there in 128,000. Its values start a good policy, but those of fetching are too hopeful, as the ride
-is still to be paid for, and the policy falls from one disappointment to the next. Lowered by the
-price of a ride they lead there in 15,500.
+Measured over 20 seeds, the source's steps charged, steps until greedy episodes return 0 (the best
+is 7.9): 114,000 directly, about 90,000 from the smaller taxis. From the errand as it is no seed
+gets there in 128,000. Its values start a good policy, but those of fetching are too hopeful, as the
+ride is still to be paid for, and the policy falls from one disappointment to the next. Lowered by
+the price of a ride they lead there in 15,500.
 
 python examples/taxi.py
 """

@@ -12,7 +12,7 @@ from .errors import (
     TaskError as TaskError,
 )
 from .interop.bins import Bins as Bins
-from .interop.from_gymnasium import from_gymnasium as from_gymnasium
+from .interop.gymnasium import from_gymnasium as from_gymnasium
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation
 from .learning.following import Followed as Followed, follow as follow

@@ -11,7 +11,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
-from curricle.interop.from_gymnasium import Recipe
+from curricle.interop.gymnasium import Recipe
 from curricle.tasks.task import same_task
 
 OFF = cr.GreedyEvaluation("off")
@@ -78,6 +78,11 @@ def test_horizons_are_those_of_the_environments():
         assert cr.from_gymnasium(name, discount=0.9).time_limit == limit
     assert cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=7).time_limit == 7
     assert cr.from_gymnasium("Taxi-v4", discount=0.9, max_episode_steps=9).time_limit == 9
+    for live in (False, True):
+        endless = cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=None, live=live)
+        assert endless.time_limit is None
+    walked = cr.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
+    assert len(walked) == 250
     assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
 
 
