@@ -426,6 +426,9 @@ def test_what_cannot_be_made_is_refused_in_a_sentence():
         cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9, map_name="8x8")
     with pytest.raises(cr.TaskError, match="cannot be made again for each seed"):
         cr.from_gymnasium(Echo(TWO, TWO), discount=0.9)
+    for limit in (0, 1.5, "5"):
+        with pytest.raises(cr.TaskError, match="time_limit in steps must be a whole number"):
+            cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=limit)
     with pytest.raises(gym.error.NameNotFound):
         cr.from_gymnasium("NoSuchThing-v0", discount=0.9)
     for name in ("make", "encode", "act"):

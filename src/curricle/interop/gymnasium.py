@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
+from curricle.checks import whole_number
 from curricle.errors import TaskError
 from curricle.interop.bins import Bins
 from curricle.interop.discrete import Number, Point, is_discrete, space_of
@@ -142,6 +143,8 @@ def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str
             "an environment must be an id, a specification, a gymnasium.Env or a function that "
             f"makes one: got {what!r}"
         )
+    if time_limit != "own" and time_limit is not None:
+        time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
     if time_limit != "own" and isinstance(what, str | EnvSpec):
         arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
     return Recipe(what, arguments)
