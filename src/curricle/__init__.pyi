@@ -18,7 +18,7 @@ from .interop.environment import (
     TaskEnvironment as TaskEnvironment,
     to_gymnasium as to_gymnasium,
 )
-from .interop.from_gymnasium import from_gymnasium as from_gymnasium
+from .interop.gymnasium import from_gymnasium as from_gymnasium
 from .interop.pettingzoo import (
     PursuitParallelEnv as PursuitParallelEnv,
     agent_mappings as agent_mappings,

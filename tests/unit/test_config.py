@@ -809,7 +809,7 @@ def test_a_task_of_gymnasium_s(read):
 
 
 def test_a_task_of_gymnasium_s_is_built(read):
-    pytest.importorskip("curricle.interop.from_gymnasium")
+    pytest.importorskip("curricle.interop.gymnasium")
     made = only(read(LAKE)).tasks["lake"]
     assert (made.states.size, made.actions.size) == (16, 4)
 

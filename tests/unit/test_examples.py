@@ -10,6 +10,9 @@ PICTURES = {
     "first_curriculum": {"seeds": 2},
     "three_predators": {"seeds": 2, "size": 3, "steps": 1600, "source_steps": 10_000},
 }
+COMPARISONS = {
+    name: {"steps": 1000, "source_steps": 300} for name in ("frozen_lake", "taxi", "cliff_walking")
+}
 
 
 def example(name):
@@ -30,5 +33,14 @@ def test_a_task_of_ones_own_runs(capsys):
     assert "2 seeds" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_example_runs_and_compares(name, capsys):
+    example(name).main(seeds=2, **COMPARISONS[name])
+    printed = capsys.readouterr().out
+    assert "sources charged; 2 seeds" in printed
+    assert "direct" in printed
+
+
 def test_no_example_is_left_out():
-    assert {path.stem for path in FOLDER.glob("*.py")} == {*PICTURES, "own_task"}
+    known = {*PICTURES, *COMPARISONS, "own_task"}
+    assert {path.stem for path in FOLDER.glob("*.py")} == known

@@ -11,7 +11,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
-from curricle.interop.from_gymnasium import Recipe
+from curricle.interop.gymnasium import Recipe
 from curricle.tasks.task import same_task
 
 OFF = cr.GreedyEvaluation("off")
@@ -78,6 +78,11 @@ def test_horizons_are_those_of_the_environments():
         assert cr.from_gymnasium(name, discount=0.9).time_limit == limit
     assert cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=7).time_limit == 7
     assert cr.from_gymnasium("Taxi-v4", discount=0.9, max_episode_steps=9).time_limit == 9
+    for live in (False, True):
+        endless = cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=None, live=live)
+        assert endless.time_limit is None
+    walked = cr.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
+    assert len(walked) == 250
     assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
 
 
@@ -421,6 +426,9 @@ def test_what_cannot_be_made_is_refused_in_a_sentence():
         cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9, map_name="8x8")
     with pytest.raises(cr.TaskError, match="cannot be made again for each seed"):
         cr.from_gymnasium(Echo(TWO, TWO), discount=0.9)
+    for limit in (0, 1.5, "5"):
+        with pytest.raises(cr.TaskError, match="time_limit in steps must be a whole number"):
+            cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=limit)
     with pytest.raises(gym.error.NameNotFound):
         cr.from_gymnasium("NoSuchThing-v0", discount=0.9)
     for name in ("make", "encode", "act"):

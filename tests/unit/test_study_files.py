@@ -51,7 +51,7 @@ def needed(study):
     """Skip where a study needs what this installation does not have."""
     words = json.dumps(study.resolved())
     if '"gymnasium"' in words:
-        pytest.importorskip("curricle.interop.from_gymnasium")
+        pytest.importorskip("curricle.interop.gymnasium")
     if '"most"' in words:
         pytest.importorskip("curricle.learning.gate")
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     """Return the points of a discrete Gymnasium space, one component for each number in them.
 
     Components are called `name`, or `name_1`, `name_2`, ... where there are several; those of a
-    ``Dict`` after their keys.
+    ``Dict`` after their keys, if these tell all of them apart.
 
     Parameters
     ----------
@@ -39,7 +39,10 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     >>> space_of(Dict(card=Discrete(10, start=1), dice=MultiDiscrete([6, 6])), "state")
     Space(360 points: card[10] x dice_1[6] x dice_2[6])
     """
-    return Space(list(_components(space, name)))
+    components = list(_components(space, name))
+    if len({component.name for component in components}) < len(components):
+        components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
+    return Space(components)
 
 
 def is_discrete(space: gym.Space[Any]) -> bool:

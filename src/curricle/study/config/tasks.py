@@ -247,7 +247,7 @@ class GymnasiumTask(TaskTable):
 
     def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the environment as a task."""
-        from curricle.interop.from_gymnasium import from_gymnasium
+        from curricle.interop.gymnasium import from_gymnasium
 
         options: dict[str, Any] = {"discount": self.discount}
         if self.time_limit is not None:

@@ -5,12 +5,13 @@ from contextlib import closing, nullcontext
 from copy import deepcopy
 from dataclasses import dataclass, field
 from operator import index
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
+from curricle.checks import whole_number
 from curricle.errors import TaskError
 from curricle.interop.bins import Bins
 from curricle.interop.discrete import Number, Point, is_discrete, space_of
@@ -20,13 +21,14 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | Callable[..., Any]
+TimeLimit = int | None | Literal["own"]
 
 
 def from_gymnasium(
     environment: Environment,
     *,
     discount: float,
-    time_limit: int | None = None,
+    time_limit: TimeLimit = "own",
     states: Space | None = None,
     actions: Space | None = None,
     encode: Callable[[Any], Any] | None = None,
@@ -45,8 +47,8 @@ def from_gymnasium(
         An id, a specification, an environment (another like it is made for each seed, by its
         specification), or a function or class that makes one.
     discount : float
-    time_limit : int, optional
-        Steps after which episodes are cut off; the environment's own by default.
+    time_limit : int, None or "own"
+        Steps after which episodes are cut off; None for none. The environment's own by default.
     states : Space, optional
         Needed with an `encode` that has no ``states`` of its own. Without `encode` other names for
         the observations, in their order.
@@ -89,10 +91,9 @@ def from_gymnasium(
     recipe = _recipe(environment, time_limit, make_arguments)
     made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(recipe())
     with made as env:
-        if time_limit is None and env.spec is not None:
-            time_limit = env.spec.max_episode_steps
+        limit = _own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
-            return _tabled(env.unwrapped, states, actions, discount, time_limit)
+            return _tabled(env.unwrapped, states, actions, discount, limit)
         if recipe.what is None:
             raise TaskError(
                 "an environment without a specification cannot be made again for each seed; give "
@@ -101,7 +102,7 @@ def from_gymnasium(
         names = names_of(env.unwrapped)
         encode, states = _observations(env.observation_space, encode, states, names[0])
         act, actions = _actions(env.action_space, actions, names[1])
-    return LiveMDP(states, actions, recipe, encode, act, discount, time_limit)
+    return LiveMDP(states, actions, recipe, encode, act, discount, limit)
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Recipe:
         return ", ".join([str(what), *(f"{k}={v!r}" for k, v in self.arguments.items())])
 
 
-def _recipe(environment: Environment, time_limit: int | None, arguments: dict[str, Any]) -> Recipe:
+def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]) -> Recipe:
     """Return how environments are made; by None, if the one given does not say."""
     arguments = deepcopy(arguments)
     if isinstance(environment, gym.Env) and arguments:
@@ -142,9 +143,16 @@ def _recipe(environment: Environment, time_limit: int | None, arguments: dict[st
             "an environment must be an id, a specification, a gymnasium.Env or a function that "
             f"makes one: got {what!r}"
         )
-    if time_limit is not None and isinstance(what, str | EnvSpec):
-        arguments.setdefault("max_episode_steps", time_limit)
+    if time_limit != "own" and time_limit is not None:
+        time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
+    if time_limit != "own" and isinstance(what, str | EnvSpec):
+        arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
     return Recipe(what, arguments)
+
+
+def _own_limit(env: gym.Env[Any, Any]) -> int | None:
+    """Return the steps after which an environment cuts episodes off, as far as it says."""
+    return None if env.spec is None else env.spec.max_episode_steps
 
 
 def _tabled(

@@ -1,0 +1,115 @@
+"""Numbers of points, bins, and ends set apart: what holds for any space, edges and table."""
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from hypothesis import given, strategies as st
+
+import curricle as cr
+from curricle.interop.discrete import Number, Point, is_discrete, space_of
+from curricle.tasks.live import placing
+from curricle.tasks.spaces import MISSING
+
+SIZES = st.integers(1, 4)
+LOWS = st.integers(-3, 3)
+DISCRETE = st.builds(lambda n, low: spaces.Discrete(n, start=low), SIZES, LOWS)
+MULTI = st.lists(st.tuples(SIZES, LOWS), min_size=1, max_size=3).map(
+    lambda pairs: spaces.MultiDiscrete([n for n, _ in pairs], start=[low for _, low in pairs])
+)
+BINARY = st.lists(st.integers(1, 2), min_size=1, max_size=2).map(spaces.MultiBinary)
+SPACES = st.recursive(
+    DISCRETE | MULTI | BINARY,
+    lambda parts: (
+        st.lists(parts, min_size=1, max_size=2).map(spaces.Tuple)
+        | st.dictionaries(st.sampled_from("abc"), parts, min_size=1, max_size=2).map(spaces.Dict)
+    ),
+    max_leaves=3,
+)
+
+
+@given(SPACES)
+def test_points_have_numbers_and_numbers_points(space):
+    assert is_discrete(space)
+    number, point = Number(space), Point(space)
+    size = space_of(space, "x").size
+    some = np.unique(np.linspace(0, size - 1, 7).astype(int)).tolist()
+    assert all(space.contains(point(n)) for n in some)
+    assert [number(point(n)) for n in some] == some
+    space.seed(0)
+    drawn = [number(space.sample()) for _ in range(5)]
+    assert all(0 <= n < size for n in drawn)
+
+
+COMPONENTS = st.lists(st.tuples(SIZES, LOWS), min_size=1, max_size=3).map(
+    lambda pairs: [cr.Component(f"c{i}", n, low=low) for i, (n, low) in enumerate(pairs)]
+)
+
+
+@given(COMPONENTS, st.randoms(use_true_random=False))
+def test_one_point_is_placed_as_arrays_of_them_are(components, random):
+    box = cr.Space(components)
+    points = np.stack(list(box.decode().values()), axis=1)
+    chosen = points[sorted(random.sample(range(len(points)), random.randint(1, len(points))))]
+    for space in (box, cr.Space(components, chosen)):
+        place = placing(space)
+        for _ in range(10):
+            values = tuple(random.randint(c.low - 1, c.low + c.size) for c in components)
+            expected = space.encode(**dict(zip(space.names, values, strict=True)))
+            assert place(values) == expected
+    assert placing(box)((0,) * (len(components) + 1)) == MISSING
+
+
+NUMBERS = st.floats(-10, 10)
+
+
+@given(
+    st.lists(st.lists(NUMBERS, min_size=2, max_size=6, unique=True), min_size=1, max_size=3),
+    st.data(),
+)
+def test_bins_are_numpys(edges, data):
+    edges = [sorted(each) for each in edges]
+    bins = cr.Bins({f"x{i}": each for i, each in enumerate(edges)})
+    on_edges = NUMBERS | st.sampled_from([edge for each in edges for edge in each])
+    observation = data.draw(st.tuples(*[on_edges | st.just(np.inf) for _ in edges]))
+    found = bins.states.decode(bins(np.array(observation)))
+    expected = [np.digitize(x, each[1:-1]) for x, each in zip(observation, edges, strict=True)]
+    assert [int(value) for value in found.values()] == expected
+
+
+class Listed(gym.Env):
+    """An environment that is nothing but its table."""
+
+    def __init__(self, table, start):
+        self.observation_space = spaces.Discrete(len(table))
+        self.action_space = spaces.Discrete(len(table[0]))
+        self.P = dict(enumerate(map(dict, map(enumerate, table))))
+        self.initial_state_distrib = start
+
+
+@st.composite
+def tables(draw):
+    """Return a table in which any outcome may end the episode, whatever it leads to."""
+    n_states, n_actions = draw(st.integers(1, 4)), draw(st.integers(1, 2))
+    outcome = st.tuples(st.integers(0, n_states - 1), st.integers(-3, 3), st.booleans())
+    pair = st.lists(outcome, min_size=1, max_size=2).map(
+        lambda found: [(1 / len(found), after, float(r), over) for after, r, over in found]
+    )
+    return [[draw(pair) for _ in range(n_actions)] for _ in range(n_states)]
+
+
+@given(tables(), st.randoms(use_true_random=False))
+def test_what_a_table_says_of_ends_is_kept(table, random):
+    """The value of acting at random from the start, by the table's own flags and by the task."""
+    start = np.zeros(len(table))
+    start[random.randrange(len(table))] = 1.0
+    task = cr.from_gymnasium(Listed, discount=0.5, table=table, start=start)
+    values = np.zeros(len(table))
+
+    def worth(pair):
+        return sum(p * (r + 0.5 * values[after] * (not over)) for p, after, r, over in pair)
+
+    for _ in range(60):
+        values = np.array([np.mean([worth(pair) for pair in pairs]) for pairs in table])
+    n_states, n_actions = task.states.size, task.actions.size
+    found = cr.evaluate(task, np.full((n_states, n_actions), 1 / n_actions), tolerance=1e-9)
+    assert abs(found.values @ task.start - values @ start) < 1e-6
