@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
 Seeds = Annotated[
-    str | None, typer.Option(help='Seeds instead of the file\'s, such as "0-29" or "0,3,7".')
+    str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
 Changes = Annotated[
     list[str] | None,
@@ -112,7 +112,8 @@ def schema() -> None:
 def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyFile":
     from curricle.study.config.reading import read_study
 
-    given = [f'seeds="{seeds}"'] if seeds is not None else []
+    number = seeds is not None and seeds.isdecimal()
+    given = [] if seeds is None else [f"seeds={seeds}" if number else f'seeds="{seeds}"']
     return read_study(file, set=[*(changes or []), *given])
 
 

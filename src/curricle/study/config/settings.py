@@ -216,7 +216,7 @@ class StorageTable(Setting):
     dtype: Literal["float64", "float32"] = Field(default="float64", description="Precision.")
     memory: Annotated[int | str | None, BeforeValidator(_memory)] = Field(
         default=None,
-        description='Bytes, or "4 GiB", that the tables may take; half the machine\'s.',
+        description="Bytes, or \"4 GiB\", that a seed's tables may take; half the machine's.",
     )
     keep: Flag = Field(default=True, description="Whether values are kept; a source's must be.")
 

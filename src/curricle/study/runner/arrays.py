@@ -1,6 +1,7 @@
 """A learning result as plain arrays, to be sent and stored, and back again."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,18 @@ def result_of(node: Node, arrays: Arrays) -> LearningResult:
         film=film,
         **plain,
     )
+
+
+def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of some seeds; a film stays if its seed, the first, is one of them."""
+    rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
+    found = dict[str, npt.NDArray[Any]]()
+    for name, array in arrays.items():
+        sparse = re.fullmatch(r"(states|values)_(\d+)", name)
+        if sparse and int(sparse[2]) in rows:
+            found[f"{sparse[1]}_{rows.index(int(sparse[2]))}"] = array
+        elif name == "steps" or (name.startswith("film_") and 0 in rows):
+            found[name] = array
+        elif not sparse and not name.startswith("film_"):
+            found[name] = array[rows]
+    return found

@@ -8,7 +8,7 @@ import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
+from curricle.study.runner.arrays import of_seeds
 from curricle.study.runner.unit import Trained, Unit, seed_words
 from curricle.study.store import PART, write_whole
 
@@ -65,9 +66,7 @@ class StudyFolder:
         self.path = Path(path)
         if not (self.path / STUDY).is_file():
             raise StoreError(f"a study's folder holds a {STUDY}: {self.path} has none")
-        self.study: dict[str, Any] = self._json(STUDY)
-        if not {"curricle", "folder", "configuration"} <= set(self.study):
-            raise StoreError(f"{self.path / STUDY} is not one that curricle wrote")
+        self.study = self._unsealed(self.path / STUDY)
 
     @classmethod
     @contextmanager
@@ -95,7 +94,7 @@ class StudyFolder:
         path = Path(path)
         if path.exists() and not path.is_dir():
             raise StoreError(f"results need a folder: {path} is a file")
-        ours = (path / STUDY).exists() or not path.exists()
+        ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
         if not ours and any(_foreign(entry) for entry in path.iterdir()):
             raise StoreError(
                 f"results need an empty folder or one of this study: {path} holds other files"
@@ -118,10 +117,10 @@ class StudyFolder:
     def _claimed(cls, path: Path, study: Mapping[str, Any], resume: bool) -> "StudyFolder":
         if (path / STUDY).exists():
             folder = cls(path)
-            folder._check(study)
-            if not resume:
+            folder.check(study)
+            if not resume and (units := folder.units()):
                 raise StoreError(
-                    f"{path} already holds this study, {len(folder.units())} units of it: go on "
+                    f"{path} already holds this study, {len(units)} units of it: go on "
                     "with --resume, or choose another folder"
                 )
             seeds = {*folder.study["configuration"]["seeds"], *study["configuration"]["seeds"]}
@@ -130,10 +129,11 @@ class StudyFolder:
             # A killed run's: it means nothing.
             shutil.rmtree(part) if part.is_dir() else part.unlink()
         with explained(path):
-            write_whole(path / STUDY, _as_json(study))
+            write_whole(path / STUDY, _sealed(study))
         return cls(path)
 
-    def _check(self, study: Mapping[str, Any]) -> None:
+    def check(self, study: Mapping[str, Any]) -> None:
+        """Raise StoreError if results of a study, given as :meth:`opened` takes it, differ."""
         here = json.loads(json.dumps(study))
         for name, (mine, yours) in _apart(self.study, here):
             raise StoreError(
@@ -161,33 +161,31 @@ class StudyFolder:
         StoreError
             Naming a unit that is damaged.
         """
-        return self._units("*")
-
-    def units_of(self, key: str) -> list[Stored]:
-        """Return what is there of one key."""
-        return self._units(f"*-{key}")
-
-    def _units(self, pattern: str) -> list[Stored]:
-        manifests = self.path.glob(f"{UNITS}/{pattern}/*/{MANIFEST}")
+        manifests = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
         found = [path for path in manifests if not path.parent.name.endswith(PART)]
         return [self._stored(path) for path in sorted(found)]
 
     def _stored(self, manifest: Path) -> Stored:
-        found = self._json(manifest.relative_to(self.path))
+        found = self._unsealed(manifest)
         for name, (size, _) in found["files"].items():
             file = manifest.parent / name
             if not file.is_file() or file.stat().st_size != size:
-                self._damaged(file)
+                raise self._damage(file)
         return Stored(manifest.parent, found["key"], found["node"], tuple(found["seeds"]))
 
-    def _damaged(self, file: Path) -> None:
-        raise StoreError(
+    def _damage(self, file: Path) -> StoreError:
+        if file.name == STUDY:
+            return StoreError(
+                f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
+                "delete it and run the study again with --resume"
+            )
+        return StoreError(
             f"{file} is damaged: it is not as it was written; delete the folder {file.parent} and "
             "run the study again with --resume, which does only what is missing"
         )
 
-    def write(self, unit: Unit, trained: Trained) -> None:
-        """Store what a unit left, all at once.
+    def write(self, unit: Unit, trained: Trained) -> Stored:
+        """Store what a unit left, all at once, and return where it is.
 
         Raises
         ------
@@ -209,13 +207,15 @@ class StudyFolder:
             place.parent.mkdir(parents=True, exist_ok=True)
             part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
             try:
-                for file, content in {**files, MANIFEST: _as_json(manifest)}.items():
+                for file, content in {**files, MANIFEST: _sealed(manifest)}.items():
                     write_whole(part / file, content)
                 os.chmod(part, 0o755)
+                shutil.rmtree(place, ignore_errors=True)  # without a manifest it means nothing
                 os.replace(part, place)
             except BaseException:
                 shutil.rmtree(part, ignore_errors=True)
                 raise
+        return Stored(place, unit.key, unit.node, unit.seeds)
 
     def read(self, stored: Stored, name: str) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays of a unit's file, such as ``run.npz``; none where it has no such file.
@@ -233,19 +233,41 @@ class StudyFolder:
             with np.load(io.BytesIO(content)) as arrays:
                 return {key: arrays[key] for key in arrays.files}
         except (ValueError, OSError, zipfile.BadZipFile):
-            self._damaged(file)
-            raise
+            raise self._damage(file) from None
 
     def table(self, stored: Stored, name: str) -> pa.Table:
         """Return a unit's Parquet table."""
         return pq.read_table(io.BytesIO(self._content(stored.path / name)))
 
     def _content(self, file: Path) -> bytes:
-        manifest = self._json((file.parent / MANIFEST).relative_to(self.path))
         content = file.read_bytes()
-        if _digest(content) != manifest["files"][file.name][1]:
-            self._damaged(file)
+        if _digest(content) != self._unsealed(file.parent / MANIFEST)["files"][file.name][1]:
+            raise self._damage(file)
         return content
+
+    def trained(self, stored: Stored, seeds: Collection[int]) -> Trained:
+        """Return what a unit left for some of its seeds; StoreError if any of it is damaged."""
+        names = (RUN, VALUES, FILM)
+        arrays = {k: v for name in names for k, v in self.read(stored, name).items()}
+        self._content(stored.path / CURVES)
+        rows = self.table(stored, DECISIONS).to_pylist()
+        fitted = self._unsealed(stored.path / MANIFEST)["calibrations"]
+        return Trained(
+            of_seeds(arrays, seeds),
+            [row for row in rows if row["seed"] in seeds],
+            [one for one, seed in zip(fitted, stored.seeds, strict=False) if seed in seeds],
+        )
+
+    def _unsealed(self, file: Path) -> dict[str, Any]:
+        """Return what :func:`_sealed` was called on; StoreError if it is not as it was."""
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))
+            digest = found.pop("digest")
+        except (ValueError, AttributeError, TypeError, KeyError, IndexError):
+            raise self._damage(file) from None
+        if digest != _digest(_as_json(found)):
+            raise self._damage(file)
+        return dict(found)
 
     def _json(self, name: str | Path) -> Any:
         try:
@@ -299,6 +321,11 @@ def _digest(content: bytes) -> str:
 
 def _as_json(value: Any) -> bytes:
     return (json.dumps(value, indent=1) + "\n").encode()
+
+
+def _sealed(value: Mapping[str, Any]) -> bytes:
+    """Return JSON that tells whether it is as it was written."""
+    return _as_json({**value, "digest": _digest(_as_json(value))})
 
 
 def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:

@@ -211,9 +211,8 @@ class _Turn:
             raise StudyError(
                 f"{unit.words} failed, and what was stored before is whole: {words}"
             ) from (None if ours else error)
-        self.folder.write(unit, trained)
-        for stored in self.folder.units_of(unit.key):
-            self.done.setdefault(unit.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        stored = self.folder.write(unit, trained)
+        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
         node = self.arms.curricula[unit.arm].node(unit.node)
         return result_of(node, trained.arrays)
 

@@ -89,8 +89,8 @@ class Study:
         StoreError
             When nothing of it is there yet, or a file is damaged.
         """
+        units = self._units(arm, node)
         curriculum = self.arms.curricula[arm]
-        units = self.stored.get(self.arms.keys[arm, node], [])
         if not units:
             raise StoreError(f"{self.folder.path} holds no result of {node!r} in arm {arm!r} yet")
         names = (RUN, FILM, *[VALUES] * values)
@@ -103,6 +103,12 @@ class Study:
                 for unit in units
             ]
         )
+
+    def _units(self, arm: str, node: str) -> list[Stored]:
+        """Return what is there of a task; StoreError if there is no such arm, or task in it."""
+        one_of("an arm", arm, self.arms.curricula, StoreError)
+        one_of(f"a task of arm {arm!r}", node, self.arms.curricula[arm].tasks, StoreError)
+        return self.stored.get(self.arms.keys[arm, node], [])
 
     @cached_property
     def results(self) -> dict[str, CurriculumResult]:
@@ -166,7 +172,7 @@ class Study:
     def decisions(self, arm: str, node: str) -> dict[int, list[str]]:
         """Return why each seed of a task went on and ended, in words, by seed."""
         found: dict[int, list[str]] = {}
-        for unit in self.stored.get(self.arms.keys[arm, node], []):
+        for unit in self._units(arm, node):
             rows: list[Mapping[str, Any]] = self.folder.table(unit, DECISIONS).to_pylist()
             for row in rows:
                 found.setdefault(row["seed"], []).append(row["words"])

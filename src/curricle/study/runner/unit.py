@@ -1,14 +1,15 @@
 """A unit of work, one task of one arm for some seeds: a pure function of the study."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.curriculum import CurriculumResult
+from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.learning.result import without_curves
+from curricle.learning.storage import Storage
 from curricle.study.runner.arms import Arms, rebuilt
 from curricle.study.runner.arrays import arrays_of
 
@@ -138,7 +139,7 @@ def train_unit(work: Work) -> Trained:
     """Return what a unit's seeds learn; depends on nothing but `work`."""
     arms = rebuilt(work.study, work.folder)
     unit = work.unit
-    curriculum = arms.curricula[unit.arm]
+    curriculum = _with_room(arms.curricula[unit.arm], unit)
     trained = {
         name: without_curves(
             curriculum.tasks[name], curriculum.node(name).learner, unit.seeds, *knowledge
@@ -163,6 +164,18 @@ def train_unit(work: Work) -> Trained:
             for one in found.calibrations.get(unit.node, ())
         ],
     )
+
+
+def _with_room(curriculum: Curriculum, unit: Unit) -> Curriculum:
+    """Return the curriculum with room for each of a unit's seeds, as a study's limit is a seed's.
+
+    So that what is learnt does not depend on how many seeds are trained together.
+    """
+    storage: Storage = curriculum.setting("storage", unit.node)
+    if storage.memory is None:
+        return curriculum
+    room = replace(storage, memory=len(unit.seeds) * storage.limit)
+    return curriculum.changed(unit.node, storage=room)
 
 
 def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:

@@ -1,0 +1,93 @@
+"""Seeds learnt in any groups and joined are the seeds learnt together."""
+
+from dataclasses import fields
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from curricle import Episodes, Gate, GridWorld, Storage, learn
+from curricle.learning.result import joined_results
+
+MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
+SEEDS = (0, 1, 3, 7, 8)
+BUDGETS = {
+    "steps": 230,
+    "episodes": Episodes(12),
+    "gate": Gate(400, value=185.0, evaluations=2),
+}
+STORAGES = {
+    "dense": Storage(kind="dense"),
+    "sparse": Storage(kind="sparse"),
+    "float32": Storage(dtype="float32"),
+    "none": Storage(keep=False),
+}
+
+
+@cache
+def learnt(seeds, budget, storage, frames):
+    return learn(
+        MAZE,
+        budget=BUDGETS[budget],
+        seeds=seeds,
+        every=20,
+        storage=STORAGES[storage],
+        stream="joined",
+        frames=frames,
+        workers=1,
+    )
+
+
+def parts_of(labels):
+    """Groups of seeds by their labels, in the labels' order; seeds rise within each."""
+    return [
+        tuple(seed for seed, label in zip(SEEDS, labels, strict=True) if label == one)
+        for one in dict.fromkeys(labels[::-1])
+    ]
+
+
+def assert_equal(found, wanted):
+    for field in fields(wanted):
+        one, other = getattr(found, field.name), getattr(wanted, field.name)
+        if isinstance(other, np.ndarray):
+            assert one.dtype == other.dtype, field.name
+            assert not one.flags.writeable, field.name
+            np.testing.assert_array_equal(one, other, field.name)
+    assert found.seeds == wanted.seeds
+    assert (found.task, found.learner) == (wanted.task, wanted.learner)
+    assert type(found.values) is type(wanted.values)
+    if isinstance(wanted.values, tuple):
+        for one, other in zip(found.values, wanted.values, strict=True):
+            np.testing.assert_array_equal(one.states, other.states)
+            np.testing.assert_array_equal(one.values, other.values)
+    assert (found.film is None) == (wanted.film is None)
+    if wanted.film is not None:
+        assert found.film.seed == wanted.film.seed
+        np.testing.assert_array_equal(found.film.steps, wanted.film.steps)
+        np.testing.assert_array_equal(found.film.values, wanted.film.values)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("budget", BUDGETS)
+@settings(max_examples=15)
+@given(labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), frames=st.sampled_from([0, 5]))
+def test_any_groups_joined_are_all_together(budget, storage, labels, frames):
+    parts = [learnt(seeds, budget, storage, frames) for seeds in parts_of(labels)]
+    assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, frames))
+
+
+def test_gates_end_the_seeds_apart():
+    """Or the property above would not join results of different lengths."""
+    assert len(set(learnt(SEEDS, "gate", "dense", 0).steps_used.tolist())) > 1
+    assert len(set(learnt(SEEDS, "episodes", "dense", 0).steps_used.tolist())) > 1
+
+
+def test_the_order_of_seeds_within_a_group_does_not_matter():
+    parts = [learnt((7, 0), "gate", "dense", 0), learnt((8, 3, 1), "gate", "dense", 0)]
+    assert_equal(joined_results(parts), learnt(SEEDS, "gate", "dense", 0))
+
+
+def test_one_group_is_itself():
+    whole = learnt(SEEDS, "gate", "sparse", 0)
+    assert_equal(joined_results([whole]), whole)

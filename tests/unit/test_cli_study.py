@@ -1,0 +1,386 @@
+"""The commands that make, run and read studies: what they print, leave, and exit with."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from functools import partial
+
+import pytest
+
+from curricle.cli.app import main
+from curricle.learning.run import Run
+from curricle.study.config.reading import read_study
+from curricle.study.runner.folder import StudyFolder
+from curricle.study.runner.study import Study
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+@pytest.fixture
+def curricle(monkeypatch, capfd, tmp_path):
+    """A function: arguments -> the exit code, what was printed and what was complained of."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capfd.readouterr()
+        return ended.value.code or 0, told.out, told.err
+
+    return run
+
+
+@pytest.fixture
+def refused(curricle):
+    """A function: code, words, arguments -> the command ends so, with one sentence, unprinted."""
+
+    def run(code, words, *arguments):
+        found, out, complaint = curricle(*arguments)
+        assert found == code, complaint
+        assert words in " ".join(complaint.split())
+        assert "Traceback" not in complaint
+        assert not out
+
+    return run
+
+
+# -- new, check, schema ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["maze", "pursuit", "gymnasium"])
+def test_a_new_study_runs_as_it_is(curricle, tmp_path, kind):
+    code, out, _ = curricle("new", kind)
+    assert (code, out) == (
+        0,
+        f"Wrote {kind}.toml: curricle check {kind}.toml, then curricle run {kind}.toml\n",
+    )
+    study = read_study(tmp_path / f"{kind}.toml")
+    names = {name for plan in study.document.arms.values() for name in plan.tasks}
+    quick = [f"--set=tasks.{name}.budget=400" for name in names]
+    code, out, complaint = curricle("run", f"{kind}.toml", "--seeds", "0-1", *quick)
+    assert code == 0, complaint
+    assert out.startswith(f"Stored in {kind}-results: ")
+    done = Study(tmp_path / f"{kind}-results")
+    assert done.seeds == (0, 1)
+    assert done.file.document.name == study.document.name
+
+
+def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
+    (tmp_path / "maze.toml").write_text("years of work")
+    refused(1, "a new study needs a new file: maze.toml is there already", "new", "maze")
+    assert (tmp_path / "maze.toml").read_text() == "years of work"
+    refused(1, "cannot be written to nowhere/maze.toml", "new", "maze", "nowhere/maze.toml")
+    refused(2, "'labyrinth' is not one of 'maze'", "new", "labyrinth")
+    assert curricle("new", "maze", "other.toml")[0] == 0
+
+
+def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, tmp_path):
+    def trained(*_):
+        raise AssertionError("check trains nothing")
+
+    monkeypatch.setattr(Run, "train", trained)
+    code, out, complaint = curricle("check", study_file)
+    assert code == 0, complaint
+    lines = out.splitlines()
+    assert lines[0] == "chain: 4 arms, 4 seeds"
+    heads = [line for line in lines if line.startswith("arm") and ":" not in line]
+    assert heads == ["arm direct", "arms chain, state", "arm calibrated"]  # a graph is drawn once
+    assert "  maze: 14 states x 4 actions; QLearning; 1,500 steps" in lines
+    assert any(line.startswith("    easy -> maze: ") for line in lines)
+    bill = [line.split() for line in lines if ": " in line and line.endswith(" s")]
+    assert [row[:4] for row in bill][:2] == [
+        ["direct:", "maze", "4", "1,500"],
+        ["chain:", "corner", "4", "300"],
+    ]
+    assert not any(row[:2] == ["state:", "corner"] for row in bill)  # shared with the arm before
+    assert "about" in out
+    assert "one processor" in out
+    assert "arm chain: Forecast for 'maze'" in out
+    assert max(map(len, lines)) < 250  # no table is written out
+    assert not list(tmp_path.iterdir())
+
+
+def test_check_takes_other_seeds_and_settings(curricle, study_file):
+    code, out, _ = curricle(
+        "check", study_file, "--seeds", "3,8-9", "--set", "tasks.maze.budget=900"
+    )
+    assert code == 0
+    assert out.startswith("chain: 4 arms, 3 seeds\n")
+    assert "1,800 steps" in out
+
+
+def test_the_schema_is_json(curricle):
+    code, out, _ = curricle("schema")
+    assert code == 0
+    assert {"name", "tasks", "arms"} <= set(json.loads(out)["properties"])
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, command):
+    file = tmp_path / "wrong.toml"
+    text = study_file.read_text().replace('how = "state"', 'hwo = "state"')
+    file.write_text(text)
+    line = 1 + text[: text.index("hwo")].count("\n")
+    words = f"curricle: {file}, line {line}: arms.state.hwo"
+    refused(1, words, command, file)
+    refused(1, "how", command, file)  # what was meant
+    assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("tasks.mace.budget=3", "maze"),
+        ("tasks.maze.budgte=3", "budget"),
+        ("budget", "key=value"),
+        ("tasks.maze.budget=-3", "tasks.maze.budget"),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_named(refused, study_file, tmp_path, change, words):
+    refused(1, words, "run", study_file, "--set", change)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_not_there(refused, tmp_path):
+    refused(1, "cannot be read: No such file", "check", "nowhere.toml")
+    refused(1, "is not valid TOML", "check", __file__)
+
+
+# -- run ---------------------------------------------------------------------------------------
+
+
+def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
+    run = partial(curricle, "run", study_file, "--set", "tasks.maze.budget=300")
+    code, out, progress = run("--seeds", "0-2", "--workers", "1")
+    assert code == 0
+    assert out == (
+        "Stored in chain-results: curricle show chain-results, curricle report chain-results\n"
+    )
+    assert "done direct: maze, seeds 0-1\n" in progress
+    assert "done chain: corner, seeds 2\n" in progress
+    done = Study(tmp_path / "chain-results")
+    assert (done.seeds, done.arms.budget) == ((0, 1, 2), 300)
+    code, _, complaint = run("--seeds", "0-3")
+    assert code == 1
+    assert "curricle: chain-results already holds this study, 16 units of it: go on" in complaint
+    code, _, progress = run("--seeds", "0-3", "--resume")
+    assert code == 0
+    assert "seeds 3\n" in progress
+    assert "seeds 0" not in progress
+    code, _, complaint = curricle("run", study_file, "--resume")
+    assert code == 1
+    assert "holds another study: " in complaint
+
+
+def test_run_in_processes_is_the_same(curricle, study_file, finished, tmp_path, contents):
+    code, _, complaint = curricle(
+        "run", study_file, "--out", "out", "--processes", "--workers", "1"
+    )
+    assert code == 0, complaint
+    assert contents(tmp_path / "out") == contents(finished)
+
+
+def test_a_dry_run_says_what_is_left_and_does_nothing(
+    curricle, study_file, finished, copied, tmp_path, contents
+):
+    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out")
+    lines = out.splitlines()
+    assert code == 0
+    assert lines[0] == "direct: maze, seeds 0-1: 1,500 steps at most"
+    assert lines[-1] == "16 units to do, 0 done, in out"
+    assert len(lines) == 17
+    assert not (tmp_path / "out").exists()
+    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--shard", "2/2")
+    assert out.splitlines()[-1] == "8 units to do, 0 done, in out"
+    shutil.rmtree(StudyFolder(copied).units()[0].path)
+    before = contents(copied)
+    code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)
+    assert out.splitlines() == [
+        "chain: corner, seeds 0-1: 300 steps at most",
+        f"1 units to do, 15 done, in {copied}",
+    ]
+    assert contents(copied) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--shard", "3/2"], "a shard is i/n"),
+        (["--shard", "0/2"], "a shard is i/n"),
+        (["--shard", "1/0"], "a shard is i/n"),
+        (["--shard", "half"], "a shard is i/n"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "two"], "--workers"),
+        (["--fast"], "No such option: --fast"),
+    ],
+)
+@pytest.mark.parametrize("dry", [[], ["--dry-run"], ["--processes"]])
+def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, arguments, words, dry):
+    refused(2, words, "run", study_file, *arguments, *dry)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("seeds", "words"), [("few", "seeds"), ("3-1", "seeds"), ("1,1", "seeds"), ("-1", "seeds")]
+)
+def test_seeds_that_make_no_sense(refused, study_file, tmp_path, seeds, words):
+    refused(1, words, "run", study_file, f"--seeds={seeds}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_tracking_is_passed_on(curricle, refused, study_file, tmp_path):
+    pytest.importorskip("tensorboardX")
+    refused(1, "a tracker must be one of", "run", study_file, "--track", "tensorbord")
+    code, _, complaint = curricle("run", study_file, "--seeds", "0", "--track", "tensorboard")
+    assert code == 0, complaint
+    assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))
+
+
+def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study_file, tmp_path):
+    (tmp_path / "rules.py").write_text(
+        "def mean(values):\n    raise LookupError('a rule of the thesis is not met')\n"
+    )
+    text = study_file.read_text().replace('how = "state"', 'aggregate = "rules:mean"')
+    (tmp_path / "chain.toml").write_text(text)
+    code, out, complaint = curricle("run", "chain.toml", "--workers", "1")
+    assert code == 3
+    assert not out
+    assert 'rules.py", line 2, in mean' in complaint
+    last = complaint.splitlines()[-1]
+    assert last.startswith("curricle: state: easy, seeds 0-1 failed, and what was stored before is")
+    assert last.endswith("LookupError: a rule of the thesis is not met")
+    assert StudyFolder(tmp_path / "chain-results").units()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
+    file = tmp_path / "long.toml"
+    # Units that nobody would wait for: ten minutes each, after a quick one of each source.
+    text = study_file.read_text().partition("[arms.chain]")[0]
+    file.write_text(f"direct = false\n{text}")
+    command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
+    long = ["--set", "tasks.maze.budget=2_000_000_000", "--set", "tasks.maze.every=1_000_000"]
+    with subprocess.Popen(
+        [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as running:
+        told = [running.stderr.readline() for _ in range(4)]  # both sources of both blocks
+        running.send_signal(signal.SIGINT)
+        told += running.stderr.readlines()
+    assert running.returncode == 130
+    assert told[-1] == "curricle: interrupted; what was stored before is whole\n"
+    assert "Traceback" not in "".join(told)
+    assert {unit.node for unit in StudyFolder(tmp_path / "out").units()} == {"corner", "easy"}
+    code, out, _ = curricle("run", file, "--out", "out", "--dry-run", *long)
+    assert code == 0
+    assert out.splitlines()[-1] == "2 units to do, 4 done, in out"
+
+
+# -- show, compare, merge ----------------------------------------------------------------------
+
+
+def test_show_prints_how_far_it_is_and_what_paid(curricle, finished):
+    code, out, _ = curricle("show", finished)
+    assert code == 0
+    assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
+    study = Study(finished)
+    for arm, result in study.results.items():
+        for node in result.nodes:
+            (line,) = [one for one in out.splitlines() if one.startswith(f"{arm}: {node} ")]
+            assert line.split()[2] == "4"
+    assert out.endswith(f"\n{study.comparison}\n")
+    code, out, _ = curricle("show", finished, "--arm", "chain", "--node", "easy")
+    assert "chain: easy" in out
+    assert "chain: maze" not in out
+    assert "state: easy" not in out
+
+
+def test_show_of_a_study_that_has_only_begun(curricle, copied):
+    for unit in StudyFolder(copied).units():
+        if unit.node == "maze" or 3 in unit.seeds:
+            shutil.rmtree(unit.path)
+    code, out, _ = curricle("show", copied)
+    assert code == 0
+    assert out.startswith("chain: 0 of 4 seeds finished in every arm\n")
+    assert "chain: corner" in out
+
+
+def test_decisions_are_sentences(curricle, refused, finished):
+    code, out, _ = curricle("show", finished, "--decisions")
+    lines = out.splitlines()
+    assert code == 0
+    assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
+    assert lines[0] == "direct: maze, seed 0: ends; its budget is spent: 1,500 steps, " + (
+        f"{Study(finished).result('direct', 'maze').episodes_used[0]} episodes"
+    )
+    code, out, _ = curricle(
+        "show", finished, "--decisions", "--arm", "chain", "--node", "corner", "--seed", "1"
+    )
+    assert out.splitlines() == [
+        f"chain: corner, seed 1: {words}"
+        for words in Study(finished).decisions("chain", "corner")[1]
+    ]
+    assert out.splitlines()[-1] == (
+        "chain: corner, seed 1: ends; greedy 194.5 >= 194.5 over 3 evaluations; "
+        f"{Study(finished).result('chain', 'corner').steps_used[1]} of at most 300 steps used"
+    )
+    refused(
+        1,
+        "holds no decision of arm any, task any, seed 9",
+        "show",
+        finished,
+        "--decisions",
+        "--seed",
+        "9",
+    )
+
+
+@pytest.mark.parametrize("more", [[], ["--decisions"]])
+def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more):
+    refused(1, "chian", "show", finished, "--arm", "chian", *more)
+    refused(1, "mace", "show", finished, "--node", "mace", *more)
+
+
+@pytest.mark.parametrize("command", ["show", "compare"])
+def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
+    refused(1, "a study's folder holds a study.json: nowhere has none", command, "nowhere")
+
+
+def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
+    quick = ["--seeds", "0-2", "--workers", "2"]
+    less = ["--set", "name=less", "--set", "tasks.easy.budget=500"]
+    assert curricle("run", study_file, "--out", "less", *quick, *less)[0] == 0
+    code, out, _ = curricle("compare", finished, "less")
+    assert code == 0
+    arms = [line.split("  ")[0] for line in out.splitlines()[2:]]
+    assert arms == [
+        "direct",
+        *[f"{s}: {arm}" for s in ("chain", "less") for arm in ("chain", "state", "calibrated")],
+    ]
+    assert "1,400 steps" in out.splitlines()[0]  # the smaller total
+    assert "3 seeds" in out.splitlines()[0]
+    code, alone, _ = curricle("compare", finished)
+    assert alone == f"{Study(finished).comparison}\n"
+    refused(1, "need different names", "compare", finished, finished)
+
+
+def test_studies_of_other_targets_are_not_compared(curricle, refused, study_file, finished):
+    quick = ["--seeds", "0", "--workers", "2", "--set", "name=other"]
+    other = ["--set", "tasks.maze.rewards.step=-2"]
+    assert curricle("run", study_file, "--out", "other", *quick, *other)[0] == 0
+    refused(1, "differ in ", "compare", finished, "other")
+    refused(1, "rewards", "compare", finished, "other")
+
+
+def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
+    for i in (1, 2):
+        assert curricle("run", study_file, "--out", f"part-{i}", "--shard", f"{i}/2")[0] == 0
+    code, out, _ = curricle("merge", "whole", "part-1", "part-2")
+    assert (code, out) == (0, "16 units of 2 folders in whole\n")
+    for name in ("results.parquet", "decisions.parquet"):
+        assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
+    refused(2, "Missing argument", "merge", "whole")
+    refused(1, "has none", "merge", "whole", "nowhere")

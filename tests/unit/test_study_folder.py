@@ -1,0 +1,321 @@
+"""A study's folder: what is not its own is refused untouched; damage is named, and heals."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib import metadata
+
+import numpy as np
+import pytest
+
+from curricle.errors import StoreError
+from curricle.study.config.reading import read_study
+from curricle.study.runner.folder import StudyFolder
+from curricle.study.runner.run import run_study
+from curricle.study.runner.study import Study
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+UNIT_FILES = (
+    "unit.json",
+    "run.npz",
+    "values.npz",
+    "film.npz",
+    "curves.parquet",
+    "decisions.parquet",
+)
+
+
+def read_everything(folder):
+    """Read every file of a study's folder, or fail."""
+    study = Study(folder)
+    for arm, node in study.arms.keys:
+        study.result(arm, node, values=True)
+        study.decisions(arm, node)
+    study.table("curves.parquet")
+    return study.comparison
+
+
+@pytest.fixture
+def refused(contents):
+    """A function: folder, words, study, settings -> a run is refused, and leaves all as it was."""
+
+    def run(folder, words, study, **settings):
+        before = contents(folder) if folder.is_dir() else folder.read_bytes()
+        with pytest.raises(StoreError, match=words) as caught:
+            run_study(study, folder, **settings)
+        assert str(folder) in str(caught.value)
+        assert "\n" not in str(caught.value)
+        assert before == (contents(folder) if folder.is_dir() else folder.read_bytes())
+
+    return run
+
+
+# -- what is not its own -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("tasks.maze.budget=700", "budget is 600 there and 700 here"),
+        ("tasks.maze.rewards.step=-2", r"rewards\.step is -1\.0 there and -2\.0 here"),
+        ("arms.state.how=look_ahead", 'how is "state" there and "look_ahead" here'),
+        ("direct=false", "direct is true there and false here"),
+        ("transfers.0.scale=2", "transfers"),
+    ],
+)
+@pytest.mark.parametrize("resume", [False, True])
+def test_another_study_is_refused(study_file, copied, refused, change, words, resume):
+    study = read_study(study_file, set=[change])
+    refused(copied, f"another study: .*{words}.*choose another folder", study, resume=resume)
+
+
+@pytest.mark.parametrize(
+    "change", ["name=other", "threshold=3", "window=1", "block=4", "frames=0", "seeds=1"]
+)
+def test_what_only_concerns_its_reading_may_change(study_file, finished, copied, contents, change):
+    run_study(read_study(study_file, set=[change]), copied, resume=True)
+    there, here = contents(finished), contents(copied)
+    assert there.pop("study.json") != "" != here.pop("study.json")
+    assert there == here
+
+
+def test_another_version_of_curricle_is_refused(study_file, copied, refused, monkeypatch):
+    version = metadata.version
+    monkeypatch.setattr(
+        metadata, "version", lambda name: "99.0" if name == "curricle" else version(name)
+    )
+    words = f'curricle is "{re.escape(version("curricle"))}" there and "99.0" here'
+    refused(copied, words, read_study(study_file), resume=True)
+    assert Study(copied).comparison.seeds == 4  # it can be read all the same
+
+
+def test_going_on_has_to_be_asked_for(study_file, copied, refused):
+    refused(copied, "already holds this study, 16 units of it.*--resume", read_study(study_file))
+
+
+def test_a_folder_of_other_files_is_refused(study_file, tmp_path, refused):
+    (tmp_path / "out" / "chapters").mkdir(parents=True)
+    (tmp_path / "out" / "chapters" / "one.txt").write_text("years of work")
+    for resume in (False, True):
+        refused(tmp_path / "out", "holds other files", read_study(study_file), resume=resume)
+
+
+def test_a_file_in_its_place_is_refused(study_file, tmp_path, refused):
+    (tmp_path / "out").write_text("not a folder")
+    refused(tmp_path / "out", "is a file", read_study(study_file))
+
+
+def test_a_place_below_a_file_is_refused(study_file, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(StoreError, match=r"cannot be written to .*Not a directory"):
+        run_study(read_study(study_file), tmp_path / "file" / "out")
+    assert (tmp_path / "file").read_text() == "not a folder"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '"text"', "\xff"])
+def test_a_file_of_that_name_that_is_no_study_is_refused(study_file, tmp_path, refused, text):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "study.json").write_text(text, encoding="latin-1")
+    refused(tmp_path / "out", r"study\.json", read_study(study_file), resume=True)
+    with pytest.raises(StoreError, match=r"study\.json"):
+        Study(tmp_path / "out")
+
+
+def test_a_folder_without_a_study_cannot_be_read(tmp_path):
+    for place in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(StoreError, match=r"holds a study\.json: .* has none"):
+            Study(place)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root writes anywhere")
+def test_a_folder_that_cannot_be_written_is_refused(study_file, copied, refused):
+    study = read_study(study_file, set=["seeds=5"])
+    (copied / "units").chmod(0o555)
+    copied.chmod(0o555)
+    refused(copied, "cannot be written to .*Permission denied", study, resume=True)
+    read_everything(copied)
+
+
+def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, copied, contents):
+    (copied / ".study123.part").write_text("{")
+    unit = StudyFolder(copied).units()[0].path
+    (unit.parent / ".tmp.part").mkdir()
+    (unit.parent / ".tmp.part" / "unit.json").write_text("{")
+    read_everything(copied)
+    run_study(read_study(study_file), copied, resume=True)
+    assert contents(copied) == contents(finished)
+
+
+def test_an_arm_or_a_task_that_is_not_there_is_said_so(finished):
+    study = Study(finished)
+    for arm, node in (("chian", "maze"), ("chain", "mace"), ("calibrated", "corner")):
+        with pytest.raises(StoreError, match=r"mace|chian|corner"):
+            study.result(arm, node)
+        with pytest.raises(StoreError, match=r"mace|chian|corner"):
+            study.decisions(arm, node)
+
+
+# -- damage ------------------------------------------------------------------------------------
+
+
+def cut(content):
+    return content[: len(content) // 2]
+
+
+def emptied(content):
+    return b""
+
+
+def flipped(content):
+    return (
+        bytes([*content[: len(content) // 2], content[len(content) // 2] ^ 4])
+        + content[len(content) // 2 + 1 :]
+    )
+
+
+@pytest.mark.parametrize("harm", [cut, emptied, flipped])
+@pytest.mark.parametrize("name", UNIT_FILES)
+def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, name, harm):
+    file = StudyFolder(copied).units()[0].path / name  # the first has a film
+    file.write_bytes(harm(file.read_bytes()))
+    before = contents(copied)
+    with pytest.raises(StoreError, match=re.escape(str(file))) as caught:
+        read_everything(copied)
+    assert contents(copied) == before
+    named = re.search(
+        r"delete the folder (\S+) and run the study again with --resume", str(caught.value)
+    )
+    assert named[1] == str(file.parent)
+    shutil.rmtree(named[1])
+    run_study(read_study(study_file), copied, resume=True, workers=2)
+    assert contents(copied) == contents(finished)
+
+
+@pytest.mark.parametrize("harm", [cut, emptied, flipped])
+def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, contents, harm):
+    file = copied / "study.json"
+    file.write_bytes(harm(file.read_bytes()))
+    before = contents(copied)
+    study = read_study(study_file)
+    for read in (lambda: Study(copied), lambda: run_study(study, copied, resume=True)):
+        with pytest.raises(StoreError, match=re.escape(str(file))):
+            read()
+        assert contents(copied) == before
+    file.unlink()
+    run_study(study, copied, resume=True, workers=2)
+    assert contents(copied) == contents(finished)
+
+
+def test_no_flipped_bit_of_a_units_description_goes_unnoticed(copied):
+    folder = StudyFolder(copied)
+    file = folder.units()[0].path / "unit.json"
+    whole, draws = file.read_bytes(), np.random.default_rng(0)
+    for place, bit in zip(range(len(whole)), draws.integers(0, 8, len(whole)), strict=True):
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :])
+        with pytest.raises(StoreError, match=re.escape(str(file.parent))):
+            folder.units()
+
+
+@pytest.mark.parametrize("name", UNIT_FILES)
+def test_a_missing_file_is_named_or_done_again(study_file, finished, copied, contents, name):
+    file = StudyFolder(copied).units()[0].path / name
+    file.unlink()
+    if name != "unit.json":  # without it, there is no unit
+        with pytest.raises(StoreError, match=re.escape(str(file))):
+            read_everything(copied)
+        shutil.rmtree(file.parent)
+    run_study(read_study(study_file), copied, resume=True, workers=2)
+    assert contents(copied) == contents(finished)
+
+
+@pytest.mark.parametrize("name", ["results.parquet", "decisions.parquet"])
+def test_tables_of_all_units_are_written_anew(study_file, finished, copied, contents, name):
+    (copied / name).write_bytes(b"damaged")
+    run_study(read_study(study_file), copied, resume=True)
+    assert contents(copied) == contents(finished)
+
+
+def test_damaged_news_of_runs_are_named(study_file, copied):
+    (copied / "environment.json").write_text("{")
+    with pytest.raises(StoreError, match=r"environment\.json"):
+        run_study(read_study(study_file), copied, resume=True)
+    read_everything(copied)
+
+
+# -- several processes, and a full disk --------------------------------------------------------
+
+HOLDING = """
+import sys
+from pathlib import Path
+from curricle.study.config.reading import read_study
+from curricle.study.runner.run import run_study
+
+def hold(progress):
+    if progress.unit is not None:
+        print("stored", progress.unit.words, flush=True)
+        sys.stdin.read()
+
+run_study(read_study(sys.argv[1]), sys.argv[2], workers=1, progress=hold)
+"""
+
+
+def test_only_one_process_works_on_a_study(study_file, finished, tmp_path, contents, refused):
+    out, study = tmp_path / "out", read_study(study_file)
+    command = [sys.executable, "-c", HOLDING, str(study_file), str(out)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
+        assert one.stdout.readline().startswith("stored ")
+        for resume in (False, True):
+            refused(out, "another is at work on", study, resume=resume)
+        one.kill()
+    assert len(Study(out).folder.units()) == 1
+    run_study(study, out, resume=True, workers=2)  # the lock has gone with the process
+    assert contents(out) == contents(finished)
+
+
+FULL = """
+import resource
+import signal
+import sys
+from curricle.cli import main
+from curricle.study.config.reading import read_study
+from curricle.study.runner.run import run_study
+
+file, whole, out, most = sys.argv[1:]
+run_study(read_study(file), whole)  # what is compiled is stored before the disk is full
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(most), int(most)))
+sys.argv = ["curricle", "run", file, "--out", out, "--workers", "2"]
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
+def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
+    file, whole, out = (tmp_path / name for name in ("wide.toml", "whole", "out"))
+    wide = (
+        "S...P"
+        + 30 * "."
+        + "\n.#..."
+        + 30 * "."
+        + "\n...PT"
+        + 30 * "."
+        + "\n"
+        + 10 * f"{35 * '.'}\n"
+    )
+    text = study_file.read_text().replace("S...P\n.#...\n...PT\n", wide)
+    file.write_text(f"direct = false\n{text}")
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, file, whole, out, "15000"], capture_output=True, text=True
+    )
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"curricle: results cannot be written to {out} (File too large)")
+    assert not list(out.rglob("*.part"))
+    stored, complete = contents(out / "units"), contents(whole / "units")
+    assert {} != stored.items() < complete.items()
+    assert {unit.node for unit in StudyFolder(out).units()} <= {"corner", "easy"}
+    run_study(read_study(file), out, resume=True, workers=2)
+    assert contents(out) == contents(whole)

@@ -1,0 +1,153 @@
+"""A study's tables are read by other tools, without Curricle, and say what Curricle says."""
+
+import duckdb
+import numpy as np
+import pandas as pd
+import polars as pl
+import pytest
+
+from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
+
+CURVES = {
+    "arm": "VARCHAR",
+    "node": "VARCHAR",
+    "seed": "BIGINT",
+    "checkpoint": "BIGINT",
+    "steps": "BIGINT",
+    "source_steps": "BIGINT",
+    "training_return": "DOUBLE",
+    "greedy_return": "DOUBLE",
+    "trust": "DOUBLE",
+    "episodes": "BIGINT",
+}
+DECISIONS = {
+    "arm": "VARCHAR",
+    "node": "VARCHAR",
+    "seed": "BIGINT",
+    "steps": "BIGINT",
+    "ends": "BOOLEAN",
+    "lowest": "DOUBLE",
+    "level": "DOUBLE",
+    "rise": "DOUBLE",
+    "plateau": "DOUBLE",
+    "words": "VARCHAR",
+}
+FINALS = """
+SELECT arm, avg(greedy_return) AS final FROM (
+    SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
+    FROM '{file}' WHERE node = 'maze')
+WHERE back = 1 GROUP BY arm
+"""
+
+
+@pytest.fixture(scope="module")
+def study(finished):
+    return Study(finished)
+
+
+@pytest.fixture(scope="module")
+def finals(study):
+    """Mean greedy return of each arm at the end of the total budget."""
+    arms = study.comparison.arms
+    return {name: arm.curve.values[:, -1].mean() for name, arm in arms.items()}
+
+
+@pytest.fixture(scope="module")
+def rows(study):
+    """How many checkpoints all seeds of all tasks of all arms reached."""
+    return sum(
+        int((result.steps <= used).sum())
+        for arm in study.results.values()
+        for result in arm.nodes.values()
+        for used in result.steps_used
+    )
+
+
+@pytest.mark.parametrize(("name", "columns"), [(RESULTS, CURVES), (ALL_DECISIONS, DECISIONS)])
+def test_columns_and_their_types(finished, name, columns):
+    described = duckdb.sql(f"DESCRIBE SELECT * FROM '{finished / name}'").fetchall()
+    assert {row[0]: row[1] for row in described} == columns
+    frame, other = pd.read_parquet(finished / name), pl.read_parquet(finished / name)
+    assert list(frame.columns) == list(other.columns) == list(columns)
+    kinds = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
+    assert other.schema == {column: kinds[kind] for column, kind in columns.items()}
+    plain = {"BIGINT": "int64", "DOUBLE": "float64", "BOOLEAN": "bool"}
+    for column, kind in columns.items():
+        if kind in plain:  # what pandas calls text depends on its version
+            assert str(frame[column].dtype) == plain[kind]
+    assert (
+        not frame.drop(columns=[c for c in columns if columns[c] == "DOUBLE"]).isna().any(axis=None)
+    )
+
+
+def test_pandas_says_the_same(finished, finals, rows):
+    frame = pd.read_parquet(finished / RESULTS)
+    assert len(frame) == rows
+    target = frame[frame.node == "maze"]
+    last = target.sort_values("checkpoint").groupby(["arm", "seed"]).greedy_return.last()
+    assert last.groupby("arm").mean().to_dict() == pytest.approx(finals)
+
+
+def test_polars_says_the_same(finished, finals, rows):
+    frame = pl.read_parquet(finished / RESULTS)
+    assert len(frame) == rows
+    target = frame.filter(pl.col("node") == "maze").sort("checkpoint")
+    last = target.group_by("arm", "seed").agg(pl.col("greedy_return").last())
+    means = last.group_by("arm").agg(pl.col("greedy_return").mean())
+    assert dict(means.iter_rows()) == pytest.approx(finals)
+
+
+def test_duckdb_says_the_same(finished, finals, rows):
+    file = finished / RESULTS
+    assert duckdb.sql(f"SELECT count(*) FROM '{file}'").fetchall() == [(rows,)]
+    assert dict(duckdb.sql(FINALS.format(file=file)).fetchall()) == pytest.approx(finals)
+
+
+def test_arms_are_told_apart_on_the_way(finished, study):
+    early = 6  # checkpoints on, when arms are apart
+    arms = study.comparison.arms
+    wanted = {name: arm.curve.values[:, early].mean() for name, arm in arms.items()}
+    assert len({round(value, 6) for value in wanted.values()}) > 1
+    query = f"""SELECT arm, avg(greedy_return) FROM '{finished / RESULTS}'
+        WHERE node = 'maze' AND checkpoint = {early} GROUP BY arm"""
+    assert dict(duckdb.sql(query).fetchall()) == pytest.approx(wanted)
+
+
+def test_tables_of_units_are_read_without_the_study(finished):
+    units = f"read_parquet('{finished}/units/*/*/curves.parquet', filename = true)"
+    columns = ", ".join(name for name in CURVES if name != "arm")
+    # What arms share is there once: the study's table without arms is what the units hold.
+    of_units = duckdb.sql(f"SELECT {columns} FROM {units} ORDER BY ALL").fetchall()
+    of_arms = duckdb.sql(
+        f"SELECT {columns} FROM '{finished / RESULTS}' "
+        "WHERE NOT (arm = 'state' AND node = 'corner') ORDER BY ALL"
+    ).fetchall()
+    assert repr(of_units) == repr(of_arms)  # NaN is not equal to itself
+
+
+def test_curves_are_those_of_the_results(finished, study):
+    frame = pd.read_parquet(finished / RESULTS)
+    for (arm, node, seed), part in frame.groupby(["arm", "node", "seed"]):
+        result = study.results[arm][node]
+        k = result.seeds.index(seed)
+        n = len(part)
+        assert part.checkpoint.tolist() == list(range(n))
+        assert part.steps.tolist() == result.steps[:n].tolist()
+        assert part.steps.max() <= result.steps_used[k] < part.steps.max() + result.steps[1]
+        for name in ("training_return", "greedy_return", "trust", "episodes"):
+            np.testing.assert_array_equal(part[name], getattr(result, name)[k, :n])
+        assert set(part.source_steps) == {study.results[arm].source_steps(node)[k]}
+
+
+def test_every_seed_of_every_task_says_why_it_ended(finished, study):
+    frame = pl.read_parquet(finished / ALL_DECISIONS)
+    last = frame.group_by("arm", "node", "seed", maintain_order=True).last()
+    assert len(last) == 4 * len(study.arms.keys)
+    assert last["ends"].all()
+    assert last["words"].str.starts_with("ends; ").all()
+    gates = frame.filter(pl.col("node") == "corner", pl.col("arm") == "chain")
+    assert (gates["level"] == 194.5).all()
+    ended = gates.filter(pl.col("ends"))
+    assert ended["steps"].to_list() == study.results["chain"]["corner"].steps_used.tolist()
+    assert (ended["lowest"] >= ended["level"]).all()
+    assert (gates.filter(~pl.col("ends"))["lowest"].fill_nan(-1e9) < 194.5).all()

@@ -1,0 +1,357 @@
+"""What a study's results depend on: the study and its seeds, and nothing about how it is run."""
+
+import json
+import multiprocessing
+import pickle
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import SettingError, StoreError, StudyError
+from curricle.study.config.reading import read_study
+from curricle.study.runner import run as run_module
+from curricle.study.runner.arms import Arms
+from curricle.study.runner.run import run_study
+from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
+from curricle.study.runner.unit import Knowledge, Work, train_unit, units_of
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+CURVES = ("steps", "training_return", "greedy_return", "trust", "episodes")
+SPENT = ("steps_used", "episodes_used", "out_of_memory")
+
+
+class Inline(Executor):
+    """Trains a unit when it is submitted; after so many it takes none."""
+
+    def __init__(self, most=10**9):
+        self.left, self.trained = most, 0
+
+    def submit(self, function, work):
+        if not self.left:
+            raise OSError("the cluster is gone")
+        self.left -= 1
+        future = Future()
+        try:
+            future.set_result(function(work))
+            self.trained += 1
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class LastFirst(Executor):
+    """Holds what is submitted; the last of it is trained when results are waited for."""
+
+    def __init__(self):
+        self.held, self.submitted = [], []
+
+    def submit(self, function, work):
+        self.held.append((Future(), function, work))
+        self.submitted.append(work.unit)
+        return self.held[-1][0]
+
+    def wait(self, futures, return_when):
+        future, function, work = self.held.pop()
+        future.set_result(function(work))
+        return wait(futures, return_when=return_when)
+
+
+def assert_equal(found, wanted, *, values=True):
+    assert found.seeds == wanted.seeds
+    for name in (*CURVES, *SPENT, *["values"] * values):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), name)
+
+
+def assert_same_results(folder, finished):
+    """Two folders hold the same results, bit for bit."""
+    for name in (RESULTS, ALL_DECISIONS):
+        assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
+    found, wanted = Study(folder), Study(finished)
+    for arm, node in wanted.arms.keys:
+        one, other = (study.result(arm, node, values=True) for study in (found, wanted))
+        assert_equal(one, other)
+        assert one.film.seed == other.film.seed == 0
+        np.testing.assert_array_equal(one.film.values, other.film.values)
+
+
+def by_hand(study_file, arm):
+    """One arm's curriculum as an equal total makes it, trained at once."""
+    study = read_study(study_file)
+    arms = Arms.of(study)
+    plan = study.curriculum(arm).changed("maze", budget=arms.total, every=arms.every)
+    return plan.train(study.document.seeds, charge=True, workers=1)
+
+
+# -- how it is run -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("block", "workers"), [(1, 3), (3, 1), (100, 2)])
+def test_block_and_workers_change_nothing(study_file, finished, tmp_path, block, workers):
+    run_study(read_study(study_file, set=[f"block={block}"]), tmp_path / "out", workers=workers)
+    assert_same_results(tmp_path / "out", finished)
+
+
+def test_an_executor_that_trains_at_once_changes_nothing(study_file, finished, tmp_path):
+    run_study(read_study(study_file), tmp_path / "out", executor=Inline())
+    assert_same_results(tmp_path / "out", finished)
+
+
+def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
+    pool, ended = LastFirst(), []
+    monkeypatch.setattr(run_module, "wait", pool.wait)
+    run_study(
+        read_study(study_file),
+        tmp_path / "out",
+        workers=4,
+        executor=pool,
+        progress=lambda one: ended.append(one.unit),
+    )
+    assert ended[1:] != pool.submitted
+    assert_same_results(tmp_path / "out", finished)
+
+
+def test_processes_change_nothing(study_file, finished, tmp_path):
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        run_study(read_study(study_file), tmp_path / "out", workers=2, executor=pool)
+    assert_same_results(tmp_path / "out", finished)
+
+
+@pytest.mark.parametrize("most", [0, 1, 6, 15])
+def test_a_run_that_its_executor_failed_goes_on(study_file, finished, tmp_path, contents, most):
+    study, pool = read_study(study_file), Inline(most)
+    with pytest.raises(StudyError, match=r"failed, .* is whole: OSError: the cluster is gone"):
+        run_study(study, tmp_path / "out", executor=pool)
+    assert len(Study(tmp_path / "out").folder.units()) == pool.trained == most
+    run_study(study, tmp_path / "out", resume=True, executor=Inline())
+    assert_same_results(tmp_path / "out", finished)
+    assert contents(tmp_path / "out") == contents(finished)
+
+
+def test_an_interrupted_run_goes_on_with_other_blocks(study_file, finished, tmp_path):
+    def interrupt(progress):
+        if progress.unit is not None and progress.unit.node == "easy":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(read_study(study_file), tmp_path / "out", workers=2, progress=interrupt)
+    other = read_study(study_file, set=["block=3"])
+    run_study(other, tmp_path / "out", resume=True, workers=2)
+    assert_same_results(tmp_path / "out", finished)
+
+
+def test_more_seeds_leave_earlier_ones_as_they_are(study_file, finished, tmp_path, contents):
+    out = tmp_path / "out"
+    first = run_study(read_study(study_file, set=['seeds="0-1"']), out, workers=2)
+    assert first.seeds == (0, 1)
+    earlier = contents(out / "units")
+    study = run_study(read_study(study_file), out, resume=True, workers=2)
+    assert study.seeds == (0, 1, 2, 3)
+    assert earlier.items() <= contents(out / "units").items()
+    assert contents(out) == contents(finished)
+
+
+def test_fewer_seeds_forget_none(study_file, finished, copied, contents):
+    study = run_study(read_study(study_file, set=['seeds="2-2"']), copied, resume=True)
+    assert study.seeds == (0, 1, 2, 3)
+    assert contents(copied) == contents(finished)
+
+
+@pytest.mark.parametrize("shard", [(0, 1), (3, 2), (1, 0)])
+def test_a_shard_that_makes_no_sense_is_refused(study_file, tmp_path, shard):
+    with pytest.raises(SettingError, match="a shard is i of n"):
+        run_study(read_study(study_file), tmp_path / "out", shard=shard)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5])
+def test_workers_that_make_no_sense_are_refused(study_file, tmp_path, workers):
+    with pytest.raises(SettingError, match="workers"):
+        run_study(read_study(study_file), tmp_path / "out", workers=workers)
+    assert not (tmp_path / "out").exists()
+
+
+# -- what is trained ---------------------------------------------------------------------------
+
+
+def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
+    study = Study(finished)
+    gated = study.results["chain"]["corner"].steps_used
+    assert len(set(gated.tolist())) > 1  # or it would say nothing
+    for arm, result in study.results.items():
+        spent = study.source_steps(arm) + result["maze"].steps_used
+        assert spent.tolist() == [study.arms.total] * 4, arm
+        np.testing.assert_array_equal(result.source_steps("maze"), study.source_steps(arm))
+
+
+def test_what_arms_share_is_trained_once(study_file, tmp_path):
+    begun = []
+    run_study(read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.left))
+    trained = sorted((unit.arm, unit.node) for unit in begun[0] if unit.seeds == (0, 1))
+    assert trained == [
+        ("calibrated", "easy"),  # not taught, unlike in the other arms
+        ("calibrated", "maze"),
+        ("chain", "corner"),  # the same in the arm "state", whose maze alone is taught otherwise
+        ("chain", "easy"),
+        ("chain", "maze"),
+        ("direct", "maze"),
+        ("state", "easy"),
+        ("state", "maze"),
+    ]
+
+
+def test_direct_is_the_target_learnt_by_itself(study_file, finished):
+    study = Study(finished)
+    found = study.result("direct", "maze", values=True)
+    task = read_study(study_file).curriculum("chain").tasks["maze"]
+    frames = study.file.document.frames
+    learnt = cr.learn(
+        task, budget=study.arms.total, seeds=4, every=50, stream="maze", frames=frames
+    )
+    assert_equal(found, learnt)
+    np.testing.assert_array_equal(found.film.values, learnt.film.values)
+
+
+@pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])
+def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
+    study, trained = Study(finished), by_hand(study_file, arm)
+    for node, result in trained.nodes.items():
+        assert_equal(study.result(arm, node, values=True), result)
+        if trained.decisions(node)[0]:
+            words = {
+                k: [str(one) for one in each] for k, each in enumerate(trained.decisions(node))
+            }
+            assert study.decisions(arm, node) == words
+    fitted = [one.scale for one in trained.calibrations.get("maze", ())]
+    stored = study.stored[study.arms.keys[arm, "maze"]]
+    manifests = [json.loads((unit.path / "unit.json").read_text()) for unit in stored]
+    assert [one["scale"] for each in manifests for one in each["calibrations"]] == fitted
+
+
+def test_the_comparison_is_that_of_compare(study_file, finished):
+    found = Study(finished).comparison
+    wanted = cr.compare(read_study(study_file).arms, seeds=4, workers=1)
+    assert list(found.arms) == list(wanted.arms)
+    for name, arm in wanted.arms.items():
+        np.testing.assert_array_equal(found[name].curve.steps, arm.curve.steps)
+        np.testing.assert_array_equal(found[name].curve.values, arm.curve.values)
+        np.testing.assert_array_equal(found[name].curve.source_steps, arm.curve.source_steps)
+        np.testing.assert_array_equal(found[name].training_return, arm.training_return)
+    assert (found.total, found.budget, found.window) == (wanted.total, wanted.budget, wanted.window)
+    assert found.threshold == wanted.threshold
+    assert str(found) == str(wanted)
+
+
+def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
+    path = tmp_path / "alone.toml"
+    path.write_text(study_file.read_text().partition("[arms.chain]")[0])
+    changes = ["direct=false", "tasks.maze.budget={ most = 400, value = 180.0, evaluations = 1 }"]
+    study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
+    plan = read_study(path, set=changes).curriculum("transfer")
+    assert study.arms.total is None
+    trained = plan.train(4)
+    assert_equal(study.result("transfer", "maze", values=True), trained["maze"])
+    assert (trained["maze"].steps_used < 400).all()
+    with pytest.raises(StoreError, match="a study without it"):
+        _ = study.comparison
+
+
+# -- a unit ------------------------------------------------------------------------------------
+
+
+def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
+    study, done = read_study(study_file), Study(finished)
+    units = units_of(done.arms, (1, 3), 4, {})
+    unit = next(unit for unit in units if (unit.arm, unit.node) == ("chain", "maze"))
+    rows = [1, 3]
+    sources = {
+        name: Knowledge(known.values[rows], known.steps_used[rows])
+        for name in unit.sources
+        for known in [done.result("chain", name, values=True)]
+    }
+    work = Work(json.dumps(study.resolved()), str(study.folder), unit, sources)
+    once, again = train_unit(work), train_unit(pickle.loads(pickle.dumps(work)))
+    assert repr(once.decisions) == repr(again.decisions)  # NaN is not equal to itself
+    assert once.arrays.keys() == again.arrays.keys()
+    for name, array in once.arrays.items():
+        np.testing.assert_array_equal(array, again.arrays[name])
+    whole = done.result("chain", "maze", values=True)
+    np.testing.assert_array_equal(once.arrays["values"], whole.values[rows])
+
+
+FAILING = """
+from pathlib import Path
+
+import numpy as np
+
+
+def mean(values):
+    if Path(__file__).with_name("broken").exists():
+        raise LookupError("a rule of the thesis is not met")
+    return np.mean(values, axis=0)
+"""
+
+
+def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, finished, tmp_path):
+    (tmp_path / "rules.py").write_text(FAILING)
+    (tmp_path / "broken").touch()
+    text = study_file.read_text().replace('how = "state"', 'how = "state"\naggregate="rules:mean"')
+    (tmp_path / "chain.toml").write_text(text)
+    study, pool, stored = read_study(tmp_path / "chain.toml"), Inline(), []
+    with pytest.raises(StudyError, match="state: easy, seeds 0-1 failed") as caught:
+        run_study(
+            study,
+            tmp_path / "out",
+            executor=pool,
+            progress=lambda one: stored.append(one.unit),
+        )
+    assert isinstance(caught.value.__cause__, LookupError)
+    assert "LookupError: a rule of the thesis is not met" in str(caught.value)
+    assert {unit.arm for unit in stored[1:]} >= {"direct", "chain"}
+    assert len(Study(tmp_path / "out").folder.units()) == len(stored) - 1 == pool.trained
+    (tmp_path / "broken").unlink()
+    run_study(study, tmp_path / "out", resume=True, workers=2)
+    assert_same_results(tmp_path / "out", finished)
+
+
+def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
+    changes = ["tasks.easy.storage.keep=false"]
+    with pytest.raises(StudyError, match=r"values must be kept.*'easy'") as caught:
+        run_study(read_study(study_file, set=changes), tmp_path / "out", executor=Inline())
+    assert caught.value.__cause__ is None  # it is a mistake in the file, not in the study's code
+
+
+SPARSE = """
+name = "hunt"
+seeds = "3,7,8"
+block = 2
+budget = 400
+[tasks.chase]
+type = "pursuit"
+size = 3
+predators = 1
+[tasks.hunt]
+type = "pursuit"
+size = 3
+storage.kind = "sparse"
+[[transfers]]
+source = "chase"
+target = "hunt"
+project = { predator = "predator_1" }
+"""
+
+
+def test_sparse_tables_are_stored_and_read(tmp_path):
+    (tmp_path / "hunt.toml").write_text(SPARSE)
+    study = read_study(tmp_path / "hunt.toml")
+    found = run_study(study, tmp_path / "out", workers=2)
+    plan = study.curriculum("transfer").changed("hunt", budget=800, every=4)
+    learnt = plan.train([3, 7, 8], charge=True)["hunt"]
+    stored = found.result("transfer", "hunt", values=True)
+    assert_equal(stored, learnt, values=False)
+    for one, other in zip(stored.values, learnt.values, strict=True):
+        np.testing.assert_array_equal(one.states, other.states)
+        np.testing.assert_array_equal(one.values, other.values)
+    assert stored.film is None
+    assert found.result("transfer", "hunt").values is None

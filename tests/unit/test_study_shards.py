@@ -1,0 +1,140 @@
+"""A study run in parts on several machines and put together is the study run in one go."""
+
+import re
+import shutil
+
+import pytest
+
+from curricle.errors import StoreError
+from curricle.study.config.reading import read_study
+from curricle.study.runner.folder import StudyFolder
+from curricle.study.runner.merge import merge
+from curricle.study.runner.run import run_study
+from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+@pytest.fixture(scope="module")
+def one_arm(study_file, tmp_path_factory):
+    """The study with one arm beside the direct one, and four blocks to share."""
+    path = tmp_path_factory.mktemp("shards") / "chain.toml"
+    text = study_file.read_text().partition("[arms.chain]")[0]
+    path.write_text(text.replace("block = 2", "block = 1"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(one_arm, tmp_path_factory):
+    """The folder of that, run in one go."""
+    folder = tmp_path_factory.mktemp("whole") / "chain"
+    run_study(read_study(one_arm), folder, workers=2)
+    return folder
+
+
+@pytest.fixture
+def part(one_arm, tmp_path):
+    """A function: name, changes -> the folder of a part of the study."""
+
+    def run(name, *changes, shard=(1, 1)):
+        study = read_study(one_arm, set=changes)
+        return run_study(study, tmp_path / name, shard=shard, workers=2).folder.path
+
+    return run
+
+
+def assert_same_tables(folder, finished):
+    for name in (RESULTS, ALL_DECISIONS):
+        assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_all_shards_are_one_run(part, finished, tmp_path, n):
+    parts = [part(f"part-{i}", shard=(i, n)) for i in range(1, n + 1)]
+    seeds = [Study(one).seeds for one in parts]
+    assert sorted(seed for each in seeds for seed in each) == [0, 1, 2, 3]
+    whole = merge(tmp_path / "whole", parts[::-1])
+    assert whole.seeds == (0, 1, 2, 3)
+    assert_same_tables(tmp_path / "whole", finished)
+
+
+def test_parts_that_do_the_same_are_taken_once(part, finished, tmp_path, contents):
+    parts = [part("a", 'seeds="0-2"'), part("b", 'seeds="1-3"')]
+    before = [contents(one) for one in parts]
+    whole = merge(tmp_path / "whole", parts)
+    assert len(whole.folder.units()) == 4 * 4  # each seed of each task once
+    assert_same_tables(tmp_path / "whole", finished)
+    assert [contents(one) for one in parts] == before
+
+
+@pytest.mark.parametrize("blocks", [(3, 2), (2, 3), (4, 1), (1, 4)])
+def test_parts_in_other_blocks_count_each_seed_once(part, finished, tmp_path, blocks):
+    a, b = blocks
+    parts = [part("a", 'seeds="0-2"', f"block={a}"), part("b", 'seeds="1-3"', f"block={b}")]
+    whole = merge(tmp_path / "whole", parts)
+    assert whole.result("transfer", "maze").seeds == (0, 1, 2, 3)
+    assert whole.result("transfer", "maze").film.seed == 0
+    assert_same_tables(tmp_path / "whole", finished)
+
+
+def test_merging_goes_on_with_a_folder_that_is_there(part, finished, tmp_path):
+    parts = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
+    for one in parts:
+        merge(tmp_path / "whole", [one])
+    merge(tmp_path / "whole", parts)
+    assert_same_tables(tmp_path / "whole", finished)
+    first = merge(parts[0], parts)  # into one of the parts themselves
+    assert first.seeds == (0, 1, 2, 3)
+    assert_same_tables(parts[0], finished)
+
+
+def test_a_merged_study_can_be_run_on(part, one_arm, finished, tmp_path):
+    merge(tmp_path / "whole", [part("a", shard=(2, 3))])
+    run_study(read_study(one_arm), tmp_path / "whole", resume=True, workers=2)
+    assert_same_tables(tmp_path / "whole", finished)
+
+
+def test_runs_of_all_machines_are_told(part, tmp_path):
+    parts = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
+    whole = merge(tmp_path / "whole", parts)
+    assert len(whole.folder.environments()) == 2
+
+
+def test_parts_of_different_studies_are_refused(part, finished, tmp_path, contents):
+    parts = [part("a", 'seeds="0-0"'), part("b", 'seeds="1-1"', "tasks.maze.budget=700")]
+    with pytest.raises(StoreError, match=r"another study.*budget is .*[67]00"):
+        merge(tmp_path / "whole", parts)
+    assert not (tmp_path / "whole").exists()
+    there = contents(parts[0])
+    with pytest.raises(StoreError, match=r"another study.*budget is"):
+        merge(parts[0], [parts[1]])
+    assert contents(parts[0]) == there
+
+
+def test_other_folders_are_refused(part, tmp_path):
+    with pytest.raises(StoreError, match="at least one folder"):
+        merge(tmp_path / "whole", [])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StoreError, match=re.escape(f"{tmp_path / 'empty'} has none")):
+        merge(tmp_path / "whole", [part("a", 'seeds="0-0"'), tmp_path / "empty"])
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.txt").write_text("years of work")
+    with pytest.raises(StoreError, match="other files"):
+        merge(tmp_path / "thesis", [tmp_path / "a"])
+    assert not (tmp_path / "whole").exists()
+
+
+@pytest.mark.parametrize("name", ["run.npz", "values.npz", "curves.parquet", "unit.json"])
+@pytest.mark.parametrize("harm", ["cut", "flipped"])
+def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path, name, harm):
+    copied = shutil.copytree(finished, tmp_path / "copied")
+    file = StudyFolder(copied).units()[-1].path / name
+    content = bytearray(file.read_bytes())
+    if harm == "cut":
+        del content[len(content) // 2 :]
+    else:
+        content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(StoreError, match=re.escape(str(file))):
+        merge(tmp_path / "whole", [copied])
+    assert not (tmp_path / "whole").exists()
