@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from curricle.cli import app
+from curricle.cli.app import app
 from curricle.errors import SettingError, StoreError
 from curricle.paper.reproduce import FIGURES, reproduce
 

@@ -689,8 +689,7 @@ RING = cr.ComputedMDP(
         (
             corner(target=Episodes(9)),
             {},
-            "a comparison at one total budget needs the target's in steps: 'maze' has "
-            r"Episodes\(number=9\)",
+            "a comparison at one total budget needs the target's in steps: 'maze' has 9 episodes",
         ),
         (
             Curriculum({"a": MAZE, "b": MAZE}),

@@ -340,7 +340,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
             [
                 "line 22: arms.a.seeds is unknown: known are tasks, transfers, aggregate, "
                 "learner, budget, "
-                "how, guard, every, evaluation, storage"
+                "how, guard, back, every, evaluation, storage"
             ],
         ),
         (

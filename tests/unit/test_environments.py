@@ -407,3 +407,11 @@ def test_rendering_needs_a_mode():
 )
 def test_importing_curricle_registers_its_environments(code):
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_what_is_an_environment_already_is_refused():
+    import curricle
+
+    blackjack = curricle.from_gymnasium("Blackjack-v1", discount=1.0, time_limit=100)
+    with pytest.raises(TaskError, match="is an environment already"):
+        to_gymnasium(blackjack)

@@ -8,12 +8,13 @@ import gymnasium
 import numpy as np
 
 from curricle.checks import one_of, whole_number
-from curricle.errors import SettingError
+from curricle.errors import SettingError, TaskError
 from curricle.interop.coding import Coding, Form
 from curricle.learning.run import compiled
 from curricle.tasks.draws import draw
 from curricle.tasks.dynamics import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards
+from curricle.tasks.live import is_live
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component
 from curricle.tasks.task import dynamics
@@ -107,6 +108,8 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     ):
         self.task, self.render_mode = task, render_mode
         rules = dynamics(task)
+        if is_live(task):
+            raise TaskError(f"a task that is played live is an environment already: got {task!r}")
         one_of("observation", observation, ("index", "components"), SettingError)
         one_of("action", action, ("index", "components"), SettingError)
         if render_mode is not None:
