@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow lint format types doctest bench clean
+.PHONY: help paper test slow lint format types doctest docs bench clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
@@ -37,15 +37,19 @@ format: .venv/dev.stamp ## let ruff fix what it can
 types: .venv/dev.stamp ## mypy, strict
 	$(BIN)/mypy
 
-doctest: .venv/test.stamp ## every example in src/, docs/ and README.md
+doctest: .venv/dev.stamp ## every example in src/, docs/ and README.md
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
+
+docs: .venv/dev.stamp ## the documentation, into docs/_build (open index.html there)
+	rm -rf docs/_build docs/api/generated
+	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
 
 bench: .venv/test.stamp ## time every benchmarks/bench_*.py
 	@set -e; for script in $(sort $(wildcard benchmarks/bench_*.py)); do \
 	  echo "$$script"; $(BIN)/python $$script $(ARGS); done
 
 clean: ## remove .venv, caches and builds (results stay)
-	rm -rf .venv build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv build dist docs/_build docs/api/generated .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find src tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 # Each stamp says that .venv holds that much: the library, then its test tools, then all tools.
