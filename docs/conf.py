@@ -1,0 +1,42 @@
+"""How Sphinx makes a site of these pages: offline, and strict about what leads nowhere."""
+
+import sys
+from importlib.metadata import version as installed
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = html_title = "Curricle"
+version = release = installed("curricle")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "reference",
+]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["_build"]
+templates_path = ["_templates"]
+reference_package = "curricle"
+
+# Docstrings say types in words, and arrays with their shapes.
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_param = napoleon_use_rtype = False
+napoleon_custom_sections = [("Attributes", "params_style")]
+
+# Nothing is fetched, so Python's own names lead nowhere. Folders of the repository are no pages.
+# The others are real and not public.
+nitpicky = True
+nitpick_ignore_regex = [
+    ("py:class", "ValueError|Exception"),
+    ("py:class", "Arms|Movers"),
+    ("py:func", "right_states|shared_limits"),
+    ("myst", r"(\.\./)+examples(/\w+)?/"),
+]
+
+html_theme = "furo"
+html_copy_source = html_show_sourcelink = html_show_copyright = False

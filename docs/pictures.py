@@ -1,0 +1,34 @@
+"""A picture of a part of a report, beside this file: pictures.py PAGE SELECTOR NAME.
+
+Needs Chromium and Playwright (the extra ``test``).
+"""
+
+import io
+import shutil
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+WIDTH, HEIGHT, COLOURS = 860, 900, 128
+
+
+def main(page: Path, part: str, picture: Path) -> None:
+    """Take a picture of what a CSS selector finds, with its players at their ends."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        view = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT}, color_scheme="light")
+        view.goto(page.resolve().as_uri())
+        for slider in ("#moment", "#tick"):
+            view.locator(slider).press("End")
+        view.evaluate("document.activeElement.blur()")
+        taken = Image.open(io.BytesIO(view.locator(part).screenshot()))
+        taken.convert("RGB").quantize(COLOURS).save(picture, optimize=True)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2], Path(__file__).with_name(sys.argv[3]))

@@ -1,0 +1,146 @@
+"""The documentation: its reference is whole or its build fails, and its tutorial is right."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import curricle
+from curricle import read_study
+
+DOCS = Path(__file__).parents[2] / "docs"
+LARGEST_PICTURE = 150_000  # bytes
+LISTED = re.compile(r"^   (\w+)$", re.MULTILINE)
+FILE = re.compile(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+"""A block of code that is a file, by the name in its first line."""
+
+
+def test_the_reference_lists_every_public_name_once():
+    listed = [name for page in DOCS.glob("api/*.rst") for name in LISTED.findall(page.read_text())]
+    assert sorted(listed) == sorted(curricle.__all__)
+
+
+def test_the_tutorials_own_task_is_as_it_says(tmp_path):
+    for name, text in FILE.findall((DOCS / "tutorial.md").read_text("utf-8")):
+        (tmp_path / name).write_text(text, "utf-8")
+    study = read_study(tmp_path / "vault.toml")
+    coverages = {
+        name: study.curriculum(name).transfers[0].mapping.coverage() for name in study.arms
+    }
+    assert coverages["with-key"].mapped == pytest.approx(28 / 58)
+    assert coverages["by-name"].mapped == pytest.approx(56 / 58)
+
+
+@pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.name)
+def test_pictures_are_small(picture):
+    assert picture.stat().st_size < LARGEST_PICTURE
+
+
+# -- a small site, built by the extension -------------------------------------------------------
+
+STUB = "from .rules import LIMIT as LIMIT, Told as Told, told as told\n"
+FACADE = "from tiny.rules import LIMIT, Told, told\n__all__ = ['LIMIT', 'Told', 'told']\n"
+RULES = '''
+from dataclasses import dataclass
+from typing import Callable
+
+LIMIT = 3
+"""Most that :func:`told` takes: three."""
+
+
+def told():
+    """See :class:`Told`, :meth:`Told.half`, :attr:`Told.many`, :data:`LIMIT`."""
+
+
+@dataclass
+class Told:
+    """What :func:`tiny.rules.told` made.
+
+    Attributes
+    ----------
+    many : int
+        As its :meth:`half` says.
+    """
+
+    many: int
+    way: Callable = told
+
+    @property
+    def half(self):
+        """Less: half as :attr:`many`."""
+'''
+PAGE = """
+Tiny
+====
+.. currentmodule:: tiny
+.. autodata:: LIMIT
+.. autoclass:: Told
+   :members:
+.. autofunction:: told
+"""
+CONF = """
+import sys
+sys.path[:0] = [{docs!r}, {here!r}]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "reference"]
+napoleon_use_param, napoleon_custom_sections = False, [("Attributes", "params_style")]
+autodoc_typehints, reference_package, nitpicky = "none", "tiny", True
+"""
+
+
+@pytest.fixture
+def build(tmp_path):
+    """Return a function that builds the site of a package, and returns how that ended."""
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+
+    def run(page=PAGE, rules=RULES):
+        files = {
+            "conf.py": CONF.format(docs=str(DOCS), here=str(tmp_path)),
+            "index.rst": f"{page}\n.. toctree::\n\n   prose\n",
+            "prose.md": "# Prose\n\nIt says `tiny.py`, `told(...)`, `Told.half` and `Told.none`.\n",
+            "tiny/__init__.py": FACADE,
+            "tiny/__init__.pyi": STUB,
+            "tiny/rules.py": rules,
+        }
+        for name, text in files.items():
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(text, "utf-8")
+        return subprocess.run(
+            [sys.executable, "-m", "sphinx", "-qWE", tmp_path, tmp_path / "site"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
+
+
+def test_names_lead_to_the_reference(build, tmp_path):
+    ended = build()
+    assert (ended.returncode, ended.stderr) == (0, "")
+    page, prose = ((tmp_path / "site" / f"{name}.html").read_text() for name in ("index", "prose"))
+    assert "Less: half as" in page
+    assert "takes: three" in page
+    assert "integer" not in page  # what int says of itself
+    assert "tiny.Told.way" not in page  # a default is no method
+    assert page.count('href="#tiny.Told"') >= 3
+    assert re.findall(r'href="index.html#([\w.]+)"', prose) == ["tiny.told", "tiny.Told.half"]
+
+
+@pytest.mark.parametrize("left_out", ["autodata:: LIMIT", "autofunction:: told"])
+def test_a_build_fails_where_a_public_name_is_missing(build, left_out):
+    ended = build(page=PAGE.replace(f".. {left_out}\n", ""))
+    name = left_out.split()[1]
+    assert ended.returncode != 0
+    assert f"tiny.{name} is public, and missing from the reference" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "docstring"),
+    [("LIMIT", '"""Most that :func:`told` takes: three."""'), ("told", '"""See .*"""')],
+)
+def test_a_build_fails_where_a_public_name_has_no_docstring(build, name, docstring):
+    ended = build(rules=re.sub(docstring, "None", RULES))
+    assert ended.returncode != 0
+    assert f"tiny.{name} is public, and has no docstring" in ended.stderr
