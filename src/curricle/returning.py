@@ -149,7 +149,7 @@ def _course(
     known = {name: learnt for name, (_, learnt) in sources.items()}
     watched, phi = back.watched(node), potential_of(known)
     on = node if isinstance(node.budget, Gate) else node.changed(budget=Gate(node.most_steps))
-    decisions, cost, extra, turn = watched.decisions(result)[0], back.again * len(known), 0, 0
+    decisions, cost, extra, turn = _told(watched, result, charged), back.again * len(known), 0, 0
     while decisions[-1].lost:
         step, turn = int(result.steps_used[0]), turn + 1
         spent = 0 if charged is None else charged + extra
@@ -166,9 +166,18 @@ def _course(
         decisions[-1] = replace(decisions[-1], then=then)
         after = _later(watched if goes_back else on, step)
         part = _gone_on(after, result, start, spent, turn)
-        decisions += [later for later in after.decisions(part)[0] if later.step > step]
+        decisions += [later for later in _told(after, part, spent) if later.step > step]
         result = _followed_by(result, part)
     return Course(result, np.array([extra]), [decisions])
+
+
+def _told(node: Node, result: LearningResult, charged: int | None) -> list[Decision]:
+    """Return the decisions of one seed, of whose budget so many steps were spent elsewhere."""
+    gate = node.budget
+    assert isinstance(gate, Gate)
+    most = gate.most - (charged or 0)
+    left = replace(gate, most=most, least=min(gate.least, most))
+    return node.changed(budget=left).decisions(result)[0]
 
 
 def _longer(node: Node, result: LearningResult, steps: int, turn: int) -> LearningResult:

@@ -49,7 +49,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         yield f"  {name}: {task}; {type(node.learner).__name__}; {_budget(node.budget)}"
         edges = curriculum.into(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
-            yield f"    {label}: {mapping_words(edge)}"
+            yield f"    {label}: {mapping_words(edge)}; {edge.mapping.coverage()}"
 
 
 def _budget(budget: object) -> str:

@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.checks import one_of
 from curricle.errors import StoreError
-from curricle.study.comparison import DIRECT
+from curricle.study.comparison import DIRECT, ROUNDING
 from curricle.study.runner.study import Study
 
 
@@ -21,7 +22,7 @@ def study_lines(study: Study, arm: str | None, node: str | None) -> Iterator[str
         for task, learnt in result.nodes.items():
             if arm in (None, name) and node in (None, task):
                 last = learnt.greedy_return[:, -1]
-                spread = f"{np.mean(last):.4g} ± {np.std(last):.2g}"
+                spread = _spread(last)
                 yield (
                     f"{name + ': ' + task:<30}{len(learnt.seeds):>7}"
                     f"{learnt.steps_used.mean():>12,.0f}{learnt.episodes_used.mean():>11,.0f}"
@@ -63,3 +64,9 @@ def _check(study: Study, arm: str | None, node: str | None) -> None:
     if node is not None:
         tasks = [name for one in curricula.values() for name in one.order]
         one_of("a task", node, dict.fromkeys(tasks), StoreError)
+
+
+def _spread(returns: npt.NDArray[np.float64]) -> str:
+    """Return a mean with its standard deviation, none where seeds differ by rounding alone."""
+    mean, deviation = float(np.mean(returns)), float(np.std(returns))
+    return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

@@ -55,9 +55,9 @@ class Gate:
     50,000 steps, until a greedy return of 190.0 over 2 evaluations
     >>> result = learn(GridWorld("S..T"), budget=gate, every=100)
     >>> int(result.steps_used[0])
-    600
+    200
     >>> print(gate.decisions(result.steps, result.greedy_return[0])[-1])
-    ends; greedy 194 >= 190 over 2 evaluations; 600 of at most 50,000 steps used
+    ends; greedy 193 >= 190 over 2 evaluations; 200 of at most 50,000 steps used
     """
 
     most: int

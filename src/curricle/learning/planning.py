@@ -86,7 +86,7 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     By modified policy iteration on the tables, or by value iteration, mover by mover, where the
     task has :class:`Movers`; from a V <= TV, so that values only rise (Puterman 1994, theorem
     6.5.5), where TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs up each
-    V(s) from values within ``d`` of those returned, so that |TV - V| <= gamma d, and
+    V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
     ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
     the longest expected episode takes the place of 1 / (1 - gamma). The time limit plays no part:
     it is a limit of learning, not of the task.

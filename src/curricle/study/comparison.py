@@ -20,6 +20,8 @@ from curricle.study.threshold import Times, steps_saved, time_to_threshold
 FloatArray = npt.NDArray[np.float64]
 DIRECT = "direct"
 SIGNIFICANT = 0.05
+ROUNDING = 1e-7
+"""Relative difference of two mean returns that exact evaluations may have by rounding."""
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
 
@@ -95,8 +97,13 @@ class Arm:
         return Arm(curve, self.training_return[seeds], self.trust[seeds], self.control)
 
     def gain(self, direct: "Arm") -> FloatArray:
-        """Return the mean height of the charged curve above the direct learner's, (K,)."""
-        return np.subtract(total_reward(self.charged(direct)), total_reward(direct.curve))
+        """Return the mean height of the charged curve above the direct learner's, (K,).
+
+        A difference within the rounding of both counts as none.
+        """
+        mine, base = total_reward(self.charged(direct)), total_reward(direct.curve)
+        noise = ROUNDING * np.maximum(np.abs(mine), np.abs(base))
+        return np.where(np.abs(mine - base) > noise, np.subtract(mine, base), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

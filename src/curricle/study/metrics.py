@@ -168,7 +168,7 @@ def total_reward(curve: Curve) -> FloatArray:
 def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
     """Return the relative gain in total reward, seed by seed.
 
-    (area with transfer - area without) / |area without|. The bars keep a gain positive where
+    ``(area with transfer - area without) / |area without|``. The bars keep a gain positive where
     returns are negative.
 
     Parameters

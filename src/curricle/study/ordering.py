@@ -150,8 +150,8 @@ def probability_of_improvement(
 def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed: int = 0) -> float:
     """Return the p-value of paired differences whose signs might as well be luck, two-sided.
 
-    p = share of the sign vectors s in {-1, 1}^K with |sum_k s_k d_k| >= |sum_k d_k|. All of them
-    are counted for up to 14 seeds; beyond, p = (1 + count) / (1 + resamples) over random ones.
+    p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``. All of
+    them are counted for up to 14 seeds; beyond, p = (1 + count) / (1 + resamples) over random ones.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def unit(bits):
 
 @piece
 def below(bits, n):
-    """Return a whole number in 0 .. n-1 made of the lower 32 bits."""
+    """Return a whole number from 0 to n - 1 made of the lower 32 bits."""
     return ((bits & LOW) * np.uint64(n)) >> HALF
 
 

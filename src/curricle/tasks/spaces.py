@@ -66,7 +66,7 @@ def whole_by_type(values: npt.ArrayLike, what: str) -> npt.NDArray[Any]:
 
 @dataclass(frozen=True)
 class Component:
-    """One named coordinate of a space: the integers ``low .. low + size - 1``.
+    """One named coordinate of a space: the integers from ``low`` to ``low + size - 1``.
 
     Parameters
     ----------

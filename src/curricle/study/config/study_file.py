@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """A study read from a file (:func:`read_study`) or from what :meth:`resolved` returned.
+    """A study read from a file (:func:`read_study`) or from what :meth:`StudyFile.resolved` gave.
 
     Parameters
     ----------
