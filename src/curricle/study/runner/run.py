@@ -123,7 +123,7 @@ def run_study(
         ending.callback(told.close)
         tell = progress or (lambda _: None)
         tell(Progress(tuple(left)))
-        pool = executor or ThreadPoolExecutor(workers)
+        pool = executor or ThreadPoolExecutor(1 if arms.live else workers)
         if executor is None:  # nobody waits for units whose results would be thrown away
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         turn = _Turn(study, arms, folder, done, pool, workers * AHEAD)
