@@ -15,9 +15,8 @@ from curricle.study.forecast import Forecast, forecast
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.cost import Cost, costs
 from curricle.study.runner.folder import STUDY
-from curricle.study.runner.run import finished
+from curricle.study.runner.run import finished, left_to_do
 from curricle.study.runner.study import Study
-from curricle.study.runner.unit import units_of
 from curricle.transfer.edge import transfer_names
 
 
@@ -103,10 +102,7 @@ def to_do(study: StudyFile, path: Path, shard: tuple[int, int]) -> Iterator[str]
     """Yield the units that a run would do, of those that a folder does not hold yet."""
     arms = Arms.of(study)
     stored = Study(path).folder.units() if (path / STUDY).exists() else []
-    done = {key: set(seeds) for key, seeds in finished(stored).items()}
-    block, (part, parts) = study.document.block, shard
-    seeds = [seed for seed in study.document.seeds if seed // block % parts == part - 1]
-    left = units_of(arms, seeds, block, done)
+    left = left_to_do(study, arms, finished(stored), shard)
     for unit in left:
         yield f"{unit.words}: {arms.curricula[unit.arm].node(unit.node).most_steps:,} steps at most"
     yield f"{len(left)} units to do, {len(stored)} done, in {path}"

@@ -92,13 +92,23 @@ class Target:
 
         SettingError comes from a target that is not solved.
         """
-        best, worst = self.optimum, self.untaught
         if self.solution is None:
             raise SettingError(
                 "a fraction of the optimum needs a task that can be solved: got "
                 f"{fraction:g} of {self.task!r}"
             )
-        return float(best - (1 - fraction) * (best - worst))
+        return part_of_the_way(self.optimum, self.untaught, fraction)
+
+
+def part_of_the_way(optimum: float, worst: float, fraction: float) -> float:
+    """Return worst + fraction (optimum - worst), exactly the optimum for 1.
+
+    Examples
+    --------
+    >>> part_of_the_way(optimum=-10.0, worst=-50.0, fraction=0.75)
+    -20.0
+    """
+    return float(optimum - (1 - fraction) * (optimum - worst))
 
 
 def gate_level(gate: Gate, task: Task, evaluation: GreedyEvaluation) -> float | None:

@@ -152,9 +152,9 @@ def board(task: Any, at: At | None = None) -> Board:
 
 def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:
     """Return all cells that the free components make, (n, 2), and their values, (n,) each."""
-    if len(free) == 1 and (cells := _cells(free[0])) is not None:
+    if len(free) == 1 and (cells := labelled_cells(free[0])) is not None:
         return cells, {free[0].name: free[0].low + np.arange(free[0].size)}
-    if len(free) == 2 and all(_cells(component) is None for component in free):
+    if len(free) == 2 and all(labelled_cells(component) is None for component in free):
         sides = [component.low + np.arange(component.size) for component in free]
         cells = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
         return cells, {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
@@ -165,7 +165,7 @@ def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, I
     )
 
 
-def _cells(component: Component) -> IntArray | None:
+def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
     found = [_CELL.fullmatch(label) for label in component.labels or ("",)]
     if not all(found):
@@ -198,11 +198,11 @@ def _standing(
     for component in space.components:
         if component.name not in given:
             continue
-        value, cells = given[component.name], _cells(component)
+        value, cells = given[component.name], labelled_cells(component)
         if cells is None:
             keys.append(f"{component.name} {component.label(value)}")
             continue
-        letter = _letter(component.name, [taken for taken, *_ in letters.values()])
+        letter = letter_of(component.name, [taken for taken, *_ in letters.values()])
         row, column = cells[value - component.low]
         letters[component.name] = (letter, int(row), int(column))
         keys.append(f"{letter}: {component.name}")
@@ -210,7 +210,7 @@ def _standing(
     return tuple(letters.values()), "; ".join(filter(None, (what, ", ".join(keys))))
 
 
-def _letter(name: str, taken: list[str]) -> str:
+def letter_of(name: str, taken: list[str]) -> str:
     """Return the number that a name ends in, or its first letter that is not taken yet."""
     number = re.search(r"\d+$", name)
     candidates = [number.group()] if number else []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.report.board import Board, board
+from curricle.report.board import Board, board, labelled_cells, letter_of
 from curricle.report.plotting import COLOURS, LETTERS, TINTS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.places import action_name
@@ -213,12 +213,8 @@ def squares(cells: npt.NDArray[np.integer[Any]]) -> str:
 
 def _cell_components(space: Space) -> dict[str, IntArray]:
     """Return the components whose labels are cells, with the row and column of each value."""
-    found = dict[str, IntArray]()
-    for component in space.components:
-        read = [_CELL.fullmatch(label) for label in component.labels or ("",)]
-        if all(read):
-            found[component.name] = np.array([[int(x) for x in m.groups()] for m in read if m])
-    return found
+    read = {component.name: labelled_cells(component) for component in space.components}
+    return {name: cells for name, cells in read.items() if cells is not None}
 
 
 def _pieces(task: Any, space: Space, cells: Mapping[str, IntArray]) -> Stage | None:
@@ -260,7 +256,7 @@ def _grid(shown: Board, places: Mapping[str, IntArray], mover: str | None = None
     acting = cycle(AGENTS)
     for name, where in places.items():
         acts = len(places) == 1 or name in actions.names
-        letter = _letter(name, [actor.letter for actor in actors])
+        letter = letter_of(name, [actor.letter for actor in actors])
         cells = (where - np.array(shown.origin)) @ np.array([columns, 1])
         actors.append(Actor(name, letter, COLOURS[next(acting) if acts else "black"], cells))
     return Stage(shown, True, options, arrows, tuple(actors))
@@ -279,14 +275,6 @@ def _strip(task: Any, space: Space) -> Stage:
     shown = Board(task, states, cells, (0, 0), shape, (), words)
     agent = Actor("state", "", COLOURS[AGENTS[0]], place)
     return Stage(shown, False, np.arange(dynamics(task).actions.size), False, (agent,))
-
-
-def _letter(name: str, taken: list[str]) -> str:
-    """Return the number that a name ends in, or its first letter that is not taken yet."""
-    number = re.search(r"\d+$", name)
-    candidates = [number.group()] if number else []
-    candidates += [letter.upper() for letter in name if letter.isalnum()]
-    return next((one for one in candidates if one not in taken), "?")
 
 
 def _word(actions: Space, action: int) -> str:

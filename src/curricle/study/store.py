@@ -95,20 +95,35 @@ class ResultsFolder:
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
-        self.write(name, (json.dumps(content, indent=1) + "\n").encode())
+        self.write(name, as_json(content))
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file, or raise StoreError if it is damaged."""
-        try:
-            return json.loads((self.path / name).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise StoreError(f"{self.path / name} must be JSON: {error}") from error
+        return read_json(self.path / name)
 
     def write_table(self, name: str, columns: Columns) -> None:
         """Write a tidy table as Parquet."""
-        sink = pa.BufferOutputStream()
-        pq.write_table(pa.table(dict(columns)), sink)
-        self.write(name, sink.getvalue().to_pybytes())
+        self.write(name, as_parquet(pa.table(dict(columns))))
+
+
+def as_json(content: Any) -> bytes:
+    """Return a value as indented JSON."""
+    return (json.dumps(content, indent=1) + "\n").encode()
+
+
+def read_json(path: Path) -> Any:
+    """Return the value of a JSON file, or raise StoreError if it is damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise StoreError(f"{path} must be JSON: {error}") from error
+
+
+def as_parquet(table: pa.Table) -> bytes:
+    """Return a table as the content of a Parquet file."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    return bytes(sink.getvalue().to_pybytes())
 
 
 def write_whole(path: Path, content: bytes) -> None:

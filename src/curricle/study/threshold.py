@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
+from curricle.learning.target import part_of_the_way
 from curricle.study.curve import Curve, require_pair, smooth
 
 __all__ = ["Times", "fraction_of_optimum", "midpoint", "steps_saved", "time_to_threshold"]
@@ -167,7 +168,7 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
         raise SettingError(f"worst must be finite and at most optimum: got {worst} and {optimum}")
     if not 0 <= fraction <= 1:
         raise SettingError(f"fraction must be from 0 to 1: got {fraction}")
-    return float(optimum - (1 - fraction) * (optimum - worst))
+    return part_of_the_way(optimum, worst, fraction)
 
 
 def time_to_threshold(

@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from curricle.errors import StoreError
 from curricle.study.runner.arrays import of_seeds
 from curricle.study.runner.unit import Trained, Unit, seed_words
-from curricle.study.store import PART, write_whole
+from curricle.study.store import PART, as_json, as_parquet, read_json, write_whole
 
 STUDY, ENVIRONMENT, LOCK = "study.json", "environment.json", ".lock"
 UNITS, MANIFEST = "units", "unit.json"
@@ -143,13 +143,14 @@ class StudyFolder:
 
     def note(self, environment: Mapping[str, Any]) -> None:
         """Add a run's environment to those of earlier runs."""
-        earlier = self._json(ENVIRONMENT) if (self.path / ENVIRONMENT).exists() else []
         with explained(self.path):
-            write_whole(self.path / ENVIRONMENT, _as_json([*earlier, environment]))
+            write_whole(self.path / ENVIRONMENT, as_json([*self.environments(), environment]))
 
     def environments(self) -> list[dict[str, Any]]:
         """Return the environment of each run so far."""
-        return self._json(ENVIRONMENT) if (self.path / ENVIRONMENT).exists() else []
+        path = self.path / ENVIRONMENT
+        found: list[dict[str, Any]] = read_json(path) if path.exists() else []
+        return found
 
     # -- units ---------------------------------------------------------------------------------
 
@@ -265,15 +266,9 @@ class StudyFolder:
             digest = found.pop("digest")
         except (ValueError, AttributeError, TypeError, KeyError, IndexError):
             raise self._damage(file) from None
-        if digest != _digest(_as_json(found)):
+        if digest != _digest(as_json(found)):
             raise self._damage(file)
         return dict(found)
-
-    def _json(self, name: str | Path) -> Any:
-        try:
-            return json.loads((self.path / name).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise StoreError(f"{self.path / name} must be JSON: {error}") from None
 
 
 @contextmanager
@@ -319,13 +314,9 @@ def _digest(content: bytes) -> str:
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 
-def _as_json(value: Any) -> bytes:
-    return (json.dumps(value, indent=1) + "\n").encode()
-
-
 def _sealed(value: Mapping[str, Any]) -> bytes:
     """Return JSON that tells whether it is as it was written."""
-    return _as_json({**value, "digest": _digest(_as_json(value))})
+    return as_json({**value, "digest": _digest(as_json(value))})
 
 
 def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
@@ -336,8 +327,8 @@ def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
     run = {k: v for k, v in arrays.items() if k not in tables and k not in film}
     files = {
         RUN: _npz(np.savez, run),
-        CURVES: _parquet(curve_table(unit.node, arrays)),
-        DECISIONS: _parquet(pa.Table.from_pylist(trained.decisions)),
+        CURVES: as_parquet(curve_table(unit.node, arrays)),
+        DECISIONS: as_parquet(pa.Table.from_pylist(trained.decisions)),
     }
     if tables:
         files[VALUES] = _npz(np.savez, tables)
@@ -367,9 +358,3 @@ def _npz(save: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
     buffer = io.BytesIO()
     save(buffer, **arrays)
     return buffer.getvalue()
-
-
-def _parquet(table: pa.Table) -> bytes:
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink)
-    return bytes(sink.getvalue().to_pybytes())

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -115,10 +115,7 @@ def run_study(
     with StudyFolder.opened(path, given, resume=resume) as folder, ExitStack() as ending:
         folder.note(environment(study))
         done = finished(folder.units())
-        block = study.document.block
-        seeds = [s for s in study.document.seeds if s // block % parts == part - 1]
-        there = {key: set(found) for key, found in done.items()}
-        left = units_of(arms, seeds, block, there, study.document.frames)
+        left = left_to_do(study, arms, done, shard)
         told = open_trackers(trackers, study.document.name, given, folder.path, report)
         ending.callback(told.close)
         tell = progress or (lambda _: None)
@@ -130,8 +127,21 @@ def run_study(
         for unit, result in turn.all(left):
             told.record(unit.arm, unit.node, result)
             tell(Progress(tuple(left), unit))
-        Study(folder.path).write_tables()
-    return Study(path)
+        found = Study(path)
+        found.write_tables()
+    return found
+
+
+def left_to_do(
+    study: StudyFile,
+    arms: Arms,
+    done: Mapping[str, Collection[int]],
+    shard: tuple[int, int],
+) -> list[Unit]:
+    """Return the units of a shard, (i, n), for the seeds that are not done, sources first."""
+    (part, parts), document = shard, study.document
+    seeds = [seed for seed in document.seeds if seed // document.block % parts == part - 1]
+    return units_of(arms, seeds, document.block, done, document.frames)
 
 
 def finished(units: Iterable[Stored]) -> dict[str, dict[int, Stored]]:

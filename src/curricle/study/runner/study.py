@@ -1,6 +1,5 @@
 """A study that has been run, read from its folder."""
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from curricle.checks import one_of
 from curricle.curriculum import CurriculumResult
@@ -31,7 +29,7 @@ from curricle.study.runner.folder import (
     StudyFolder,
     explained,
 )
-from curricle.study.store import write_whole
+from curricle.study.store import as_parquet, write_whole
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 
@@ -164,10 +162,8 @@ class Study:
         if not self.stored:
             return
         for name, part in ((RESULTS, CURVES), (ALL_DECISIONS, DECISIONS)):
-            buffer = io.BytesIO()
-            pq.write_table(self.table(part), buffer)
             with explained(self.folder.path):
-                write_whole(self.folder.path / name, buffer.getvalue())
+                write_whole(self.folder.path / name, as_parquet(self.table(part)))
 
     def decisions(self, arm: str, node: str) -> dict[int, list[str]]:
         """Return why each seed of a task went on and ended, in words, by seed."""

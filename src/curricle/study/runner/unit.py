@@ -1,6 +1,6 @@
 """A unit of work, one task of one arm for some seeds: a pure function of the study."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -71,7 +71,7 @@ def units_of(
     arms: Arms,
     seeds: Iterable[int],
     block: int,
-    done: Mapping[str, set[int]],
+    done: Mapping[str, Collection[int]],
     frames: int = 0,
 ) -> list[Unit]:
     """Return what is left to do, sources first.
@@ -82,7 +82,7 @@ def units_of(
     seeds : iterable of int
     block : int
         Seeds of a unit at most; seed s belongs to block s // block.
-    done : dict of str to set of int
+    done : dict of str to collection of int
         Key -> the seeds that are trained.
     frames : int
         Tables of the first seed to keep on the way, in each task.
