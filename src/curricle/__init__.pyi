@@ -19,6 +19,7 @@ from .interop.environment import (
     to_gymnasium as to_gymnasium,
 )
 from .interop.gymnasium import from_gymnasium as from_gymnasium
+from .interop.observed import observed as observed
 from .interop.pettingzoo import (
     PursuitParallelEnv as PursuitParallelEnv,
     agent_mappings as agent_mappings,
@@ -130,6 +131,7 @@ from .tasks.draws import below as below, scramble as scramble, unit as unit
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.live import LiveMDP as LiveMDP
 from .tasks.mdp import FiniteMDP as FiniteMDP
+from .tasks.observed import ObservedTask as ObservedTask
 from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space
 from .tasks.task import Task as Task
@@ -157,5 +159,15 @@ from .transfer.mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
+from .transfer.observed import (
+    ObservationMapping as ObservationMapping,
+    ObservedCoverage as ObservedCoverage,
+)
+from .transfer.observed_potential import ObservationPotential as ObservationPotential
 from .transfer.realism import Realism as Realism, realism as realism
 from .transfer.search import Projection as Projection, find_projections as find_projections
+from .transfer.values import (
+    FunctionValues as FunctionValues,
+    TableValues as TableValues,
+    ValueSource as ValueSource,
+)

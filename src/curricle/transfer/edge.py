@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, number
+from curricle.checks import number
 from curricle.errors import CurriculumError
 from curricle.transfer.calibration import Calibrate
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.observed import ObservationMapping
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,8 +22,8 @@ class Transfer:
     ----------
     source, target : str
         Names of tasks in the curriculum.
-    mapping : StateActionMapping
-        From the target to the source.
+    mapping : StateActionMapping or ObservationMapping
+        From the target to the source; the latter into a task seen through observations.
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
@@ -45,14 +47,18 @@ class Transfer:
 
     source: str
     target: str
-    mapping: StateActionMapping
+    mapping: Any
     scale: float = 1.0
     shift: float = 0.0
     calibrate: bool | Calibrate = False
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"
-        instance(f"mapping of {edge}", self.mapping, StateActionMapping, CurriculumError)
+        if not isinstance(self.mapping, StateActionMapping | ObservationMapping):
+            raise CurriculumError(
+                f"mapping of {edge} must be a StateActionMapping or an ObservationMapping: got "
+                f"{self.mapping!r}"
+            )
         for name in ("scale", "shift"):
             number(f"{name} of {edge}", getattr(self, name), CurriculumError)
         if not isinstance(self.calibrate, bool | Calibrate):

@@ -1,0 +1,1 @@
+"""Deep learners: sources of values, mappings of observations, potentials inside networks."""

@@ -1,0 +1,141 @@
+"""Tasks seen through observations: vectors, pictures or dicts instead of numbered states."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Discrete
+
+from curricle.checks import number, whole_number
+from curricle.errors import TaskError
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Makes an environment of Gymnasium's registry; equal where it makes the same one.
+
+    Examples
+    --------
+    >>> Registered("MountainCar-v0")().observation_space.shape
+    (2,)
+    """
+
+    id: str
+    arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __call__(self) -> gymnasium.Env[Any, Any]:
+        """Return a new environment."""
+        return gymnasium.make(self.id, **self.arguments)
+
+    def __str__(self) -> str:
+        said = ", ".join(f"{name}={value!r}" for name, value in self.arguments.items())
+        return f"{self.id}({said})" if said else self.id
+
+
+@dataclass(frozen=True)
+class ObservedTask:
+    """A task whose learner sees observations, as deep learners do; tables know it not.
+
+    Two tasks are equal where the same function makes their environments, with the same discount
+    and time limit.
+
+    Parameters
+    ----------
+    make : callable
+        Returns a new Gymnasium environment; called for each that is needed.
+    discount : float
+        gamma, in [0, 1].
+    time_limit : int, optional
+        Steps after which an episode is cut off; by default the environment's own affair.
+
+    Raises
+    ------
+    TaskError
+        When `make` does not return an environment, or a number is out of range.
+
+    Examples
+    --------
+    >>> car = ObservedTask(Registered("MountainCar-v0"), discount=0.98)
+    >>> car
+    ObservedTask(MountainCar-v0, discount 0.98, Box(2,) -> Discrete(3))
+    >>> car.n_actions, car == ObservedTask(Registered("MountainCar-v0"), discount=0.98)
+    (3, True)
+    """
+
+    make: Callable[[], gymnasium.Env[Any, Any]]
+    discount: float = 0.99
+    time_limit: int | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.make):
+            raise TaskError(f"make must be a function that returns an environment: {self.make!r}")
+        number("discount", self.discount, TaskError, 0, 1)
+        if self.time_limit is not None:
+            whole_number("time_limit", self.time_limit, 1, TaskError)
+        _ = self._spaces
+
+    @cached_property
+    def _spaces(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
+        environment = self.make()
+        if not isinstance(environment, gymnasium.Env):
+            raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
+        spaces = environment.observation_space, environment.action_space
+        environment.close()
+        return spaces
+
+    @property
+    def observations(self) -> gymnasium.Space[Any]:
+        """The space of one observation."""
+        return self._spaces[0]
+
+    @property
+    def actions(self) -> gymnasium.Space[Any]:
+        """The space of one action."""
+        return self._spaces[1]
+
+    @property
+    def n_actions(self) -> int | None:
+        """The number of actions, A; None where they are not numbered from 0."""
+        space = self.actions
+        return int(space.n) if isinstance(space, Discrete) and space.start == 0 else None
+
+    def environment(self) -> gymnasium.Env[Any, Any]:
+        """Return a new environment, cut off at the task's time limit."""
+        made = self.make()
+        if self.time_limit is None:
+            return made
+        return gymnasium.wrappers.TimeLimit(made, self.time_limit)
+
+    def __repr__(self) -> str:
+        shapes = " -> ".join(_shape(space) for space in self._spaces)
+        limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
+        made = getattr(self.make, "__name__", str(self.make))
+        return f"ObservedTask({made}, discount {self.discount:g}{limit}, {shapes})"
+
+
+def _shape(space: gymnasium.Space[Any]) -> str:
+    if isinstance(space, gymnasium.spaces.Box):
+        return f"Box{space.shape}"
+    return str(space)
+
+
+def is_observed(task: Any) -> bool:
+    """Return whether a task is seen through observations."""
+    return isinstance(task, ObservedTask)
+
+
+def batch_size(observations: Any) -> int:
+    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them.
+
+    Examples
+    --------
+    >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
+    5
+    """
+    while isinstance(observations, Mapping | tuple):
+        parts = observations.values() if isinstance(observations, Mapping) else observations
+        observations = next(iter(parts))
+    return len(observations)

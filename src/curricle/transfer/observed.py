@@ -1,0 +1,254 @@
+"""Mappings f(s, a) of observations: functions on batches, with the same rules as index mappings."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, number, numbers
+from curricle.transfer.values import ValueSource, no_actions
+from curricle.errors import MappingError
+from curricle.tasks.observed import ObservedTask, batch_size, is_observed
+from curricle.tasks.task import Task
+from curricle.transfer.mapping import ENDED, UNMAPPED
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ObservedCoverage:
+    """How much of what was observed a mapping reaches.
+
+    Attributes
+    ----------
+    observations : int
+        Looked at.
+    mapped, ended, unmapped : float
+        Shares of their pairs (s, a); they sum to 1.
+    outside : float
+        Share of the mapped observations whose counterpart lies outside the source's space, where
+        its values are guesses; NaN where there is none.
+
+    Examples
+    --------
+    >>> print(ObservedCoverage(200, 0.75, 0.0, 0.25, 0.0))
+    75.0% of the pairs of 200 observations mapped, 0.0% at the source's end, 25.0% unmapped; ...
+    """
+
+    observations: int
+    mapped: float
+    ended: float
+    unmapped: float
+    outside: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mapped:.1%} of the pairs of {self.observations:,} observations mapped, "
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
+            f"{self.outside:.1%} of the counterparts outside the source's space"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationMapping:
+    """A mapping of a target's observations and actions to a source's, n of them at once.
+
+    Parameters
+    ----------
+    target : ObservedTask
+    source : ObservedTask or Task
+    observations : callable, optional
+        The target's stacked observations -> the source's, as many; of a source with tables its
+        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
+    actions : (A,) int array or callable, optional
+        The source's action for each of the target's, `UNMAPPED` where none; or a function
+        observations -> (n, A) of them. By default the same numbers.
+    status : callable, optional
+        observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
+        where there is none. What then stands in its place is not read.
+    unmapped_value : float
+        What unmapped pairs are worth. 0 is optimistic where rewards are negative.
+
+    Raises
+    ------
+    MappingError
+        When the tasks cannot be mapped so, or a function returns what it must not.
+
+    Examples
+    --------
+    A car that does not know how fast it is reads the values of one that stands still.
+
+    >>> from curricle.transfer.values import FunctionValues
+    >>> from curricle.tasks.observed import Registered
+    >>> car = ObservedTask(Registered("MountainCar-v0"))
+    >>> still = ObservationMapping(car, car, lambda cars: cars * [1, 0])
+    >>> height = FunctionValues(state_values=lambda cars: cars.sum(axis=1))
+    >>> still.states(height, np.array([[0.25, 0.07], [-0.5, 0.01]]))
+    array([ 0.25, -0.5 ])
+    """
+
+    target: ObservedTask
+    source: Any
+    observations: Callable[[Any], Any] | None = None
+    actions: Any = None
+    status: Callable[[Any], Any] | None = None
+    unmapped_value: float = 0.0
+
+    def __post_init__(self) -> None:
+        instance("target of an observation mapping", self.target, ObservedTask, MappingError)
+        number("unmapped_value", self.unmapped_value, MappingError)
+        if self.observations is None and not is_observed(self.source):
+            raise MappingError(
+                "a mapping into a task with tables needs a function from observations to its "
+                "states' numbers: got none"
+            )
+        if self.actions is None:
+            mine, yours = self.target.n_actions, self._source_actions
+            if mine is not None and yours is not None and mine > yours:
+                raise MappingError(
+                    f"a mapping that leaves actions as they are needs as many of them: the target "
+                    f"has {mine}, the source {yours}"
+                )
+        elif not callable(self.actions):
+            table = self._checked_actions(self.actions, (self.target.n_actions,))
+            object.__setattr__(self, "actions", table)
+
+    @property
+    def _source_actions(self) -> int | None:
+        """The number of the source's actions; None where they are not numbered."""
+        if is_observed(self.source):
+            return self.source.n_actions  # type: ignore[no-any-return]
+        return int(self.source.actions.size)
+
+    def pairs(
+        self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
+
+        It is `shift` where ended and `unmapped_value` where unmapped.
+        """
+        if self.target.n_actions is None:
+            raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
+        if not values.of_actions:
+            raise no_actions(values)
+        there, status = self._there(observations)
+        actions = self._actions(observations, len(status))
+        missing = actions == UNMAPPED
+        q = values.q(there, np.where(missing, 0, actions))
+        self._check_finite(q, "Q")
+        kinds = np.where(missing & (status >= 0)[:, None], UNMAPPED, status[:, None])
+        return self._completed(q, kinds, scale, shift)
+
+    def states(
+        self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64; else as :meth:`pairs`."""
+        there, status = self._there(observations)
+        v = values.v(there)
+        self._check_finite(v, "V")
+        return self._completed(v, status, scale, shift)
+
+    def coverage(self, observations: Any) -> ObservedCoverage:
+        """Return how much of some observations, n stacked, is reached."""
+        there, status = self._there(observations)
+        n, mapped = len(status), status >= 0
+        kinds = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
+        if self.target.n_actions is not None:
+            lost = self._actions(observations, n) == UNMAPPED
+            kinds = np.where(lost & mapped[:, None], UNMAPPED, kinds)
+        outside = float("nan")
+        if is_observed(self.source) and mapped.any():
+            from gymnasium.vector.utils import iterate
+
+            rows = list(iterate(_stacked_space(self.source, n), there))
+            inside = [self.source.observations.contains(row) for row in rows]
+            outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
+        return ObservedCoverage(
+            observations=n,
+            mapped=float((kinds >= 0).mean()),
+            ended=float((kinds == ENDED).mean()),
+            unmapped=float((kinds == UNMAPPED).mean()),
+            outside=outside,
+        )
+
+    def _there(self, observations: Any) -> tuple[Any, IntArray]:
+        """Return the counterparts, readable all, and the status of each, (n,)."""
+        n = batch_size(observations)
+        there = observations if self.observations is None else self.observations(observations)
+        status = np.zeros(n, np.int64)
+        if self.status is not None:
+            said = np.asarray(self.status(observations))
+            known = np.where(said, 0, UNMAPPED) if said.dtype == np.bool_ else said
+            status = _whole("status", known)
+        if not is_observed(self.source):
+            there = _whole("states", there)
+            self._check_states(there)
+            status = np.where(there < 0, there, status)
+            there = np.maximum(there, 0)
+        if status.shape != (n,) or batch_size(there) != n:
+            raise MappingError(
+                f"a mapping must return as many as it was given, {n}: got {batch_size(there)} "
+                f"counterparts and status of shape {status.shape}"
+            )
+        return there, status
+
+    def _check_states(self, states: IntArray) -> None:
+        bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
+        if bad.size:
+            raise MappingError(
+                f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
+                f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
+            )
+
+    def _actions(self, observations: Any, n: int) -> IntArray:
+        """Return the source's action for each pair, (n, A)."""
+        n_actions = self.target.n_actions
+        if callable(self.actions):
+            return self._checked_actions(self.actions(observations), (n, n_actions))
+        row = np.arange(n_actions) if self.actions is None else self.actions
+        return np.broadcast_to(row, (n, len(row)))
+
+    def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:
+        table, most = _whole("actions", actions), self._source_actions
+        if table.shape != shape:
+            raise MappingError(f"a mapping's actions must have shape {shape}: got {table.shape}")
+        bad = table[(table < UNMAPPED) | (table >= (most or np.inf))]
+        if bad.size:
+            raise MappingError(
+                f"a mapping's actions must lie in 0..{(most or 0) - 1} or be UNMAPPED: got {bad[0]}"
+            )
+        return table
+
+    def _completed(
+        self, values: FloatArray, status: IntArray, scale: float, shift: float
+    ) -> FloatArray:
+        if scale != 1 or shift != 0:
+            values = scale * values + shift
+        if (status >= 0).all():
+            return values
+        fixed = np.where(status == UNMAPPED, self.unmapped_value, shift)
+        return np.asarray(np.where(status >= 0, values, fixed))
+
+    def _check_finite(self, values: FloatArray, what: str) -> None:
+        if not np.isfinite(values).all():
+            place = np.argwhere(~np.isfinite(values))[0]
+            raise MappingError(
+                f"a source's values must be finite: {what} is {values[tuple(place)]} at the "
+                f"counterpart of observation {place[0]}"
+            )
+
+
+def _whole(what: str, given: Any) -> IntArray:
+    found = numbers(f"a mapping's {what}", given, MappingError)
+    if not np.issubdtype(np.asarray(given).dtype, np.integer) and (found != found // 1).any():
+        raise MappingError(f"a mapping's {what} must be whole numbers: got {found.flat[0]!r} ...")
+    return np.asarray(given).astype(np.int64)
+
+
+def _stacked_space(task: ObservedTask, n: int) -> Any:
+    from gymnasium.vector.utils import batch_space
+
+    return batch_space(task.observations, n)
