@@ -1,6 +1,9 @@
 from .certificate.certify import certify as certify
 from .certificate.verdict import Certificate as Certificate, Counterexample as Counterexample
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
+from .deep.learner import DeepLearner as DeepLearner
+from .deep.learning import learn_deep as learn_deep
+from .deep.networks import NetworkValues as NetworkValues
 from .errors import (
     CalibrationError as CalibrationError,
     ConfigError as ConfigError,
@@ -143,12 +146,11 @@ from .transfer.aggregation import (
 )
 from .transfer.by_name import ComponentMapping as ComponentMapping, project as project
 from .transfer.calibration import (
-    Calibrate as Calibrate,
     Calibration as Calibration,
     calibrate as calibrate,
 )
 from .transfer.coverage import Coverage as Coverage
-from .transfer.edge import Transfer as Transfer
+from .transfer.edge import Calibrate as Calibrate, Transfer as Transfer
 from .transfer.mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,8 @@ from curricle.node import Node
 from curricle.returning import Course, Return, with_returns
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate, mean
-from curricle.transfer.calibration import Calibrate, Calibration
-from curricle.transfer.edge import Transfer
+from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.edge import Calibrate, Transfer
 
 IntArray = npt.NDArray[np.int64]
 DEFAULT_BUDGET = 100_000
@@ -125,6 +126,10 @@ class Curriculum(TaskGraph):
         if back is None:
             return
         instance(f"back of {node.name}", back, Return, CurriculumError)
+        if node.deep:
+            raise CurriculumError(
+                f"a return to the sources changes tables: {node.name!r} is learnt by a network"
+            )
         if self.into(node.name):
             back.watched(node)
         if calibration is not None:
@@ -171,6 +176,7 @@ class Curriculum(TaskGraph):
         charge: bool = False,
         frames: int = 0,
         workers: int | None = None,
+        saves: str | Path | None = None,
         progress: Callable[[str], Any] | None = None,
     ) -> "CurriculumResult":
         """Return every task learnt, in order, each once; K seeds are K independent curricula.
@@ -192,6 +198,9 @@ class Curriculum(TaskGraph):
             Tables of the first seed to keep on the way, in each task (:class:`Film`).
         workers : int, optional
             Threads over seeds.
+        saves : path, optional
+            A folder for checkpoints of the tasks that networks learn: a killed run called again
+            goes on where it was (:func:`learn_deep`).
         progress : callable, optional
             Called with the name of each task when it is learnt.
 
@@ -204,7 +213,7 @@ class Curriculum(TaskGraph):
             instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
         results = self._checked(trained or {}, numbers)
-        potentials: dict[str, list[PairPotential]] = {}
+        potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
         courses: dict[str, Course] = {}
         paying = self.target if charge else None
@@ -230,6 +239,7 @@ class Curriculum(TaskGraph):
                 charged=spent,
                 frames=frames,
                 workers=workers,
+                saves=None if saves is None else Path(saves) / name,
             )
             if goes_back:
                 courses[name] = self._course(name, results, spent)
@@ -249,6 +259,7 @@ class Curriculum(TaskGraph):
 
     def _potential(self, name: str, results: Mapping[str, LearningResult]) -> PairPotential:
         """Return the potential that one seed's sources give a task."""
+        potential: PairPotential
         (potential,) = self.potentials(name, results)
         return potential
 
@@ -271,7 +282,7 @@ class Curriculum(TaskGraph):
         *,
         transfers: Sequence[Transfer] | None = None,
         function: Aggregate | None = None,
-    ) -> list[PairPotential]:
+    ) -> list[AnyPotential]:
         """Return the potential that each seed's sources give a task; none without sources.
 
         Parameters
@@ -336,7 +347,7 @@ class CurriculumResult:
 
     curriculum: Curriculum
     nodes: Mapping[str, LearningResult]
-    potentials: Mapping[str, list[PairPotential]]
+    potentials: Mapping[str, list[AnyPotential]]
     calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
     courses: Mapping[str, Course] = field(default_factory=dict)
 

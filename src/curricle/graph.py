@@ -7,6 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from curricle.checks import instance, one_of
 from curricle.errors import CurriculumError
+from curricle.tasks.observed import is_observed
 from curricle.tasks.task import Task, dynamics, same_task
 from curricle.transfer.edge import Transfer
 
@@ -46,7 +47,8 @@ class TaskGraph:
         if not self.tasks:
             raise CurriculumError("a curriculum needs at least one task: got none")
         for task in self.tasks.values():
-            dynamics(task)
+            if not is_observed(task):
+                dynamics(task)
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             self._check_ends(transfer)

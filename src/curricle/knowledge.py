@@ -2,46 +2,65 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from curricle.errors import CurriculumError
-from curricle.learning.following import PairPotential
 from curricle.learning.result import LearningResult
-from curricle.tasks.task import Task
+from curricle.tasks.observed import is_observed
 from curricle.transfer.aggregation import Aggregate
-from curricle.transfer.calibration import Calibrate, Calibration, attempt
-from curricle.transfer.edge import Transfer
+from curricle.transfer.calibration import AnyPotential, Calibration, attempt
+from curricle.transfer.edge import Calibrate, Transfer
 from curricle.transfer.mapped import combined_potential
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.values import TableValues, ValueSource
 
 
 def source_potentials(
-    task: Task,
+    task: Any,
     edges: Sequence[Transfer],
     results: Mapping[str, LearningResult],
     aggregate: Aggregate,
-) -> list[PairPotential]:
+) -> list[AnyPotential]:
     """Return the potential that each of K seeds' sources give a task; none without edges.
 
     Raises
     ------
     CurriculumError
-        When a source's values were not kept, or not in a dense table.
+        When a source's values were not kept, or not so that the task can read them.
     """
     if not edges:
         return []
-    for edge in edges:
-        if not isinstance(results[edge.source].values, np.ndarray):
-            raise CurriculumError(
-                f"a source's values must be kept, in dense tables: those of {edge.source!r}, which "
-                f"{edge.target!r} reads, are not (storage)"
-            )
-    tables = zip(*(results[edge.source].values for edge in edges), strict=True)
-    return [combined_potential(task, edges, values, aggregate) for values in tables]
+    each = [_values(edge, results[edge.source], deep=is_observed(task)) for edge in edges]
+    if is_observed(task):
+        return [
+            ObservationPotential(task, edges, values, aggregate)
+            for values in zip(*each, strict=True)
+        ]
+    return [
+        combined_potential(task, edges, values, aggregate) for values in zip(*each, strict=True)
+    ]
+
+
+def _values(edge: Transfer, result: LearningResult, *, deep: bool) -> list[Any]:
+    """Return what each seed of a source valued, as its target reads it."""
+    if isinstance(result.values, np.ndarray):
+        return [TableValues(table) for table in result.values] if deep else result.values
+    if (
+        deep
+        and result.values is not None
+        and all(isinstance(v, ValueSource) for v in result.values)
+    ):
+        return list(result.values)
+    raise CurriculumError(
+        f"a source's values must be kept, in dense tables{' or networks' * deep}: those of "
+        f"{edge.source!r}, which {edge.target!r} reads, are not (storage)"
+    )
 
 
 def calibrated(
-    name: str, potentials: Sequence[PairPotential], settings: Calibrate, seeds: Sequence[int]
+    name: str, potentials: Sequence[AnyPotential], settings: Calibrate, seeds: Sequence[int]
 ) -> list[Calibration]:
     """Return the calibration of each seed's potential of a task."""
     return [

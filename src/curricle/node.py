@@ -2,16 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import instance, one_of
+from curricle.deep.learner import DeepLearner
+from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.following import PairPotential
 from curricle.learning.gate import Decision, Gate
 from curricle.learning.guard import Guard
 from curricle.learning.learn import How, check_guard, learn
@@ -20,8 +22,10 @@ from curricle.learning.result import LearningResult
 from curricle.learning.run import Prelude
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
-from curricle.tasks.task import Task, dynamics
+from curricle.tasks.observed import is_observed
+from curricle.tasks.task import dynamics
 from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.calibration import AnyPotential
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +52,9 @@ class Node:
     """
 
     name: str
-    task: Task
+    task: Any
     aggregate: Aggregate
-    learner: Learner
+    learner: Any
     budget: Budget
     how: How
     guard: Guard | None
@@ -59,11 +63,18 @@ class Node:
     storage: Storage
 
     @classmethod
-    def of(cls, name: str, task: Task, *, every: int | None, **settings: Any) -> Self:
+    def of(cls, name: str, task: Any, *, every: int | None, **settings: Any) -> Self:
         """Return a node, checked; `every` None means a hundredth of the budget."""
         limits(settings["budget"])
         every = spacing(every, settings["budget"])
         one_of(f"how of {name}", settings["how"], get_args(How), SettingError)
+        deep = is_observed(task)
+        instance(
+            f"learner of {name}",
+            settings["learner"],
+            DeepLearner if deep else Learner,
+            SettingError,
+        )
         for which, kind in _KINDS.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
         if not callable(settings["aggregate"]):
@@ -84,17 +95,24 @@ class Node:
     @property
     def most_steps(self) -> int:
         """A bound of the steps that training takes."""
-        return longest_run(dynamics(self.task).time_limit, self.budget, self.every)
+        limit = self.task.longest if self.deep else dynamics(self.task).time_limit
+        return longest_run(limit, self.budget, self.every)
+
+    @property
+    def deep(self) -> bool:
+        """Whether the task is seen through observations, and learnt by a network."""
+        return is_observed(self.task)
 
     def train(
         self,
         seeds: Sequence[int],
-        potentials: Sequence[PairPotential] = (),
+        potentials: Sequence[AnyPotential] = (),
         *,
         preludes: Sequence[Prelude] = (),
         charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
         frames: int = 0,
         workers: int | None = None,
+        saves: Path | None = None,
     ) -> LearningResult:
         """Return the task learnt by K seeds.
 
@@ -106,8 +124,25 @@ class Node:
         preludes : sequence of K Prelude
             What each seed spent on the task's account already. Or none.
         charged, frames, workers
-            As in :func:`learn`.
+            As in :func:`learn`; the latter two do not concern networks.
+        saves : Path, optional
+            A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
+        if self.deep:
+            return learn_deep(
+                self.task,
+                self.learner,
+                self.budget,
+                seeds=seeds,
+                potential=list(potentials) or None,
+                how=self.how,
+                every=self.every,
+                evaluation=self.evaluation,
+                stream=self.name,
+                before=list(preludes) or None,
+                charged=charged,
+                saves=saves,
+            )
         known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
         return learn(
             self.task,
@@ -139,7 +174,6 @@ class Node:
 
 
 _KINDS: dict[str, type] = {
-    "learner": Learner,
     "evaluation": GreedyEvaluation,
     "storage": Storage,
 }

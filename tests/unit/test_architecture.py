@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 FLOORS = {
     "errors": 0,
     "checks": 0.5,  # raises what errors.py declares
+    "files": 0.5,
     "tasks": 1,
     "learning": 2,
     "transfer": 3,

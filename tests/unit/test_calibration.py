@@ -7,7 +7,8 @@ import curricle as cr
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import follow, greedy_start
 from curricle.learning.run import Prelude
-from curricle.transfer.calibration import Calibrate, attempt, calibrate
+from curricle.transfer.calibration import attempt, calibrate
+from curricle.transfer.edge import Calibrate
 from curricle.transfer.mapped import mapped_potential
 
 LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)

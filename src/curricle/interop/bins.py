@@ -83,6 +83,27 @@ class Bins:
             state = state * size + bisect_right(inner, value)
         return state
 
+    def many(self, observations: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
+        """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
+
+        The bins of a table are so read for a network's target (:class:`ObservationMapping`).
+
+        Examples
+        --------
+        >>> Bins({"position": [-1.2, -0.5, 0.6]}).many(np.array([[-0.7], [0.1]]))
+        array([0, 1])
+        """
+        values = np.asarray(observations)
+        if values.ndim != 2 or values.shape[1] != len(self._inner) or np.isnan(values).any():
+            raise TaskError(
+                f"observations must be numbers of shape (N, {len(self._inner)}): got shape "
+                f"{values.shape}{', some of them NaN' * bool(np.isnan(values).any())}"
+            )
+        states = np.zeros(len(values), np.int64)
+        for column, (inner, size) in zip(values.T, self._inner, strict=True):
+            states = states * size + np.searchsorted(inner, column, side="right")
+        return states
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Bins):
             return NotImplemented

@@ -35,8 +35,13 @@ from curricle.tasks.task import Task, dynamics, same_task
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-How = Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"]
-"""The ways a potential enters learning; :func:`learn` says what each does."""
+How = Literal[
+    "initialise", "look_ahead", "look_back", "state", "bonus", "advice", "weights", "policy"
+]
+"""The ways a potential enters learning; :func:`learn` says what each does, the last two are
+:func:`learn_deep`'s."""
+OF_NETWORKS = ("weights", "policy")
+OF_TABLES = tuple(way for way in get_args(How) if way not in OF_NETWORKS)
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
 
@@ -139,8 +144,8 @@ def learn(
     every = spacing(every, budget)
     longest = longest_run(moving.time_limit, budget, every)
     potentials = _potentials(task, learner, potential, how, len(seeds))
-    charges = _charges(charged, len(seeds), steps)
-    preludes = _preludes(before, charges, steps, episodes)
+    spent = charges(charged, len(seeds), steps)
+    acted = preludes(before, spent, steps, episodes)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     storage = Storage() if storage is None else storage
@@ -161,7 +166,7 @@ def learn(
         _check_sparse(run, potentials)
     starts = [stream_start(seed, stream) for seed in seeds]
     films = [frames, *[0] * (len(seeds) - 1)]
-    each = list(zip(starts, potentials, preludes, charges, films, strict=True))
+    each = list(zip(starts, potentials, acted, spent, films, strict=True))
     values, done = _train(run, each, threads)
     return learning_result(task, learner, seeds, values, done, every)
 
@@ -193,7 +198,7 @@ def _potentials(
     n_seeds: int,
 ) -> list[Potential | None]:
     """Return the potential of each seed, checked against the task, the learner and `how`."""
-    one_of("how", how, get_args(How), SettingError)
+    one_of("how", how, OF_TABLES, SettingError)
     if how == "look_back" and (not isinstance(learner, SARSA) or dynamics(task).discount == 0):
         raise SettingError(
             "look_back is valid for on-policy SARSA at a positive discount only: got "
@@ -236,7 +241,7 @@ def check_guard(guard: Guard | None, learner: Learner, how: How, *, guarded: boo
         )
 
 
-def _charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
+def charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
     """Return what each seed is charged, checked against the budget."""
     if charged is None:
         return [0] * n_seeds
@@ -250,16 +255,16 @@ def _charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
     return each
 
 
-def _preludes(
-    before: Sequence[Prelude] | None, charges: Sequence[int], steps: int, episodes: int
+def preludes(
+    before: Sequence[Prelude] | None, charged: Sequence[int], steps: int, episodes: int
 ) -> Sequence[Prelude]:
     """Return the prelude of each seed, checked against what is left of the budget."""
     if before is None:
-        return [NO_PRELUDE] * len(charges)
-    if len(before) != len(charges):
-        raise SettingError(f"one prelude a seed means {len(charges)} of them: got {len(before)}")
+        return [NO_PRELUDE] * len(charged)
+    if len(before) != len(charged):
+        raise SettingError(f"one prelude a seed means {len(charged)} of them: got {len(before)}")
     for k, one in enumerate(before):
-        if one.steps >= steps - charges[k] or len(one.lengths) >= episodes:
+        if one.steps >= steps - charged[k] or len(one.lengths) >= episodes:
             raise SettingError(
                 "a budget must exceed what was spent on it before learning: the prelude of seed "
                 f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"

@@ -8,12 +8,12 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from curricle.errors import SettingError
+from curricle.files import write_whole
 from curricle.report.comparison import draw_comparison
 from curricle.report.forecast import draw_forecast
 from curricle.report.plotting import STYLE
 from curricle.study.comparison import Comparison
 from curricle.study.forecast import Forecast
-from curricle.study.store import write_whole
 
 # Undated, so that the same results give the same file.
 KINDS: dict[str, dict[str, Any]] = {

@@ -155,15 +155,16 @@ def _certified(result: CurriculumResult, target: str) -> Certificate:
 
 def _entering(result: CurriculumResult, target: str) -> PairPotential:
     """Return the potential that the first seed of a target began with."""
-    if known := result.potentials.get(target):
-        return known[0]
     curriculum: Curriculum = result.curriculum
+    phi: PairPotential
+    if known := result.potentials.get(target):
+        phi = known[0]
+        return phi
     sources = {edge.source: first_seeds(result[edge.source], 1) for edge in curriculum.into(target)}
-    found = curriculum.potentials(target, sources)
-    settings = curriculum.calibration(target)
-    if settings is None:
-        return found[0]
-    return calibrated(target, found, settings, result[target].seeds[:1])[0].potential
+    phi, *_ = found = curriculum.potentials(target, sources)
+    if (settings := curriculum.calibration(target)) is not None:
+        phi = calibrated(target, found, settings, result[target].seeds[:1])[0].potential
+    return phi
 
 
 def first_seeds(result: LearningResult, n: int) -> LearningResult:

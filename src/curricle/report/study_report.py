@@ -4,10 +4,10 @@ from pathlib import Path
 
 from curricle.curriculum import CurriculumResult
 from curricle.errors import StoreError
+from curricle.files import write_whole
 from curricle.report.study_page import StudyRecord, study_page
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import seed_words
-from curricle.study.store import write_whole
 
 
 def write_report(folder: str | Path, out: str | Path | None = None) -> Path:

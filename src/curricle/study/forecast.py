@@ -17,9 +17,9 @@ from curricle.learning.target import Target
 from curricle.learning.threads import over_seeds, threads_for
 from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
-from curricle.transfer.calibration import Calibrate, Calibration, attempt
+from curricle.transfer.calibration import Calibration, attempt
 from curricle.transfer.coverage import Coverage
-from curricle.transfer.edge import numbered, transfer_names
+from curricle.transfer.edge import Calibrate, numbered, transfer_names
 from curricle.transfer.realism import Realism, realism
 
 AGGREGATES = (minimum, mean, maximum, total)

@@ -1,8 +1,6 @@
 """A folder of results: one set of settings, files that are either whole or absent."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,10 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from curricle.errors import StoreError
+from curricle.files import PART, write_whole
 
 SETTINGS = "settings.json"
-PART = ".part"
-"""Ending of a file being written; a killed run may leave one, which means nothing."""
 
 Columns = Mapping[str, npt.ArrayLike]
 """A tidy table: column name -> values, all of one length."""
@@ -124,18 +121,3 @@ def as_parquet(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink)
     return bytes(sink.getvalue().to_pybytes())
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place and move it there when it is complete."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())  # the name must not come before the content
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

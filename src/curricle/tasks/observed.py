@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import gymnasium
-import numpy as np
 from gymnasium.spaces import Discrete
 
 from curricle.checks import number, whole_number
@@ -75,32 +74,39 @@ class ObservedTask:
         number("discount", self.discount, TaskError, 0, 1)
         if self.time_limit is not None:
             whole_number("time_limit", self.time_limit, 1, TaskError)
-        _ = self._spaces
+        _ = self._looked_at
 
     @cached_property
-    def _spaces(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
+    def _looked_at(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any], int | None]:
         environment = self.make()
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
+        spec = environment.spec
+        limit = None if spec is None else spec.max_episode_steps
         spaces = environment.observation_space, environment.action_space
         environment.close()
-        return spaces
+        return (*spaces, limit if self.time_limit is None else self.time_limit)
 
     @property
     def observations(self) -> gymnasium.Space[Any]:
         """The space of one observation."""
-        return self._spaces[0]
+        return self._looked_at[0]
 
     @property
     def actions(self) -> gymnasium.Space[Any]:
         """The space of one action."""
-        return self._spaces[1]
+        return self._looked_at[1]
 
     @property
     def n_actions(self) -> int | None:
         """The number of actions, A; None where they are not numbered from 0."""
         space = self.actions
         return int(space.n) if isinstance(space, Discrete) and space.start == 0 else None
+
+    @property
+    def longest(self) -> int | None:
+        """Steps after which an episode is cut off; None if nobody says."""
+        return self._looked_at[2]
 
     def environment(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment, cut off at the task's time limit."""
@@ -110,7 +116,7 @@ class ObservedTask:
         return gymnasium.wrappers.TimeLimit(made, self.time_limit)
 
     def __repr__(self) -> str:
-        shapes = " -> ".join(_shape(space) for space in self._spaces)
+        shapes = " -> ".join(_shape(space) for space in self._looked_at[:2])
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
         made = getattr(self.make, "__name__", str(self.make))
         return f"ObservedTask({made}, discount {self.discount:g}{limit}, {shapes})"

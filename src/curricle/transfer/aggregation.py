@@ -1,6 +1,7 @@
 """Aggregation of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6)."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -92,3 +93,31 @@ def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
         f"an aggregate must return finite values: {name} returned {result[state, action]} at "
         f"state {state}, action {action}"
     )
+
+
+def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
+    """Return what an aggregate makes of N numbers, as :func:`aggregate` of one state and action.
+
+    Those of this module are read without an array, which for a few numbers costs most of the time.
+
+    Examples
+    --------
+    >>> aggregate_numbers(mean, [1.0, 4.0])
+    2.5
+    """
+    for known, plain in _OF_NUMBERS:
+        if function is known and math.isfinite(result := plain(potentials)):
+            return result
+    return float(aggregate(function, np.array(potentials).reshape(-1, 1, 1))[0, 0])
+
+
+def _mean_of_numbers(numbers: Sequence[float]) -> float:
+    return sum(numbers) / len(numbers)
+
+
+_OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = (
+    (mean, _mean_of_numbers),
+    (maximum, max),
+    (minimum, min),
+    (total, sum),
+)

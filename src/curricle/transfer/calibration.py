@@ -7,18 +7,22 @@ policy through the target for a while and comparing what it earns with what phi 
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, number, whole_number
-from curricle.errors import CalibrationError, PotentialError, SettingError
-from curricle.learning.following import Followed, PairPotential, follow
+from curricle.errors import CalibrationError, PotentialError
+from curricle.learning.following import Followed, follow
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.run import Prelude
+from curricle.transfer.edge import EPISODES, Calibrate
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.playing import follow_observed
 
 FloatArray = npt.NDArray[np.float64]
-EPISODES = 200
+AnyPotential = Any
+"""What sources give a task: a StateActionPotential, MappedPotential or ObservationPotential."""
 PROBE = 20
 """Episodes after which a calibration that has reached nothing gives up."""
 TOLD = 0.5
@@ -27,54 +31,13 @@ SCALED, SHIFTED = 0.25, 0.02
 """Least share of the returns that a fit has to account for: of their squares, of their variance."""
 
 
-@dataclass(frozen=True)
-class Calibrate:
-    """How to calibrate; what ``Transfer(..., calibrate=...)`` takes.
-
-    Parameters
-    ----------
-    episodes : int
-        Greedy episodes to act in the target. They are charged to it.
-    shift : bool
-        Whether to fit a shift b besides the scale c. Where rewards have both signs a scale alone
-        is often the wrong model: what is overestimated by a sum is not overestimated by a factor.
-    quantile : float, optional
-        Between 0 and 1: fit so that this share of the returns stays below the potential, instead
-        of the mean. 0.1 makes it pessimistic, as few returns fall short of it.
-
-    Raises
-    ------
-    SettingError
-        When a number is out of range.
-
-    Examples
-    --------
-    >>> Calibrate(quantile=0.1)
-    Calibrate(episodes=200, shift=False, quantile=0.1)
-    """
-
-    episodes: int = EPISODES
-    shift: bool = False
-    quantile: float | None = None
-
-    def __post_init__(self) -> None:
-        whole_number("episodes of a calibration", self.episodes, 1, SettingError)
-        instance("shift of a calibration", self.shift, bool, SettingError)
-        if self.quantile is not None:
-            number("quantile of a calibration", self.quantile, SettingError)
-            if not 0 < self.quantile < 1:
-                raise SettingError(
-                    f"quantile of a calibration must lie between 0 and 1: got {self.quantile:g}"
-                )
-
-
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """What following a potential's greedy policy said about its size.
 
     Attributes
     ----------
-    potential : StateActionPotential or MappedPotential
+    potential : StateActionPotential, MappedPotential or ObservationPotential
         scale phi + shift; phi itself where the rollouts could not tell.
     scale, shift : float
     promised, earned : float
@@ -99,7 +62,7 @@ class Calibration:
     scale 2 fitted on 10 greedy episodes (20 steps, 10 ended): promised 98.8 on average, earned 198
     """
 
-    potential: PairPotential
+    potential: AnyPotential
     scale: float
     shift: float
     promised: float
@@ -127,7 +90,7 @@ class Calibration:
 
 
 def calibrate(
-    potential: PairPotential,
+    potential: AnyPotential,
     *,
     episodes: int = EPISODES,
     shift: bool = False,
@@ -143,7 +106,7 @@ def calibrate(
 
     Parameters
     ----------
-    potential : StateActionPotential or MappedPotential
+    potential : StateActionPotential, MappedPotential or ObservationPotential
     episodes, shift, quantile
         As :class:`Calibrate` says.
     seed, stream : int, str
@@ -173,19 +136,20 @@ def calibrate(
 
 
 def attempt(
-    potential: PairPotential, settings: Calibrate, *, seed: int = 0, stream: str = "calibrate"
+    potential: AnyPotential, settings: Calibrate, *, seed: int = 0, stream: str = "calibrate"
 ) -> Calibration:
     """Return a calibration, or one that says why there is none and leaves the potential alone."""
-    if not isinstance(potential, StateActionPotential | MappedPotential):
+    if not isinstance(potential, StateActionPotential | MappedPotential | ObservationPotential):
         raise PotentialError(
-            "a potential to be calibrated must be a StateActionPotential or a MappedPotential: got "
-            f"a {type(potential).__name__}"
+            "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
+            f"ObservationPotential: got a {type(potential).__name__}"
         )
+    play: Any = follow_observed if isinstance(potential, ObservationPotential) else follow
     # Few episodes tell whether anything is reached; the rest, which begins with the same ones,
     # would be spent in vain.
-    met = follow(potential, episodes=min(PROBE, settings.episodes), seed=seed, stream=stream)
+    met = play(potential, episodes=min(PROBE, settings.episodes), seed=seed, stream=stream)
     if not _nothing_reached(met):
-        met = follow(potential, episodes=settings.episodes, seed=seed, stream=stream)
+        met = play(potential, episodes=settings.episodes, seed=seed, stream=stream)
     scale, shift, explained = 1.0, 0.0, float("nan")
     refusal = _nothing_reached(met) or _nothing_told(met)
     if not refusal:
@@ -231,7 +195,7 @@ def _nothing_told(met: Followed) -> str:
 
 
 def _wrong_model(
-    potential: PairPotential, met: Followed, settings: Calibrate, scale: float, explained: float
+    potential: AnyPotential, met: Followed, settings: Calibrate, scale: float, explained: float
 ) -> str:
     """Return why scale phi + shift does not describe what was earned; empty if it does."""
     highest, met_highest = potential.highest, float(met.promised.max())

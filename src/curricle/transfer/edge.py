@@ -7,11 +7,53 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import number
-from curricle.errors import CurriculumError
-from curricle.transfer.calibration import Calibrate
+from curricle.checks import instance, number, whole_number
+from curricle.errors import CurriculumError, SettingError
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.observed import ObservationMapping
+
+EPISODES = 200
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """How to calibrate; what ``Transfer(..., calibrate=...)`` takes.
+
+    Parameters
+    ----------
+    episodes : int
+        Greedy episodes to act in the target. They are charged to it.
+    shift : bool
+        Whether to fit a shift b besides the scale c. Where rewards have both signs a scale alone
+        is often the wrong model: what is overestimated by a sum is not overestimated by a factor.
+    quantile : float, optional
+        Between 0 and 1: fit so that this share of the returns stays below the potential, instead
+        of the mean. 0.1 makes it pessimistic, as few returns fall short of it.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range.
+
+    Examples
+    --------
+    >>> Calibrate(quantile=0.1)
+    Calibrate(episodes=200, shift=False, quantile=0.1)
+    """
+
+    episodes: int = EPISODES
+    shift: bool = False
+    quantile: float | None = None
+
+    def __post_init__(self) -> None:
+        whole_number("episodes of a calibration", self.episodes, 1, SettingError)
+        instance("shift of a calibration", self.shift, bool, SettingError)
+        if self.quantile is not None:
+            number("quantile of a calibration", self.quantile, SettingError)
+            if not 0 < self.quantile < 1:
+                raise SettingError(
+                    f"quantile of a calibration must lie between 0 and 1: got {self.quantile:g}"
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import instance, number, numbers
-from curricle.transfer.values import ValueSource, no_actions
 from curricle.errors import MappingError
 from curricle.tasks.observed import ObservedTask, batch_size, is_observed
-from curricle.tasks.task import Task
 from curricle.transfer.mapping import ENDED, UNMAPPED
+from curricle.transfer.values import ValueSource, no_actions
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -208,7 +207,7 @@ class ObservationMapping:
         n_actions = self.target.n_actions
         if callable(self.actions):
             return self._checked_actions(self.actions(observations), (n, n_actions))
-        row = np.arange(n_actions) if self.actions is None else self.actions
+        row = np.arange(n_actions or 0) if self.actions is None else self.actions
         return np.broadcast_to(row, (n, len(row)))
 
     def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:

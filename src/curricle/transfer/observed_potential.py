@@ -89,6 +89,11 @@ class ObservationPotential:
         """Whether it tells actions apart."""
         return self.task.n_actions is not None and all(v.of_actions for v in self.values)
 
+    @property
+    def highest(self) -> float:
+        """NaN: nobody knows the highest promise over all observations."""
+        return float("nan")
+
     def pairs(self, observations: Any) -> FloatArray:
         """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
         if not self.of_actions:

@@ -145,7 +145,5 @@ def no_actions(values: Any) -> PotentialError:
 def _checked(found: Any, shape: tuple[int, ...]) -> FloatArray:
     values = numbers("what a function of values returns", found, PotentialError)
     if values.shape != shape:
-        raise PotentialError(
-            f"a function of values must return shape {shape}: got {values.shape}"
-        )
+        raise PotentialError(f"a function of values must return shape {shape}: got {values.shape}")
     return np.asarray(values, dtype=np.float64)

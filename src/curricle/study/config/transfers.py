@@ -26,7 +26,7 @@ class CalibrateTable(Setting):
 
     def build(self) -> Any:
         """Return the settings of a calibration."""
-        from curricle.transfer.calibration import Calibrate
+        from curricle.transfer.edge import Calibrate
 
         return Calibrate(**dict(self))
 

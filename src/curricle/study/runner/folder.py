@@ -20,9 +20,10 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
+from curricle.files import PART, write_whole
 from curricle.study.runner.arrays import of_seeds
 from curricle.study.runner.unit import Trained, Unit, seed_words
-from curricle.study.store import PART, as_json, as_parquet, read_json, write_whole
+from curricle.study.store import as_json, as_parquet, read_json
 
 STUDY, ENVIRONMENT, LOCK = "study.json", "environment.json", ".lock"
 UNITS, MANIFEST = "units", "unit.json"

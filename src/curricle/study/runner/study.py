@@ -12,6 +12,7 @@ import pyarrow as pa
 from curricle.checks import one_of
 from curricle.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, StoreError
+from curricle.files import write_whole
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.target import Target
 from curricle.study.compare import check_comparable, default_threshold
@@ -29,7 +30,7 @@ from curricle.study.runner.folder import (
     StudyFolder,
     explained,
 )
-from curricle.study.store import as_parquet, write_whole
+from curricle.study.store import as_parquet
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 

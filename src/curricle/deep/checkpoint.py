@@ -1,0 +1,117 @@
+"""Checkpoints of a run: everything it needs to go on as if nothing had happened.
+
+They are pickles, of one's own run, for one's own machine; results never are.
+"""
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cloudpickle
+import numpy as np
+import torch
+
+from curricle.errors import StoreError
+from curricle.files import write_whole
+
+LEFT_OUT = ("_logger",)
+"""What of a model holds files or the screen, and is made anew."""
+
+
+class Saved(NamedTuple):
+    """A run at rest."""
+
+    words: str
+    """What is trained: a checkpoint of something else is refused."""
+    model: tuple[type, dict[str, Any]] | None
+    """An algorithm's class and attributes: network, optimizer, replay buffer, environments."""
+    progress: Any
+    """What has been written down so far."""
+    states: tuple[Any, ...]
+    """Of the random number generators."""
+
+
+def save(path: Path, words: str, model: Any, progress: Any) -> None:
+    """Write a checkpoint, whole or not at all.
+
+    An environment that cannot be pickled is left out; the run then goes on with a new episode.
+
+    Parameters
+    ----------
+    path : Path
+    words : str
+        What is trained.
+    model : BaseAlgorithm
+    progress : object
+        That can be pickled.
+    """
+    held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
+    kept = Saved(words, (type(model), held), progress, generator_states())
+    try:
+        content = cloudpickle.dumps(kept)
+    except Exception:  # whatever an environment's own code raises
+        held |= {"env": None, "_last_obs": None}
+        content = cloudpickle.dumps(kept)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content)
+
+
+def load(path: Path, words: str) -> Saved | None:
+    """Return a checkpoint; None if there is none.
+
+    Raises
+    ------
+    StoreError
+        When it is damaged, or of another training.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    saved: Any = None
+    with suppress(Exception):
+        saved = cloudpickle.loads(content)
+    if not isinstance(saved, Saved):
+        raise StoreError(f"a checkpoint must be one that curricle wrote, here: {path} is not")
+    if saved.words != words:
+        raise StoreError(
+            f"a checkpoint belongs to one training: {path} is of {saved.words}, this is {words}"
+        )
+    return saved
+
+
+def restored(saved: Saved) -> Any:
+    """Return the model of a checkpoint, and set the random number generators to where it was."""
+    assert saved.model is not None
+    kind, held = saved.model
+    model: Any = object.__new__(kind)
+    model.__dict__.update(held)
+    set_generators(saved.states)
+    return model
+
+
+def generator_states() -> tuple[Any, ...]:
+    """Return the states of the generators that Stable-Baselines3 draws from."""
+    state = np.random.get_state()  # noqa: NPY002 - the one it uses
+    return random.getstate(), state, torch.get_rng_state()
+
+
+def set_generators(states: tuple[Any, ...]) -> None:
+    """Set the generators that Stable-Baselines3 draws from."""
+    random.setstate(states[0])
+    np.random.set_state(states[1])  # noqa: NPY002
+    torch.set_rng_state(states[2])
+
+
+@contextmanager
+def apart(threads: int) -> Iterator[None]:
+    """Keep what a run does to torch's threads and to the generators from everybody else."""
+    before, states = torch.get_num_threads(), generator_states()
+    torch.set_num_threads(threads)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+        set_generators(states)

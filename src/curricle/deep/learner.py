@@ -1,0 +1,117 @@
+"""Deep learners: which algorithm of Stable-Baselines3, and its settings."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+from curricle.checks import instance, whole_number
+from curricle.errors import SettingError
+
+LIBRARIES = ("stable_baselines3", "sb3_contrib")
+"""Where algorithms are looked for by name."""
+SAVES = 20
+"""Checkpoints to resume from that a run writes, by default, in all of its budget."""
+
+
+@dataclass(frozen=True)
+class DeepLearner:
+    """An algorithm of Stable-Baselines3, for tasks seen through observations.
+
+    Parameters
+    ----------
+    algorithm : str
+        Its name in ``stable_baselines3`` or ``sb3_contrib``, such as ``"DQN"``, ``"QRDQN"``,
+        ``"PPO"`` or ``"SAC"``, or one's own class as ``module:Class``.
+    policy : str
+        ``"MlpPolicy"``, ``"CnnPolicy"`` or ``"MultiInputPolicy"``.
+    envs : int
+        Environments played side by side. Steps are counted over all of them.
+    settings : dict
+        All else that the algorithm takes, such as ``learning_rate``, ``buffer_size`` or
+        ``policy_kwargs``. gamma is the task's discount.
+    callbacks : callable, optional
+        Returns the callbacks (``BaseCallback``) of one run, made anew for each seed.
+    progress_bar : bool
+        Whether Stable-Baselines3 shows its own.
+    threads : int
+        That torch may use; more than one pays for large networks only.
+
+    Raises
+    ------
+    SettingError
+        When a setting makes no sense.
+
+    Examples
+    --------
+    >>> DeepLearner("DQN", settings={"learning_rate": 5e-4})
+    DeepLearner(DQN, MlpPolicy, learning_rate=0.0005)
+    """
+
+    algorithm: str = "DQN"
+    policy: str = "MlpPolicy"
+    envs: int = 1
+    settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    callbacks: Callable[[], Sequence[Any]] | None = field(default=None, compare=False)
+    progress_bar: bool = field(default=False, compare=False)
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("algorithm", "policy"):
+            instance(f"{name} of a deep learner", getattr(self, name), str, SettingError)
+        for name in ("envs", "threads"):
+            whole_number(f"{name} of a deep learner", getattr(self, name), 1, SettingError)
+        instance("settings of a deep learner", self.settings, Mapping, SettingError)
+        taken = {"env", "policy", "seed", "gamma", "verbose"} & set(self.settings)
+        if taken - {"verbose"}:
+            raise SettingError(
+                "a deep learner's settings leave out what Curricle says itself: got "
+                f"{', '.join(sorted(taken - {'verbose'}))}"
+            )
+        object.__setattr__(self, "settings", dict(self.settings))
+
+    def __repr__(self) -> str:
+        said = [f"{name}={value!r}" for name, value in self.settings.items()]
+        envs = [f"envs={self.envs}"] if self.envs > 1 else []
+        return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *said])})"
+
+    def algorithm_class(self) -> Any:
+        """Return the algorithm's class.
+
+        Raises
+        ------
+        ImportError
+            When Stable-Baselines3 is not installed.
+        SettingError
+            When there is no such algorithm.
+        """
+        module, colon, name = self.algorithm.rpartition(":")
+        if colon:
+            return _own(module, name)
+        found = [library for library in LIBRARIES if _has(library)]
+        if "stable_baselines3" not in found:
+            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+        for library in found:
+            if hasattr(import_module(library), self.algorithm):
+                return getattr(import_module(library), self.algorithm)
+        raise SettingError(
+            f"an algorithm must be one of {' or '.join(LIBRARIES)} (looked in "
+            f"{', '.join(found)}), or module:Class: got {self.algorithm!r}"
+        )
+
+
+def _has(library: str) -> bool:
+    try:
+        import_module(library)
+    except ModuleNotFoundError:
+        return False
+    return True
+
+
+def _own(module: str, name: str) -> Any:
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise SettingError(
+            f"an algorithm as module:Class must be there: {module}:{name} failed, {error}"
+        ) from error

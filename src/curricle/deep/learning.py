@@ -1,0 +1,156 @@
+"""Training a task seen through observations over many seeds: :func:`learn_deep`."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, one_of
+from curricle.deep.learner import DeepLearner
+from curricle.errors import SettingError
+from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.gate import NO_GATE, Gate
+from curricle.learning.learn import How, charges, preludes
+from curricle.learning.result import LearningResult, learning_result
+from curricle.learning.run import Prelude
+from curricle.tasks.observed import ObservedTask
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.playing import longest_episode
+from curricle.transfer.values import ValueSource
+
+WAYS = ("initialise", "look_ahead", "state", "weights", "policy")
+
+
+def learn_deep(
+    task: ObservedTask,
+    learner: DeepLearner | None = None,
+    budget: Budget = 100_000,
+    *,
+    seeds: int | Sequence[int] = 1,
+    potential: ValueSource | Sequence[ValueSource] | None = None,
+    how: How = "initialise",
+    every: int | None = None,
+    evaluation: GreedyEvaluation | None = None,
+    stream: str = "",
+    before: Sequence[Prelude] | None = None,
+    charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
+    saves: str | Path | None = None,
+    progress: Callable[[int], Any] | None = None,
+) -> LearningResult:
+    """Return what a deep learner makes of a task, for each of several seeds, one after another.
+
+    Parameters
+    ----------
+    task : ObservedTask
+    learner : DeepLearner
+        Default DQN as Stable-Baselines3 sets it up.
+    budget : int, Episodes or Gate
+        As in :func:`learn`. A run ends at the very step, within a rollout if need be.
+    seeds : int or sequence of int
+        As in :func:`learn`: a seed's result depends on nothing but it, the stream and the settings
+        (and on torch's version and the machine, whose sums are rounded differently).
+    potential : ObservationPotential or other ValueSource, or K of them, optional
+    how : str
+        - ``"initialise"``, ``"look_ahead"``: Q(s, a) = phi(s, a) + residual(s, a), in all that a
+          network of DQN or QR-DQN is asked; the residual starts at 0 (Wiewiora 2003).
+        - ``"state"``: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
+        - ``"weights"``: the one source's network is where learning starts; no potential.
+        - ``"policy"``: what the sources would do, and not what they value. An off-policy learner
+          of numbered actions acts on it with a probability that falls from 1 to 0 over the first
+          half of the budget (Fernandez, Veloso 2006); others start with the source's actor.
+    every : int, optional
+        Steps between checkpoints of the curves; a hundredth of the budget by default.
+    evaluation : GreedyEvaluation, optional
+        By rollouts, 5 by default.
+    stream, before, charged
+        As in :func:`learn`.
+    saves : path, optional
+        A folder for checkpoints, from which a killed run goes on, to the same result: network,
+        optimizer, replay buffer, environments, generators.
+    progress : callable, optional
+        Called with each seed when it is done.
+
+    Returns
+    -------
+    LearningResult
+        Whose ``values`` are K :class:`NetworkValues`.
+
+    Raises
+    ------
+    SettingError
+        When an argument makes no sense; nothing has run then.
+    ImportError
+        When Stable-Baselines3 is not installed.
+
+    Examples
+    --------
+    >>> from curricle import observed
+    >>> learner = DeepLearner("DQN", settings={"learning_starts": 50})
+    >>> result = learn_deep(observed("CartPole-v1"), learner, 200, seeds=[3], every=100)
+    >>> result.steps, result.steps_used, result.values[0].of_actions
+    (array([  0, 100, 200]), array([200]), True)
+    """
+    learner = DeepLearner() if learner is None else learner
+    instance("a task for a deep learner", task, ObservedTask, SettingError)
+    instance("learner", learner, DeepLearner, SettingError)
+    numbers = seed_tuple(seeds)
+    steps, episodes = limits(budget)
+    every = spacing(every, budget)
+    evaluation = GreedyEvaluation() if evaluation is None else evaluation
+    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
+    longest = longest_run(task.longest, budget, every)
+    learner.algorithm_class()
+    phis = _potentials(task, potential, how, len(numbers))
+    spent = charges(charged, len(numbers), steps)
+    acted = preludes(before, spent, steps, episodes)
+    gate = NO_GATE
+    if isinstance(budget, Gate):
+        if budget.fraction is not None:
+            raise SettingError(
+                "a fraction of the optimum needs a task that can be solved: got "
+                f"{budget.fraction:g} of {task!r}; give the gate a value"
+            )
+        gate = budget.rule()
+    if evaluation.method != "off":
+        longest_episode(task, discounted=evaluation.discounted)
+    from curricle.deep.training import DeepRun
+
+    run = DeepRun(task, learner, how, steps, episodes, every, longest, evaluation, gate, stream)
+    done = []
+    for k, seed in enumerate(numbers):
+        place = None if saves is None else Path(saves) / f"seed-{seed}.checkpoint"
+        done.append(run.train(seed, phis[k], acted[k], spent[k], place))
+        if progress is not None:
+            progress(seed)
+    values = tuple(outcome.values for outcome in done)
+    return learning_result(task, learner, numbers, values, done, every)  # type: ignore[arg-type]
+
+
+def _potentials(
+    task: ObservedTask, given: Any, how: How, n_seeds: int
+) -> list[ObservationPotential | None]:
+    """Return the potential of each seed, checked against the task and the way."""
+    one_of("how of a deep learner", how, WAYS, SettingError)
+    if given is None:
+        return [None] * n_seeds
+    each = list(given) if isinstance(given, Sequence) else [given] * n_seeds
+    if len(each) != n_seeds:
+        raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
+    found = list[ObservationPotential | None]()
+    for one in each:
+        if not isinstance(one, ObservationPotential):
+            one = ObservationPotential.of(task, one)
+        if one.task != task:
+            raise SettingError(
+                f"a potential must be made for the task it shapes: it belongs to {one.task}"
+            )
+        if how in ("initialise", "look_ahead") and not one.of_actions:
+            raise SettingError(
+                f"how={how!r} needs a potential that tells numbered actions apart; "
+                "how='state' does not"
+            )
+        found.append(one)
+    return found

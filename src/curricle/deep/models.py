@@ -1,0 +1,121 @@
+"""From a deep learner and a potential to a model of Stable-Baselines3."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+
+from curricle.deep.learner import DeepLearner
+from curricle.deep.networks import NetworkValues
+from curricle.deep.residual import residual_policy
+from curricle.deep.reuse import reusing
+from curricle.deep.shaped import ShapedVecEnv
+from curricle.errors import SettingError
+from curricle.learning.learn import How
+from curricle.tasks.observed import ObservedTask
+from curricle.transfer.observed_potential import ObservationPotential
+
+RESIDUAL = ("initialise", "look_ahead")
+"""Ways in that are one for a network: phi is computed with it."""
+WARM = ("weights", "policy")
+"""Ways that carry over a network, or what it does, and no potential."""
+WAYS = (*RESIDUAL, "state", *WARM)
+VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
+"""What of an actor-critic's parameters is the critic's."""
+
+
+def model_for(
+    task: ObservedTask,
+    learner: DeepLearner,
+    how: How = "initialise",
+    potential: ObservationPotential | None = None,
+    *,
+    seed: int = 0,
+    steps: int | None = None,
+) -> Any:
+    """Return a model, ready to learn, with all that a potential does to it.
+
+    Parameters
+    ----------
+    task : ObservedTask
+    learner : DeepLearner
+    how : str
+        As :func:`learn_deep` says.
+    potential : ObservationPotential, optional
+    seed : int
+        Below 2^32.
+    steps : int, optional
+        That will be learnt; a replay buffer need not be larger.
+
+    Raises
+    ------
+    SettingError
+        When the algorithm does not take a setting, or cannot be taught in this way.
+
+    Examples
+    --------
+    >>> from curricle import observed
+    >>> model = model_for(observed("CartPole-v1", discount=0.9), DeepLearner("PPO"))
+    >>> type(model).__name__, model.gamma
+    ('PPO', 0.9)
+    """
+    algorithm = learner.algorithm_class()
+    settings = dict(learner.settings)
+    _check_settings(learner, algorithm, settings)
+    policy: Any = learner.policy
+    if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
+        whole = settings.get("buffer_size", 1_000_000)
+        settings["buffer_size"] = max(min(whole, steps), learner.envs)
+    guided = False
+    if potential is not None and how in RESIDUAL:
+        policy = residual_policy(algorithm, learner.policy)
+        given = settings.get("policy_kwargs") or {}
+        settings["policy_kwargs"] = {**given, "potential": potential}
+    elif potential is not None and how == "policy" and "buffer_size" in settings:
+        guided = potential.of_actions
+        algorithm = reusing(algorithm) if guided else algorithm
+    venv: VecEnv = DummyVecEnv([lambda: Monitor(task.environment())] * learner.envs)
+    if potential is not None and how == "state":
+        venv = ShapedVecEnv(venv, potential)
+    model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
+    if guided:
+        model.guide = potential
+    elif potential is not None and how in WARM:
+        _carry_over(model, potential, everything=how == "weights")
+    return model
+
+
+def _check_settings(learner: DeepLearner, algorithm: Any, settings: Mapping[str, Any]) -> None:
+    known = inspect.signature(algorithm).parameters
+    for name in settings:
+        if name not in known:
+            raise SettingError(
+                f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
+            )
+
+
+def _carry_over(model: Any, potential: ObservationPotential, *, everything: bool) -> None:
+    """Load the parameters of the one source, or those of its actor, into a model."""
+    (source, *others) = potential.values
+    if others or not isinstance(source, NetworkValues):
+        raise SettingError(
+            "weights are carried over from one source that is a network: got "
+            f"{', '.join(type(each).__name__ for each in potential.values)}"
+        )
+    if hasattr(source.policy, "potential"):
+        raise SettingError(
+            "weights are carried over from a network that says all itself: got a residual on a "
+            "potential"
+        )
+    mine, theirs = model.policy.state_dict(), source.policy.state_dict()
+    names = [n for n in theirs if everything or not n.startswith((*VALUE_HEAD, "critic"))]
+    for name in names:
+        if name not in mine or mine[name].shape != theirs[name].shape:
+            here = tuple(mine[name].shape) if name in mine else "nothing"
+            raise SettingError(
+                "weights are carried over between networks of one shape: "
+                f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"
+            )
+    model.policy.load_state_dict({**mine, **{name: theirs[name] for name in names}})

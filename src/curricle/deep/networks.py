@@ -1,0 +1,130 @@
+"""What trained networks value."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from curricle.errors import PotentialError
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.values import no_actions
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class NetworkValues:
+    """What a policy of Stable-Baselines3 values, in its task's own rewards.
+
+    - DQN: Q(s, a) of its network, phi included where it is a residual; QR-DQN: the mean of the
+      quantiles. V(s) = max_a Q(s, a).
+    - PPO, A2C and their like: V(s) of the value head; actions are not told apart.
+    - SAC, TD3, DDPG: Q(s, a) is the least of the critics', V(s) that of what the actor does.
+
+    Parameters
+    ----------
+    policy : stable_baselines3.common.policies.BasePolicy
+        ``model.policy`` of a model.
+    taken_off : ObservationPotential, optional
+        The Phi that shaped its rewards. What is learnt then is Q - Phi, and Phi is put back.
+
+    Raises
+    ------
+    PotentialError
+        When the policy values nothing.
+
+    Examples
+    --------
+    >>> from stable_baselines3 import DQN
+    >>> values = NetworkValues(DQN("MlpPolicy", "MountainCar-v0").policy)
+    >>> cars = np.zeros((5, 2), dtype=np.float32)
+    >>> values.q(cars, np.zeros(5, dtype=int)).shape, values.v(cars).shape, values.of_actions
+    ((5,), (5,), True)
+    """
+
+    def __init__(self, policy: Any, taken_off: ObservationPotential | None = None):
+        self.policy, self.taken_off = policy, taken_off
+        kinds = ("q_net", "quantile_net", "value_net", "critic")
+        found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
+        if not found:
+            raise PotentialError(
+                f"a source's policy must value something ({', '.join(kinds)}): got a "
+                f"{type(policy).__name__}"
+            )
+        self.kind = found[0]
+
+    @property
+    def of_actions(self) -> bool:
+        """Whether actions are numbered and told apart."""
+        return self.kind in ("q_net", "quantile_net")
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return Q(s, a), of the shape of `actions`; of SAC's kind for one action each."""
+        if self.kind == "value_net":
+            raise no_actions(self)
+        with torch.no_grad():
+            seen = self._seen(observations)
+            if self.of_actions:
+                pairs, chosen = self._pairs(seen), np.asarray(actions)
+                columns = chosen if chosen.ndim == 2 else chosen[:, None]
+                found = np.take_along_axis(pairs, columns, axis=1)
+                found = found if chosen.ndim == 2 else found[:, 0]
+            else:
+                scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
+                found = self._critics(seen, torch.as_tensor(scaled, device=self.policy.device))
+        return self._put_back(found, observations)
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return V(s), (n,) float64."""
+        with torch.no_grad():
+            seen = self._seen(observations)
+            if self.of_actions:
+                found = self._pairs(seen).max(axis=1)
+            elif self.kind == "value_net":
+                found = _array(self.policy.predict_values(seen))[:, 0]
+            else:
+                acted = self.policy._predict(seen, deterministic=True)
+                found = self._critics(seen, acted)
+        return self._put_back(found, observations)
+
+    def act(self, observations: Any) -> npt.NDArray[Any]:
+        """Return the action taken in each of n observations, without exploring."""
+        actions, _ = self.policy.predict(observations, deterministic=True)
+        return np.asarray(actions)
+
+    def parameters(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the policy's parameters by name, as plain arrays."""
+        return {name: _raw(value) for name, value in self.policy.state_dict().items()}
+
+    def load(self, parameters: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take over parameters, as :meth:`parameters` returned them."""
+        tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
+        self.policy.load_state_dict(tensors)
+
+    def _seen(self, observations: Any) -> Any:
+        self.policy.set_training_mode(False)
+        return self.policy.obs_to_tensor(observations)[0]
+
+    def _pairs(self, seen: Any) -> FloatArray:
+        """Return Q of every action, (n, A)."""
+        if self.kind == "q_net":
+            return _array(self.policy.q_net(seen))
+        return _array(self.policy.quantile_net(seen).mean(dim=1))
+
+    def _critics(self, seen: Any, actions: Any) -> FloatArray:
+        return _array(torch.cat(self.policy.critic(seen, actions), dim=1).min(dim=1).values)
+
+    def _put_back(self, found: FloatArray, observations: Any) -> FloatArray:
+        if self.taken_off is None:
+            return found
+        phi = self.taken_off.v(observations)
+        return found + (phi[:, None] if found.ndim == 2 else phi)
+
+
+def _array(tensor: Any) -> FloatArray:
+    return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
+
+
+def _raw(tensor: Any) -> npt.NDArray[Any]:
+    return np.asarray(tensor.detach().cpu().numpy().copy())

@@ -1,0 +1,213 @@
+"""Training one seed of a deep learner: what is written down, when it ends, how it is resumed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from curricle.deep import checkpoint
+from curricle.deep.learner import SAVES, DeepLearner
+from curricle.deep.models import model_for
+from curricle.deep.networks import NetworkValues
+from curricle.errors import SettingError
+from curricle.learning.evaluation import GreedyEvaluation
+from curricle.learning.gate import GateRule, opens
+from curricle.learning.kernels import Record
+from curricle.learning.learn import How
+from curricle.learning.run import NO_PRELUDE, Outcome, Prelude, stream_start
+from curricle.tasks.draws import scramble_number
+from curricle.tasks.observed import ObservedTask
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.playing import mean_return, stage_for
+
+
+class DeepRun(NamedTuple):
+    """How each seed is trained."""
+
+    task: ObservedTask
+    learner: DeepLearner
+    how: How
+    steps: int
+    episodes: int
+    every: int
+    longest: int
+    evaluation: GreedyEvaluation
+    gate: GateRule
+    stream: str
+
+    def train(
+        self,
+        seed: int,
+        potential: ObservationPotential | None,
+        before: Prelude = NO_PRELUDE,
+        charged: int = 0,
+        saves: Path | None = None,
+    ) -> Outcome:
+        """Return what one seed learns; a file `saves` is resumed from, and kept up to date."""
+        start = stream_start(seed, self.stream)
+        words = f"{self.task}, {self.learner}, {self.how}, {self.steps} steps, {start:x}"
+        left = self.steps - charged - before.steps
+        with checkpoint.apart(self.learner.threads):
+            saved = None if saves is None else checkpoint.load(saves, words)
+            if saved is None:
+                small = scramble_number(start) >> 33
+                model = model_for(
+                    self.task, self.learner, self.how, potential, seed=small, steps=left
+                )
+                progress = Progress.begun(self, before)
+            else:
+                model, progress = checkpoint.restored(saved), saved.progress
+            values = NetworkValues(model.policy, potential if self.how == "state" else None)
+            scribe = Scribe(self, progress, values, self.steps - charged, start)
+            if saves is not None:
+                scribe.keep(saves, words)
+            if not progress.over:
+                self._learn(model, scribe, left, fresh=saved is None)
+            scribe.close()
+        return Outcome(progress.record, values, progress.steps, progress.episodes, False)  # type: ignore[arg-type]
+
+    def _learn(self, model: Any, scribe: "Scribe", left: int, *, fresh: bool) -> None:
+        if model.env is None:  # it could not be saved: a new episode begins
+            other = model_for(self.task, self.learner, seed=scribe.start >> 33, steps=1)
+            other.env.seed(scramble_number(scribe.start ^ model.num_timesteps) >> 33)
+            model.set_env(other.env, force_reset=True)
+        rollout = getattr(model, "n_steps", 1) * model.n_envs
+        if rollout > left and hasattr(model, "rollout_buffer"):
+            raise SettingError(
+                f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
+                f"{rollout:,} steps are more than {left:,}"
+            )
+        own = [] if self.learner.callbacks is None else list(self.learner.callbacks())
+        model.learn(
+            left - model.num_timesteps,
+            callback=[scribe, *own],
+            reset_num_timesteps=fresh,
+            progress_bar=self.learner.progress_bar,
+        )
+        scribe.end()
+
+
+@dataclass
+class Progress:
+    """What a run has written down so far."""
+
+    record: Record
+    before: int
+    """Steps spent before learning."""
+    steps: int
+    episodes: int
+    checkpoint: int
+    """The next to be written."""
+    returns: list[float] = field(default_factory=list)
+    """Of the episodes ended since the last."""
+    begun_learning: bool = False
+    over: bool = False
+
+    @classmethod
+    def begun(cls, run: DeepRun, before: Prelude) -> "Progress":
+        """Return what is written down at the start."""
+        size = run.longest // run.every + 1
+        returns, greedy, trust = np.full((3, size), np.nan)
+        no_frames = np.zeros(0, np.int64), np.zeros((0, 0, 0), np.float32)
+        record = Record(returns, greedy, trust, np.zeros(size, np.int64), *no_frames)
+        spent = before.note(record, run.every)
+        since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
+        first = -(-spent.steps // run.every)
+        return cls(record, spent.steps, spent.steps, spent.episodes, first, since)
+
+
+class Scribe(BaseCallback):
+    """Writes down a run's curves, ends it when its budget is spent, and saves it on the way."""
+
+    def __init__(
+        self, run: DeepRun, progress: Progress, values: NetworkValues, most: int, start: int
+    ):
+        super().__init__()
+        self.run, self.progress, self.values = run, progress, values
+        self.most, self.start = most, start
+        off = run.evaluation.method == "off"
+        self._stage = None if off else stage_for(run.task, run.evaluation)
+        self._saves: tuple[Path, str] | None = None
+        self._saved_at = progress.steps
+
+    def keep(self, path: Path, words: str) -> None:
+        """Save the run on the way, and when it is over."""
+        self._saves = path, words
+
+    def _on_training_start(self) -> None:
+        progress = self.progress
+        if not progress.begun_learning:
+            greedy = self._judged(0)
+            progress.record.greedy_return[: progress.checkpoint] = greedy
+            if progress.checkpoint == 0:
+                self._write(greedy)
+            progress.begun_learning = True
+
+    def _on_rollout_start(self) -> None:
+        if self._saves is None:
+            return
+        if self.progress.steps - self._saved_at >= max(1, self.run.longest // SAVES):
+            self._save()
+
+    def _on_step(self) -> bool:
+        progress = self.progress
+        progress.steps = progress.before + self.num_timesteps
+        self._count(self.locals["infos"])
+        spent = progress.steps >= self.most or progress.episodes >= self.run.episodes
+        while progress.checkpoint * self.run.every <= progress.steps:
+            if progress.checkpoint >= len(progress.record.greedy_return):
+                break
+            if self._write(self._judged(progress.checkpoint)):
+                return False
+        return not spent
+
+    def _count(self, infos: Sequence[dict[str, Any]]) -> None:
+        for info in infos:
+            ended = info.get("episode")
+            if ended is not None:
+                self.progress.episodes += 1
+                self.progress.returns.append(float(ended["r"]))
+
+    def _judged(self, number: int) -> float:
+        """Return the greedy policy's mean return at a checkpoint; NaN where it is not judged."""
+        if self._stage is None:
+            return float("nan")
+        seed = scramble_number(self.start ^ (number + 1))
+        episodes = self._stage.play(self._greedy, seed)
+        weight = self.run.task.discount if self.run.evaluation.discounted else 1.0
+        return mean_return(episodes, weight)
+
+    def _greedy(self, observations: Any) -> tuple[Any, Any]:
+        actions = self.values.act(observations)
+        return actions, np.zeros(len(actions))
+
+    def _write(self, greedy: float) -> bool:
+        """Write a checkpoint and return whether the gate opens there."""
+        progress, record = self.progress, self.progress.record
+        here = progress.checkpoint
+        record.greedy_return[here] = greedy
+        record.episodes[here] = progress.episodes
+        if progress.returns:
+            record.training_return[here] = np.mean(progress.returns)
+            progress.returns.clear()
+        progress.checkpoint += 1
+        return bool(opens(self.run.gate, record.greedy_return, here, here * self.run.every))
+
+    def end(self) -> None:
+        """Note that the run is over."""
+        self.progress.over = True
+        if self._saves is not None:
+            self._save()
+
+    def close(self) -> None:
+        """Close the environments in which the policy was judged."""
+        if self._stage is not None:
+            self._stage.close()
+
+    def _save(self) -> None:
+        assert self._saves is not None
+        checkpoint.save(*self._saves, self.model, self.progress)
+        self._saved_at = self.progress.steps

@@ -1,0 +1,207 @@
+"""Playing tasks seen through observations: episodes side by side, one call of the policy a step."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector.utils import concatenate, create_empty_array
+
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.learning.evaluation import LIVE_EPISODES, NEGLIGIBLE, GreedyEvaluation
+from curricle.learning.following import MOST_STEPS, Followed
+from curricle.learning.run import stream_start
+from curricle.tasks.draws import scramble_number
+from curricle.tasks.observed import ObservedTask
+from curricle.tasks.spaces import frozen
+from curricle.transfer.observed_potential import ObservationPotential
+
+FloatArray = npt.NDArray[np.float64]
+Act = Callable[[Any], tuple[Any, Any]]
+"""n stacked observations -> their actions, and a number noted down for each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode of T steps.
+
+    Attributes
+    ----------
+    rewards, noted : (T,) float64
+    ended : bool
+        Whether it reached an end, instead of being cut off.
+    last : observation
+        The one it ended in.
+    seen : list of T observations
+        Those acted in.
+    """
+
+    rewards: FloatArray
+    noted: FloatArray
+    ended: bool
+    last: Any
+    seen: list[Any]
+
+
+class Stage:
+    """Environments of a task in which episodes are played side by side.
+
+    Parameters
+    ----------
+    task : ObservedTask
+    episodes : int
+        How many, E.
+    longest : int
+        Steps after which an episode is cut off in any case.
+
+    Examples
+    --------
+    >>> from curricle import observed
+    >>> stage = Stage(observed("MountainCar-v0"), episodes=2, longest=200)
+    >>> left = stage.play(lambda cars: (np.zeros(len(cars), dtype=int), cars[:, 0]), seed=0)
+    >>> [episode.rewards.sum() for episode in left], left[0].ended
+    ([-200.0, -200.0], False)
+    """
+
+    def __init__(self, task: ObservedTask, episodes: int, longest: int):
+        self.task, self.longest = task, longest
+        self.environments = [task.environment() for _ in range(episodes)]
+
+    def play(self, act: Act, seed: int) -> list[Episode]:
+        """Return the episodes that a policy plays; `seed` decides where each begins."""
+        space, n = self.task.observations, len(self.environments)
+        here = [
+            environment.reset(seed=scramble_number(seed ^ k) >> 33)[0]
+            for k, environment in enumerate(self.environments)
+        ]
+        rewards, noted, seen = ([list[Any]() for _ in range(n)] for _ in range(3))
+        ended, going = [False] * n, list(range(n))
+        for _ in range(self.longest):
+            rows = [here[k] for k in going]
+            room: Any = create_empty_array(space, len(rows))
+            stacked = concatenate(space, rows, room)
+            actions, notes = act(stacked)
+            left = []
+            for k, row, action, note in zip(going, rows, actions, notes, strict=True):
+                here[k], reward, ended[k], cut, _ = self.environments[k].step(action)
+                rewards[k].append(float(reward))
+                noted[k].append(note)
+                seen[k].append(row)
+                if not (ended[k] or cut):
+                    left.append(k)
+            going = left
+            if not going:
+                break
+        parts = zip(rewards, noted, ended, here, seen, strict=True)
+        return [Episode(np.array(r), np.array(p, float), *others) for r, p, *others in parts]
+
+    def close(self) -> None:
+        """Close the environments."""
+        for environment in self.environments:
+            environment.close()
+
+
+def longest_episode(task: ObservedTask, *, discounted: bool = True) -> int:
+    """Return the steps after which an episode is cut off, or adds nothing to speak of.
+
+    Examples
+    --------
+    >>> from curricle import observed
+    >>> longest_episode(observed("MountainCar-v0"))
+    200
+    """
+    if task.longest is not None:
+        return task.longest
+    if not discounted or task.discount == 1:
+        raise SettingError(f"undiscounted returns need a task with a time limit: {task} has none")
+    return int(np.ceil(np.log(NEGLIGIBLE) / np.log(max(task.discount, NEGLIGIBLE))))
+
+
+def stage_for(task: ObservedTask, evaluation: GreedyEvaluation) -> Stage:
+    """Return where the policies of a task are judged; SettingError if it cannot be done exactly."""
+    if evaluation.method == "exact":
+        raise SettingError("a task seen through observations is judged by rollouts: got 'exact'")
+    longest = longest_episode(task, discounted=evaluation.discounted)
+    return Stage(task, evaluation.episodes or LIVE_EPISODES, longest)
+
+
+def mean_return(episodes: list[Episode], discount: float) -> float:
+    """Return the mean over episodes of their discounted sums of rewards."""
+    sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
+    return float(np.mean(sums))
+
+
+def follow_observed(
+    potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+) -> Followed:
+    """Return what the greedy policy of a potential met in its task, as :func:`follow` does.
+
+    ``states`` and ``actions`` are empty: there are no numbers of states.
+
+    Parameters
+    ----------
+    potential : ObservationPotential
+        That tells actions apart.
+    episodes, seed, stream
+        As in :func:`follow`.
+
+    Examples
+    --------
+    >>> from curricle import FunctionValues, observed
+    >>> car = observed("MountainCar-v0")
+    >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
+    >>> met = follow_observed(ObservationPotential.of(car, along), episodes=3)
+    >>> met.ended, met.returns.max() > -200
+    (array([ True,  True,  True]), True)
+    """
+    task = potential.task
+    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
+    longest = longest_episode(task)
+    if episodes * longest > MOST_STEPS:
+        raise SettingError(
+            f"following {episodes:,} episodes of up to {longest:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
+        )
+
+    def act(observations: Any) -> tuple[Any, Any]:
+        pairs = potential.pairs(observations)
+        actions = pairs.argmax(axis=1)
+        return actions, pairs[np.arange(len(pairs)), actions]
+
+    stage = Stage(task, episodes, longest)
+    met = stage.play(act, stream_start(seed, stream))
+    stage.close()
+    outlook = [_outlook(episode, potential) for episode in met]
+    earned, tail, beyond = (np.concatenate(each) for each in zip(*outlook, strict=True))
+    rewards = np.concatenate([episode.rewards for episode in met])
+    none = frozen(np.zeros(0, np.int64))
+    return Followed(
+        states=none,
+        actions=none,
+        promised=frozen(np.concatenate([episode.noted for episode in met])),
+        earned=frozen(earned),
+        tail=frozen(tail),
+        beyond=frozen(beyond),
+        lengths=frozen(np.array([len(episode.rewards) for episode in met])),
+        ended=frozen(np.array([episode.ended for episode in met])),
+        returns=frozen(np.array([episode.rewards.sum() for episode in met])),
+        one_reward=bool((rewards == rewards[0]).all()),
+    )
+
+
+def _outlook(
+    episode: Episode, potential: ObservationPotential
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return per step what was earned from it on, and what lies beyond a cut: weight and value."""
+    task, n = potential.task, len(episode.rewards)
+    earned, still = np.empty(n), 0.0
+    for t in range(n - 1, -1, -1):
+        still = episode.rewards[t] + task.discount * still
+        earned[t] = still
+    if episode.ended:
+        return earned, np.zeros(n), np.zeros(n)
+    one: Any = create_empty_array(task.observations, 1)
+    value = float(potential.v(concatenate(task.observations, [episode.last], one))[0])
+    return earned, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
