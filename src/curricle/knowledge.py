@@ -45,14 +45,11 @@ def source_potentials(
 
 def _values(edge: Transfer, result: LearningResult, *, deep: bool) -> list[Any]:
     """Return what each seed of a source valued, as its target reads it."""
-    if isinstance(result.values, np.ndarray):
-        return [TableValues(table) for table in result.values] if deep else result.values
-    if (
-        deep
-        and result.values is not None
-        and all(isinstance(v, ValueSource) for v in result.values)
-    ):
-        return list(result.values)
+    values: Any = result.values
+    if isinstance(values, np.ndarray):
+        return [TableValues(table) for table in values] if deep else [*values]
+    if deep and values is not None and all(isinstance(one, ValueSource) for one in values):
+        return [*values]
     raise CurriculumError(
         f"a source's values must be kept, in dense tables{' or networks' * deep}: those of "
         f"{edge.source!r}, which {edge.target!r} reads, are not (storage)"
