@@ -81,8 +81,9 @@ class ObservedTask:
         environment = self.make()
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
-        spec = environment.spec
-        limit = None if spec is None else spec.max_episode_steps
+        limit = None if environment.spec is None else environment.spec.max_episode_steps
+        if limit is None:  # an environment of Curricle's cuts its task's episodes itself
+            limit = getattr(getattr(environment.unwrapped, "task", None), "time_limit", None)
         spaces = environment.observation_space, environment.action_space
         environment.close()
         return (*spaces, limit if self.time_limit is None else self.time_limit)

@@ -1,0 +1,241 @@
+"""Training deep learners: curves, budgets, gates, ways in, and runs that are resumed."""
+
+import random
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.callbacks import BaseCallback
+
+import curricle as cr
+from curricle.deep import checkpoint, training
+
+from .worlds import one_hot, table_potential
+
+MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
+QUICK = {"learning_starts": 20, "train_freq": 4, "policy_kwargs": {"net_arch": [16]}}
+DQN = cr.DeepLearner("DQN", settings={**QUICK, "learning_rate": 1e-3})
+PPO = cr.DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
+
+
+@pytest.fixture(scope="module")
+def observed():
+    return one_hot(MAZE)
+
+
+def parts(values):
+    return [values.parameters()[name] for name in sorted(values.parameters())]
+
+
+def same(one, other):
+    curves = ("steps", "greedy_return", "training_return", "episodes", "steps_used")
+    assert all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in curves
+    )
+    for mine, yours in zip(one.values, other.values, strict=True):
+        pairs = zip(parts(mine), parts(yours), strict=True)
+        assert all(np.array_equal(a, b) for a, b in pairs)
+
+
+def test_curves_have_a_checkpoint_at_every_so_many_steps(observed):
+    result = cr.learn_deep(observed, DQN, 250, seeds=[4, 1], every=100)
+    assert result.steps.tolist() == [0, 100, 200]
+    assert result.greedy_return.shape == (2, 3)
+    assert np.isfinite(result.greedy_return).all()
+    assert result.steps_used.tolist() == [250, 250]
+    assert (np.diff(result.episodes) > 0).all()
+
+
+def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
+    torch.manual_seed(1)
+    before = checkpoint.generator_states()
+    alone = cr.learn_deep(observed, DQN, 200, seeds=[3])
+    after = checkpoint.generator_states()
+    assert random.getstate() == before[0]
+    assert torch.equal(before[2], after[2])
+    random.seed(5)
+    both = cr.learn_deep(observed, DQN, 200, seeds=[8, 3])
+    assert np.array_equal(alone.greedy_return[0], both.greedy_return[1])
+    for one, other in zip(parts(alone.values[0]), parts(both.values[1]), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
+    assert cr.learn_deep(observed, PPO, 150).steps_used.tolist() == [150]
+    counted = cr.learn_deep(observed, DQN, cr.Episodes(4))
+    assert counted.episodes_used.tolist() == [4]
+    assert counted.steps_used[0] <= 4 * 30
+
+
+def test_a_gate_opens_where_its_predicate_says(observed):
+    gate = cr.Gate(most=2000, value=-1e9, evaluations=2)
+    result = cr.learn_deep(observed, DQN, gate, every=50)
+    assert result.steps_used.tolist() == [50]
+    assert result.steps.tolist() == [0, 50]
+    with pytest.raises(cr.SettingError, match="give the gate a value"):
+        cr.learn_deep(observed, DQN, cr.Gate(most=2000, fraction=0.5))
+
+
+def test_charges_and_preludes_are_on_the_budget(observed):
+    prelude = cr.Prelude(np.array([30, 25]), np.array([-30.0, -15.0]))
+    result = cr.learn_deep(observed, DQN, 300, every=50, before=[prelude], charged=[100])
+    assert result.steps_used.tolist() == [200]
+    assert result.training_return[0, 1] == -30.0
+    assert np.isfinite(result.greedy_return[0, :5]).all()
+    assert result.greedy_return[0, 0] == result.greedy_return[0, 1]
+
+
+@pytest.mark.parametrize(("learner", "how"), [(DQN, "initialise"), (DQN, "state"), (PPO, "state")])
+@pytest.mark.parametrize("kills", [1, 4])
+def test_a_killed_run_goes_on_to_the_same_result(
+    observed, tmp_path, monkeypatch, learner, how, kills
+):
+    phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values / 2)
+    settings = {"potential": phi, "how": how, "every": 100, "seeds": [2]}
+    whole = cr.learn_deep(observed, learner, 400, **settings)
+    saved, save = [], training.Scribe._save
+
+    def killed(scribe):
+        save(scribe)
+        saved.append(scribe.progress.steps)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.Scribe, "_save", killed)
+    for _ in range(kills):
+        with pytest.raises(KeyboardInterrupt):
+            cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
+    monkeypatch.setattr(training.Scribe, "_save", save)
+    assert 0 < saved[0] < 400
+    assert saved == sorted(set(saved))
+    same(whole, cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
+    same(whole, cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
+
+
+def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
+    cr.learn_deep(observed, DQN, 100, saves=tmp_path)
+    with pytest.raises(cr.StoreError, match="belongs to one training"):
+        cr.learn_deep(observed, DQN, 200, saves=tmp_path)
+    (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
+    with pytest.raises(cr.StoreError, match="one that curricle wrote"):
+        cr.learn_deep(observed, DQN, 100, saves=tmp_path)
+
+
+def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch):
+    class Shy(cr.TaskEnvironment):
+        def __reduce__(self):
+            raise TypeError("this environment cannot be pickled")
+
+    task = cr.ObservedTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
+    save = training.Scribe._save
+
+    def killed(scribe):
+        save(scribe)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.Scribe, "_save", killed)
+    with pytest.raises(KeyboardInterrupt):
+        cr.learn_deep(task, DQN, 200, saves=tmp_path)
+    monkeypatch.setattr(training.Scribe, "_save", save)
+    result = cr.learn_deep(task, DQN, 200, saves=tmp_path)
+    assert result.steps_used.tolist() == [200]
+    assert np.isfinite(result.greedy_return).all()
+
+
+def test_ones_own_callbacks_are_called_and_may_end_a_run(observed):
+    class Until(BaseCallback):
+        def _on_step(self):
+            return self.num_timesteps < 120
+
+    learner = cr.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Until()])
+    result = cr.learn_deep(observed, learner, 300, seeds=2)
+    assert result.steps_used.tolist() == [120, 120]
+
+
+def test_weights_and_a_policy_are_carried_over(observed):
+    source = cr.learn_deep(observed, DQN, 300).values[0]
+    still = {**QUICK, "learning_starts": 10_000}
+    learner = cr.DeepLearner("DQN", settings=still)
+    carried = cr.learn_deep(observed, learner, 50, potential=source, how="weights").values[0]
+    for one, other in zip(parts(source), parts(carried), strict=True):
+        assert np.array_equal(one, other)
+    critic = cr.learn_deep(observed, PPO, 100).values[0]
+    actor = cr.learn_deep(observed, PPO, 64, potential=critic, how="policy", seeds=[9]).values[0]
+    rows = np.eye(MAZE.states.size, dtype=np.float32)
+    assert not np.array_equal(actor.v(rows), critic.v(rows))
+    smaller = cr.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
+    with pytest.raises(cr.SettingError, match="networks of one shape"):
+        cr.learn_deep(observed, smaller, 50, potential=source, how="weights")
+    table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
+    with pytest.raises(cr.SettingError, match="one source that is a network"):
+        cr.learn_deep(observed, DQN, 50, potential=table, how="weights")
+
+
+def test_a_reused_policy_is_acted_on_at_first(observed):
+    phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
+    lazy = cr.DeepLearner("DQN", settings={**QUICK, "learning_starts": 10_000})
+    plain, reusing = (
+        cr.learn_deep(observed, lazy, 400, every=100, potential=given, how="policy")
+        for given in (None, phi)
+    )
+    assert reusing.training_return[0, 1] > plain.training_return[0, 1]
+    assert np.array_equal(plain.greedy_return[:, 0], reusing.greedy_return[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
+        ({"how": "look_back"}, "how of a deep learner must be one of"),
+        ({"learner": cr.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
+        ({"learner": cr.DeepLearner("DNQ")}, "an algorithm must be one of"),
+        ({"learner": cr.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
+        ({"evaluation": cr.GreedyEvaluation("exact")}, "judged by rollouts"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(observed, arguments, words):
+    with pytest.raises(cr.SettingError, match=words):
+        cr.learn_deep(observed, **{"budget": 100, **arguments})
+
+
+def test_networks_say_what_they_value(observed):
+    rows = np.eye(MAZE.states.size, dtype=np.float32)
+    actions = np.tile(np.arange(4), (len(rows), 1))
+    q = cr.learn_deep(observed, DQN, 100).values[0]
+    assert q.q(rows, actions).max(axis=1) == pytest.approx(q.v(rows))
+    assert q.q(rows, actions[:, 2]) == pytest.approx(q.q(rows, actions)[:, 2])
+    critic = cr.learn_deep(observed, PPO, 100).values[0]
+    assert critic.v(rows).shape == (len(rows),)
+    with pytest.raises(cr.PotentialError, match="cannot tell actions apart"):
+        critic.q(rows, actions)
+    soft = cr.DeepLearner("SAC", settings={"learning_starts": 20})
+    swing = cr.observed("Pendulum-v1", time_limit=20)
+    values = cr.learn_deep(swing, soft, 40).values[0]
+    seen = np.zeros((3, 3), dtype=np.float32)
+    assert values.q(seen, np.zeros((3, 1))).shape == values.v(seen).shape == (3,)
+    assert not values.of_actions
+
+
+def test_what_shaping_took_off_is_put_back(observed):
+    phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
+    result = cr.learn_deep(observed, DQN, 60, potential=phi, how="state")
+    (values,) = result.values
+    rows = np.eye(MAZE.states.size, dtype=np.float32)
+    bare = cr.NetworkValues(values.policy)
+    assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
+
+
+def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
+    edge = cr.Transfer(
+        "maze", "deep", cr.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1)),
+        calibrate=cr.Calibrate(episodes=20),
+    )  # fmt: skip
+    plan = cr.Curriculum(
+        {"maze": MAZE, "deep": observed}, [edge],
+        learner={"deep": DQN}, budget={"maze": 5000, "deep": 600},
+    )  # fmt: skip
+    result = plan.train(seeds=1)
+    (fitted,) = result.calibrations["deep"]
+    assert not fitted.refusal
+    assert fitted.steps > 0
+    assert result["deep"].steps_used.tolist() == [600]
+    assert result.source_steps("deep").tolist() == [5000]

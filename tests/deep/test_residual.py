@@ -1,0 +1,201 @@
+"""A network phi + residual is Q-learning started at phi; terminal and cut-off steps are right."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import BaseCallback
+
+import curricle as cr
+from curricle.deep.models import model_for
+from curricle.deep.networks import NetworkValues
+from curricle.deep.residual import ResidualMlpPolicy, residual_policy
+
+from .worlds import one_hot, random_task, table_potential
+
+SGD = {"optimizer_class": torch.optim.SGD, "net_arch": []}
+RATE = 0.25
+
+
+def linear(observed, potential=None, **changed):
+    """Return a DQN whose network is a table: linear, without bias, a plain gradient step each."""
+    settings = {
+        "learning_rate": RATE, "buffer_size": 1, "batch_size": 1, "learning_starts": 0,
+        "train_freq": 1, "target_update_interval": 1, "exploration_fraction": 1.0,
+        "exploration_final_eps": 0.5, "policy_kwargs": SGD, **changed,
+    }  # fmt: skip
+    learner = cr.DeepLearner("DQN", settings=settings)
+    model = model_for(observed, learner, potential=potential, seed=3)
+    for net in (model.q_net, model.q_net_target):
+        torch.nn.init.zeros_(net.q_net[0].weight)
+        torch.nn.init.zeros_(net.q_net[0].bias)
+        net.q_net[0].bias.requires_grad_(requires_grad=False)
+    return model
+
+
+class Steps(BaseCallback):
+    """Keeps every transition, as the environment told it."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+
+    def _on_step(self):
+        told = self.locals
+        (info,), (done,) = told["infos"], told["dones"]
+        cut = info.get("TimeLimit.truncated", False)
+        after = info["terminal_observation"] if done else told["new_obs"][0]
+        state = int(self.model._last_obs[0].argmax())
+        action, reward = int(told["actions"][0]), float(told["rewards"][0])
+        self.seen.append((state, action, reward, int(after.argmax()), bool(done and not cut)))
+        return True
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_linear_network_learns_what_the_table_started_at_phi_learns(seed):
+    rng = np.random.default_rng(seed)
+    task = random_task(rng)
+    observed = one_hot(task)
+    phi = np.where(task.terminal[:, None], 0.0, 0.1 * rng.normal(size=(5, 3)))
+    model, steps = linear(observed, table_potential(task, observed, phi)), Steps()
+    model.learn(400, callback=steps)
+    assert {ended for *_, ended in steps.seen} == {False, True}
+    q = phi.copy()
+    for state, action, reward, after, ended in steps.seen:
+        target = reward + (0.0 if ended else task.discount * q[after].max())
+        q[state, action] += RATE * (target - q[state, action])
+    states = np.flatnonzero(~task.terminal)
+    found = NetworkValues(model.policy).q(np.eye(5, dtype=np.float32), np.tile(range(3), (5, 1)))
+    assert found[states] == pytest.approx(q[states], abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cut_off_steps_are_bootstrapped_through_phi_and_ended_ones_are_not(seed):
+    rng = np.random.default_rng(100 + seed)
+    task = random_task(rng, time_limit=3)
+    observed = one_hot(task)
+    phi = rng.normal(size=(5, 3))
+    model, steps = linear(observed, table_potential(task, observed, phi), buffer_size=300), Steps()
+    model.learning_rate, model.lr_schedule = 0.0, lambda _: 0.0
+    model.learn(200, callback=steps)
+    buffer = model.replay_buffer
+    for k, (state, action, reward, after, ended) in enumerate(steps.seen):
+        there = buffer.next_observations[k, 0].argmax()
+        done = buffer.dones[k, 0] * (1 - buffer.timeouts[k, 0])
+        here = int(buffer.observations[k, 0].argmax()), int(buffer.actions[k, 0, 0])
+        assert (*here, int(there), bool(done)) == (state, action, after, ended)
+        assert buffer.rewards[k, 0] == pytest.approx(reward, abs=1e-6)
+    some = buffer._get_samples(np.arange(200))
+    with torch.no_grad():
+        after = model.q_net_target(some.next_observations).max(dim=1).values.numpy()
+    ends = np.array([ended for *_, ended in steps.seen])
+    best = phi[[there for *_, there, _ in steps.seen]].max(axis=1)
+    assert after == pytest.approx(best, abs=1e-5)
+    assert (some.dones.numpy()[:, 0] == ends).all()
+
+
+def test_a_residual_on_a_linear_phi_is_the_linear_network_started_there():
+    rng = np.random.default_rng(7)
+    task = random_task(rng)
+    observed = one_hot(task)
+    phi = rng.normal(size=(5, 3)).astype(np.float32).astype(float)
+    settings = {"buffer_size": 500, "batch_size": 16, "target_update_interval": 20}
+    residual = linear(observed, table_potential(task, observed, phi), **settings)
+    started = linear(observed, **settings)
+    for net in (started.q_net, started.q_net_target):
+        net.q_net[0].weight.data = torch.as_tensor(phi.T, dtype=torch.float32)
+    each = []
+    for model in (residual, started):
+        steps = Steps()
+        model.set_random_seed(5)
+        model.learn(500, callback=steps)
+        each.append((steps.seen, NetworkValues(model.policy).v(np.eye(5, dtype=np.float32))))
+    (seen, values), (same, alike) = each
+    assert seen == same
+    assert values == pytest.approx(alike, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
+    rng = np.random.default_rng(40 + seed)
+    task = random_task(rng, discount=0.7, time_limit=20, scale=1.0)
+    observed, solution = one_hot(task), cr.solve(task)
+    wrong = np.where(task.terminal[:, None], 0.0, -solution.action_values)
+    phi = table_potential(task, observed, wrong)
+    settings = {
+        "learning_rate": lambda left: 0.3 * left, "buffer_size": 8000, "batch_size": 64,
+        "train_freq": 4,
+        "target_update_interval": 20, "exploration_final_eps": 1.0, "exploration_initial_eps": 1.0,
+        "policy_kwargs": SGD,
+    }  # fmt: skip
+    learner = cr.DeepLearner("DQN", settings=settings)
+    result = cr.learn_deep(
+        observed, learner, 8000, potential=phi, every=8000, seeds=[seed],
+        evaluation=cr.GreedyEvaluation("off"),
+    )  # fmt: skip
+    chosen = result.values[0].act(np.eye(5, dtype=np.float32))
+    learnt = solution.action_values[np.arange(5), chosen]
+    states = np.flatnonzero(~task.terminal)
+    gaps = solution.values[states] - learnt[states]
+    spread = solution.action_values[states].std()
+    assert gaps.max() < 0.1 * spread
+
+
+def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
+    task = cr.GridWorld(["..T", ".P.", "S.."])
+    observed = one_hot(task)
+    q = cr.solve(task).action_values
+    learner = cr.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
+    model = model_for(observed, learner, potential=table_potential(task, observed, q))
+    rows = np.eye(task.states.size, dtype=np.float32)
+    live = np.flatnonzero(~task.mdp.terminal)
+    for net in (model.q_net, model.q_net_target):
+        with torch.no_grad():
+            said = net(torch.as_tensor(rows)).numpy()
+        assert said[live] == pytest.approx(q[live].astype(np.float32))
+    actions, _ = model.predict(rows, deterministic=True)
+    assert (q[live, actions[live]] == q[live].max(axis=1)).all()
+
+
+@pytest.mark.skipif(find_spec("sb3_contrib") is None, reason="sb3-contrib is not installed")
+def test_qr_dqn_starts_at_phi_in_every_quantile():
+    task = cr.GridWorld("S.T")
+    observed = one_hot(task)
+    q = cr.solve(task).action_values
+    learner = cr.DeepLearner("QRDQN", settings={"policy_kwargs": {"n_quantiles": 5}})
+    model = model_for(observed, learner, potential=table_potential(task, observed, q))
+    rows = np.eye(3, dtype=np.float32)
+    with torch.no_grad():
+        quantiles = model.quantile_net(torch.as_tensor(rows)).numpy()
+    assert quantiles.shape == (3, 5, 4)
+    assert quantiles[:2] == pytest.approx(np.repeat(q[:2, None], 5, axis=1).astype(np.float32))
+    model.learn(300)
+    assert np.isfinite(NetworkValues(model.policy).v(rows)).all()
+
+
+def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
+    rng = np.random.default_rng(0)
+    task = random_task(rng)
+    observed = one_hot(task)
+    model = linear(observed, table_potential(task, observed, rng.normal(size=(5, 3))))
+    model.learn(50)
+    model.save(tmp_path / "model")
+    again = DQN.load(tmp_path / "model")
+    assert isinstance(again.policy, ResidualMlpPolicy)
+    rows = np.eye(5, dtype=np.float32)
+    one, other = (NetworkValues(each.policy) for each in (model, again))
+    assert (one.v(rows) == other.v(rows)).all()
+    assert (one.act(rows) == other.act(rows)).all()
+
+
+def test_what_cannot_be_a_residual_is_refused():
+    from stable_baselines3 import PPO
+
+    with pytest.raises(cr.SettingError, match="how='state' serves every algorithm"):
+        residual_policy(PPO, "MlpPolicy")
+    observed = one_hot(cr.GridWorld("S.T"))
+    height = cr.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
+    with pytest.raises(cr.SettingError, match="how='state' does not"):
+        cr.learn_deep(observed, cr.DeepLearner("DQN"), 100, potential=height)
