@@ -4,6 +4,7 @@ from .curriculum import Curriculum as Curriculum, CurriculumResult as Curriculum
 from .deep.learner import DeepLearner as DeepLearner
 from .deep.learning import learn_deep as learn_deep
 from .deep.networks import NetworkValues as NetworkValues
+from .deep.residual import residual_policy as residual_policy
 from .errors import (
     CalibrationError as CalibrationError,
     ConfigError as ConfigError,

@@ -11,7 +11,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 import curricle as cr
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
-from curricle.deep.residual import ResidualMlpPolicy, residual_policy
+from curricle.deep.residual import residual_policy
+from curricle.deep.residual_networks import ResidualMlpPolicy
 
 from .worlds import one_hot, random_task, table_potential
 

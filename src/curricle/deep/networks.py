@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from curricle.errors import PotentialError
 from curricle.transfer.observed_potential import ObservationPotential
@@ -63,6 +62,8 @@ class NetworkValues:
         """Return Q(s, a), of the shape of `actions`; of SAC's kind for one action each."""
         if self.kind == "value_net":
             raise no_actions(self)
+        import torch
+
         with torch.no_grad():
             seen = self._seen(observations)
             if self.of_actions:
@@ -77,6 +78,8 @@ class NetworkValues:
 
     def v(self, observations: Any) -> FloatArray:
         """Return V(s), (n,) float64."""
+        import torch
+
         with torch.no_grad():
             seen = self._seen(observations)
             if self.of_actions:
@@ -99,6 +102,8 @@ class NetworkValues:
 
     def load(self, parameters: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over parameters, as :meth:`parameters` returned them."""
+        import torch
+
         tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
         self.policy.load_state_dict(tensors)
 
@@ -113,7 +118,8 @@ class NetworkValues:
         return _array(self.policy.quantile_net(seen).mean(dim=1))
 
     def _critics(self, seen: Any, actions: Any) -> FloatArray:
-        return _array(torch.cat(self.policy.critic(seen, actions), dim=1).min(dim=1).values)
+        each = np.stack([_array(values)[:, 0] for values in self.policy.critic(seen, actions)])
+        return np.asarray(each.min(axis=0))
 
     def _put_back(self, found: FloatArray, observations: Any) -> FloatArray:
         if self.taken_off is None:
