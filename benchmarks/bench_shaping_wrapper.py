@@ -46,7 +46,7 @@ def potential():
 
 def stepping(env, steps):
     """Return the rate, steps a second, at which an environment is stepped at random."""
-    actions = np.random.default_rng(0).integers(4, size=steps).tolist()
+    actions = np.random.default_rng(0).integers(env.action_space.n, size=steps).tolist()
 
     def run():
         env.reset(seed=0)

@@ -1,10 +1,12 @@
 from .certificate.certify import certify as certify
 from .certificate.verdict import Certificate as Certificate, Counterexample as Counterexample
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
+from .deep.agents import AgentsVecEnv as AgentsVecEnv
 from .deep.learner import DeepLearner as DeepLearner
 from .deep.learning import learn_deep as learn_deep
 from .deep.networks import NetworkValues as NetworkValues
 from .deep.residual import residual_policy as residual_policy
+from .deep.shaped import ShapedVecEnv as ShapedVecEnv
 from .errors import (
     CalibrationError as CalibrationError,
     ConfigError as ConfigError,
@@ -32,6 +34,12 @@ from .interop.pettingzoo import (
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .interop.tracker import Tracker as Tracker
 from .interop.trackers import Trackers as Trackers, open_trackers as open_trackers
+from .interop.vector_pursuit import (
+    PursuitVectors as PursuitVectors,
+    VectorPursuit as VectorPursuit,
+    observed_pursuit as observed_pursuit,
+    predator_mapping as predator_mapping,
+)
 from .interop.vector_shaping import VectorPotentialShaping as VectorPotentialShaping
 from .learning.budget import Episodes as Episodes
 from .learning.evaluation import GreedyEvaluation as GreedyEvaluation

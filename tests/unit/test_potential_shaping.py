@@ -514,7 +514,11 @@ def test_values_that_cannot_be_used_are_named_with_their_observation(
         (always(0.0), {}, "must have shape (2,): got ()"),
         (always("high"), {}, "must be an array of numbers"),
         (lambda s: np.where(s == s[1], np.nan, 0.0), {}, "'potential' is nan at observation "),
-        (cr.StatePotential(task(), PHI), {"encode": always([0, 9])}, "got 9 for sub-environment 1"),
+        (
+            cr.StatePotential(task(), PHI),
+            {"encode": always([0, 9])},
+            "got 9 for observation 1 of 2",
+        ),
         (cr.StatePotential(task(), PHI), {"encode": always([0])}, "states of shape (2,)"),
         (cr.StatePotential(task(), PHI), {"encode": always([0.5, 1])}, "must be whole numbers"),
     ],
@@ -573,7 +577,7 @@ def test_a_potential_of_something_else_is_found_out_at_the_end():
     envs = VectorPotentialShaping(
         SyncVectorEnv([partial(wander, NONE)] * 2), Clock().batch, discount=DISCOUNT, batched=True
     )
-    with pytest.raises(PotentialError, match="is off by 8 at the end of an episode of sub-env"):
+    with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
         run_episode(SomeEnvs(envs))
 
 

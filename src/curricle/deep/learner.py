@@ -71,7 +71,7 @@ class DeepLearner:
         object.__setattr__(self, "settings", dict(self.settings))
 
     def __repr__(self) -> str:
-        said = [f"{name}={value!r}" for name, value in self.settings.items()]
+        said = [f"{name}={_said(value)}" for name, value in self.settings.items()]
         envs = [f"envs={self.envs}"] if self.envs > 1 else []
         return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *said])})"
 
@@ -98,6 +98,13 @@ class DeepLearner:
             f"an algorithm must be one of {' or '.join(LIBRARIES)} (looked in "
             f"{', '.join(found)}), or module:Class: got {self.algorithm!r}"
         )
+
+
+def _said(value: Any) -> str:
+    """Return a setting in words that are the same in every process."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name!r}: {_said(one)}" for name, one in value.items()) + "}"
+    return str(getattr(value, "__qualname__", None) or repr(value))
 
 
 def _has(library: str) -> bool:

@@ -2,11 +2,14 @@
 
 import inspect
 from collections.abc import Mapping
+from difflib import get_close_matches
 from typing import Any
 
+import numpy.typing as npt
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from curricle.deep.checkpoint import apart
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
@@ -61,9 +64,8 @@ def model_for(
     >>> type(model).__name__, model.gamma
     ('PPO', 0.9)
     """
-    algorithm = learner.algorithm_class()
-    settings = dict(learner.settings)
-    _check_settings(learner, algorithm, settings)
+    check_learner(learner)
+    algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
         whole = settings.get("buffer_size", 1_000_000)
@@ -87,13 +89,57 @@ def model_for(
     return model
 
 
-def _check_settings(learner: DeepLearner, algorithm: Any, settings: Mapping[str, Any]) -> None:
+def check_learner(learner: DeepLearner, how: How | None = None) -> None:
+    """Raise SettingError unless there is such an algorithm, with these settings, and `how` fits it.
+
+    `how` is the way of a potential into it; None if there is none.
+    """
+    algorithm = learner.algorithm_class()
     known = inspect.signature(algorithm).parameters
-    for name in settings:
+    for name in learner.settings:
         if name not in known:
+            meant = get_close_matches(name, known, n=1)
             raise SettingError(
                 f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
+                + (f", did you mean {meant[0]!r}?" if meant else "")
             )
+    if how in RESIDUAL:
+        residual_policy(algorithm, learner.policy)
+
+
+def network_values(
+    task: ObservedTask,
+    learner: DeepLearner,
+    how: How,
+    potential: ObservationPotential | None,
+    parameters: Mapping[str, npt.NDArray[Any]],
+) -> NetworkValues:
+    """Return what a network valued that was trained before, from its parameters alone.
+
+    Parameters
+    ----------
+    task, learner, how, potential
+        As it was trained; of ways that carry over a network the potential may be left out.
+    parameters : dict of str to array
+        As :meth:`NetworkValues.parameters` returned them.
+
+    Examples
+    --------
+    >>> from curricle import learn_deep, observed
+    >>> cart, dqn = observed("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
+    >>> trained = learn_deep(cart, dqn, 100).values[0]
+    >>> again = network_values(cart, dqn, "initialise", None, trained.parameters())
+    >>> poles = np.zeros((3, 4), dtype=np.float32)
+    >>> bool((again.v(poles) == trained.v(poles)).all())
+    True
+    """
+    known = None if how in WARM else potential
+    with apart(learner.threads):
+        model = model_for(task, learner, how, known, steps=1)
+    model.env.close()
+    values = NetworkValues(model.policy, known if how == "state" else None)
+    values.load(parameters)
+    return values
 
 
 def _carry_over(model: Any, potential: ObservationPotential, *, everything: bool) -> None:

@@ -2,16 +2,17 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector.utils import batch_space, iterate
+from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 
 from curricle.errors import SettingError
-from curricle.interop.shaping_episodes import Episodes, Shaped
-from curricle.interop.shaping_sources import Potential
+from curricle.interop.shaping_episodes import Episode
+from curricle.interop.shaping_sources import Potential, unstack
 from curricle.interop.shaping_terms import check_unshaped, observed_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
@@ -89,7 +90,8 @@ class ShapedVecEnv(VecEnvWrapper):
             batched=batched,
         )
         self._stacked_space = batch_space(venv.observation_space, venv.num_envs)
-        self._episodes = Episodes(self._potential, venv.num_envs, at_once=True)
+        self._steps = 0  # of all sub-environments together
+        self._episodes: list[Episode] = []
 
     @property
     def discount(self) -> float:
@@ -99,24 +101,35 @@ class ShapedVecEnv(VecEnvWrapper):
     def reset(self) -> Any:
         """Reset all sub-environments; what they return is handed on."""
         observations = self.venv.reset()
-        self._episodes.begin(np.ones(self.num_envs, np.bool_), self._rows(observations))
+        rows = unstack(self._stacked_space, observations)
+        here = self._potential.each(rows, self._steps, observations)
+        self._episodes = [
+            Episode(first, self._steps, phi) for first, phi in zip(rows, here, strict=True)
+        ]
         return observations
 
     def step_wait(self) -> tuple[Any, FloatArray, BoolArray, list[dict[str, Any]]]:
         """Return what the environments return, their rewards shaped and their infos told so."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        finals = _finals(dones, infos)
-        truncated = np.zeros(self.num_envs, np.bool_)
-        truncated[list(finals)] = True
-        shaped = self._episodes.step(
-            self._rows(observations),
-            observations,
-            rewards,
-            terminated=dones & ~truncated,
-            truncated=truncated,
-            finals=finals,
-        )
-        return observations, rewards + shaped.shaping[0], dones, self._told(infos, rewards, shaped)
+        self._steps += self.num_envs
+        rows = unstack(self._stacked_space, observations)
+        ended = [i for i, done in enumerate(dones.tolist()) if done]
+        here, there, starts = self._read(rows, observations, ended, _finals(ended, infos))
+        shaped, told = [], []
+        steps = zip(self._episodes, there, rewards.tolist(), infos, strict=True)
+        sources, discount = self._potential.sources, self.discount
+        for episode, phi, reward, info in steps:
+            check_unshaped(info)
+            shaping = episode.go(phi, reward, discount)
+            shaped.append(reward + shaping[0])
+            own = {"original_reward": reward, "shaping": shaping[0], "potential": phi[0]}
+            if len(sources) > 1:
+                own["shaping_terms"] = dict(zip(sources, shaping[1:], strict=True))
+            told.append(info | own)
+        for i, start in starts.items():
+            told[i] |= self._close(i, start)
+            self._episodes[i] = Episode(rows[i], self._steps, here[i])
+        return observations, np.array(shaped), dones, told
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""
@@ -135,39 +148,45 @@ class ShapedVecEnv(VecEnvWrapper):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
 
-    def _rows(self, observations: Any) -> list[Any]:
-        return list(iterate(self._stacked_space, observations))
+    def _read(
+        self, rows: list[Any], stacked: Any, ended: list[int], finals: dict[int, Any]
+    ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
+        """Return the potentials of what was returned, those of s', and Phi where the ended began.
 
-    def _told(
-        self, infos: list[dict[str, Any]], rewards: FloatArray, shaped: Shaped
-    ) -> list[dict[str, Any]]:
-        """Return the infos with what was done to the rewards."""
-        columns = rewards.tolist(), shaped.shaping[0].tolist(), shaped.potential.tolist()
-        told = [
-            {**info, "original_reward": reward, "shaping": shaping, "potential": potential}
-            for info, reward, shaping, potential in zip(infos, *columns, strict=True)
-        ]
-        sources = self._potential.sources
-        if len(sources) > 1:
-            for info, terms in zip(told, shaped.shaping[1:].T.tolist(), strict=True):
-                info["shaping_terms"] = dict(zip(sources, terms, strict=True))
-        for i in np.flatnonzero(shaped.ended).tolist():
-            told[i]["telescoping_residual"] = float(shaped.residual[i])
-            told[i]["original_return"] = float(shaped.original[i])
-        return told
+        They are read at once: a network costs as much for one as for many.
+        """
+        if not ended:
+            here = self._potential.each(rows, self._steps, stacked)
+            return here, here, {}
+        over = [self._episodes[i] for i in ended]
+        asked = [*rows, *finals.values(), *(episode.first for episode in over)]
+        now = [self._steps] * (len(rows) + len(finals))
+        steps = np.array([*now, *(episode.begun for episode in over)])
+        read = iter(self._potential.each(asked, steps))
+        here = list(islice(read, len(rows)))
+        there = here.copy()
+        for i in ended:
+            there[i] = next(read) if i in finals else [0.0] * len(here[i])
+        return here, there, {i: phi[0] for i, phi in zip(ended, read, strict=True)}
+
+    def _close(self, i: int, start: float) -> dict[str, float]:
+        """Return what an episode that has ended came to, checked."""
+        episode = self._episodes[i]
+        residual = episode.residual(start)
+        place = f"at the end of an episode of sub-environment {i}"
+        self._potential.check_telescoping(residual, episode.largest, place)
+        return {"telescoping_residual": residual, "original_return": episode.original}
 
 
-def _finals(dones: BoolArray, infos: list[dict[str, Any]]) -> dict[int, Any]:
+def _finals(ended: list[int], infos: list[dict[str, Any]]) -> dict[int, Any]:
     """Return the observations in which episodes were cut off, by sub-environment."""
     finals = {}
-    for i, (done, info) in enumerate(zip(dones.tolist(), infos, strict=True)):
-        check_unshaped(info)
-        if done and info.get("TimeLimit.truncated", False):
-            if info.get("terminal_observation") is None:
+    for i in ended:
+        if infos[i].get("TimeLimit.truncated", False):
+            finals[i] = infos[i].get("terminal_observation")
+            if finals[i] is None:
                 raise SettingError(
                     "a vector environment must hand over the observation at which it cut an "
-                    "episode off, in info['terminal_observation']: sub-environment "
-                    f"{i} did not"
+                    f"episode off, in info['terminal_observation']: sub-environment {i} did not"
                 )
-            finals[i] = info["terminal_observation"]
     return finals

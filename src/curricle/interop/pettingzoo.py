@@ -1,7 +1,7 @@
 """Pursuit as an environment of PettingZoo: an agent for each predator, all moving at once."""
 
 from copy import copy
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -9,8 +9,9 @@ from gymnasium.spaces import Discrete
 
 from curricle.checks import instance, one_of
 from curricle.errors import SettingError
-from curricle.interop.coding import Coding, Form
+from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
+from curricle.interop.vector_pursuit import PursuitVectors
 from curricle.tasks.pursuit import Pursuit
 from curricle.transfer.by_name import ComponentMapping, project
 
@@ -20,6 +21,7 @@ except ModuleNotFoundError:  # the extra is not installed; making an environment
     ParallelEnv = object
 
 ByAgent = dict[str, Any]
+View = Literal["index", "components", "vector"]
 
 
 class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
@@ -37,11 +39,14 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
     Parameters
     ----------
     pursuit : Pursuit
-    observation : {"index", "components"}
+    observation : {"index", "components", "vector"}
         What every agent observes, which is all there is to see. The number of the task's state,
         ``Discrete(S)``, the same for all, with which any table or potential of the task is read.
         Or cells, ``MultiDiscrete``: first the agent's own, then the prey's, then those of the other
-        predators in the order of their names, so that one policy can serve all agents.
+        predators in the order of their names, so that one policy can serve all agents. Or a vector,
+        ``Box(-1, 1, (2 + 4 predators,), float32)``, as :class:`PursuitVectors` makes it of a
+        pursuit whose first predator the agent is: the prey's place, the agent's own and its way to
+        the prey, then the others' in the order of their names.
     render_mode : {"rgb_array", "ansi"}, optional
         As in :class:`TaskEnvironment`.
 
@@ -76,27 +81,25 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         self,
         pursuit: Pursuit,
         *,
-        observation: Form = "index",
+        observation: View = "index",
         render_mode: RenderMode | None = None,
     ):
         if ParallelEnv is object:
             raise ImportError("PettingZoo is not installed: pip install curricle[agents]")
         instance("pursuit", pursuit, Pursuit, SettingError)
-        one_of("observation", observation, ("index", "components"), SettingError)
+        one_of("observation", observation, ("index", "components", "vector"), SettingError)
         self.task, self.render_mode = pursuit, render_mode
         self._joint = TaskEnvironment(pursuit, action="components", render_mode=render_mode)
-        self._by_index, self._cells = observation == "index", Coding(pursuit.states, "components")
+        self._observation, self._cells = observation, Coding(pursuit.states, "components")
+        self._vectors = PursuitVectors(pursuit)
         self.possible_agents, self.agents = list(pursuit.predator_names), list[str]()
         # Which cells of a state an agent observes, the prey's having number 0.
-        others = range(1, pursuit.predators + 1)
-        self._views = {
-            agent: [own, 0, *(other for other in others if other != own)]
-            for own, agent in enumerate(self.possible_agents, start=1)
-        }
+        predators = range(1, pursuit.predators + 1)
+        own_first = [[own, *(each for each in predators if each != own)] for own in predators]
+        prey_at = 0 if observation == "vector" else 1
+        self._views = np.insert(own_first, prey_at, 0, axis=1)
         self.state_space = self._cells.held
-        self.observation_spaces = {
-            agent: Coding(pursuit.states, observation).held for agent in self.possible_agents
-        }
+        self.observation_spaces = {agent: self._space() for agent in self.possible_agents}
         self.action_spaces = {agent: Discrete(pursuit.moves) for agent in self.possible_agents}
 
     def reset(
@@ -139,18 +142,25 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         """Return an agent's moves, ``Discrete``, in the order of the task's."""
         return self.action_spaces[agent]
 
+    def _space(self) -> Any:
+        if self._observation == "vector":
+            return self._vectors.space
+        return Coding(self.task.states, self._observation).held
+
     def _observed(self) -> ByAgent:
-        if self._by_index:
+        if self._observation == "index":
             return self._each(np.int64(self._joint.state))  # PettingZoo looks at its dtype
-        cells = self.state()
-        return {agent: cells[self._views[agent]] for agent in self.agents}
+        seen: Any = self.state()[self._views]
+        if self._observation == "vector":
+            seen = self._vectors.of(seen)
+        return dict(zip(self.agents, seen, strict=True))
 
     def _each(self, value: Any) -> ByAgent:
         return {agent: copy(value) for agent in self.agents}
 
 
 def to_pettingzoo(
-    pursuit: Pursuit, *, observation: Form = "index", render_mode: RenderMode | None = None
+    pursuit: Pursuit, *, observation: View = "index", render_mode: RenderMode | None = None
 ) -> PursuitParallelEnv:
     """Return a pursuit as a PettingZoo environment; needs ``pip install curricle[agents]``.
 

@@ -6,41 +6,16 @@ optimal policy. That holds for an episode that ends only if the potential of a t
 """
 
 from collections.abc import Callable, Mapping
-from copy import deepcopy
-from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from curricle.interop.shaping_terms import Potential, check_unshaped, observed_potential
+from curricle.interop.shaping_episodes import Episode
+from curricle.interop.shaping_sources import Potential
+from curricle.interop.shaping_terms import check_unshaped, observed_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
-
-
-@dataclass
-class _Episode:
-    """The account of an episode; the potentials are Phi and after it each source's."""
-
-    first: Any  # the observation it began with
-    begun: int  # the step at which it began
-    here: list[float]  # the potentials of the state it has reached
-    largest: float  # |Phi| met so far
-    power: float = 1.0  # gamma^t
-    shaped: float = 0.0  # sum of gamma^t F_t
-    original: float = 0.0  # sum of the environment's own rewards
-
-    def go(self, there: list[float], reward: float, discount: float) -> list[float]:
-        """Enter a step, which went `there`, and return F = gamma Phi(s') - Phi(s) of each."""
-        shaping = [
-            discount * after - before for after, before in zip(there, self.here, strict=True)
-        ]
-        self.here = there
-        self.largest = max(self.largest, abs(there[0]))
-        self.shaped += self.power * shaping[0]
-        self.power *= discount
-        self.original += reward
-        return shaping
 
 
 class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -74,11 +49,12 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     Parameters
     ----------
     env : gymnasium.Env
-    potential : callable, potential over a task, or dict of str to either
+    potential : callable, potential over a task, source of values, or dict of str to these
         A function observation -> float; or a `StatePotential`, `MappedPotential` or
         `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that the
         observations number: as a whole (`Discrete`), or component by component (`MultiDiscrete`,
-        `Tuple`). Several sources have names.
+        `Tuple`); or an `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s). Several
+        sources have names.
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
@@ -90,8 +66,9 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        How large the residual may be, as a share of the largest size of Phi in the episode. None
-        raises no error, for potentials that change on purpose, such as a network in training.
+        How large the residual may be, as a share of the largest size of Phi in the episode; up to
+        0.001 in any case for a `ValueSource`, which may be a network that rounds. None raises no
+        error, for potentials that change on purpose, such as a network in training.
         Shaping is sound for these too (Devlin, Kudenko 2012): what is taken back on leaving s is
         the number that was paid on arriving there.
 
@@ -133,7 +110,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         gymnasium.Wrapper.__init__(self, env)
         self._potential = observed_potential(space=env.observation_space, **settings)
         self._steps = 0
-        self._episode: _Episode | None = None
+        self._episode: Episode | None = None
 
     @property
     def discount(self) -> float:
@@ -169,7 +146,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
 
     def _begin(self, observation: Any) -> list[float]:
         here = self._potential.one(observation, self._steps)
-        self._episode = _Episode(deepcopy(observation), self._steps, here, abs(here[0]))
+        self._episode = Episode(observation, self._steps, here)
         return here
 
     def _told(
@@ -182,10 +159,9 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
             "potential": there[0],
         }
 
-    def _end(self, episode: _Episode) -> dict[str, float]:
+    def _end(self, episode: Episode) -> dict[str, float]:
         self._episode = None
         start = self._potential.one(episode.first, episode.begun)[0]
-        residual = episode.shaped - (episode.power * episode.here[0] - start)
-        steps = self._steps - episode.begun
+        residual, steps = episode.residual(start), self._steps - episode.begun
         self._potential.check_telescoping(residual, episode.largest, f"after {steps} steps")
         return {"telescoping_residual": residual, "original_return": episode.original}

@@ -2,11 +2,15 @@
 
 from gymnasium.envs import registration
 
-ENVIRONMENTS = {"Curricle/Maze-v0": "MazeEnvironment", "Curricle/Pursuit-v0": "PursuitEnvironment"}
+ENVIRONMENTS = {
+    "Curricle/Maze-v0": "environment:MazeEnvironment",
+    "Curricle/Pursuit-v0": "environment:PursuitEnvironment",
+    "Curricle/VectorPursuit-v0": "vector_pursuit:VectorPursuitEnvironment",
+}
 
 
 def register() -> None:
-    """Register ``Curricle/Maze-v0`` and ``Curricle/Pursuit-v0``, once.
+    """Register the ids of ``ENVIRONMENTS``, such as ``Curricle/Maze-v0``, once.
 
     What they make is imported when it is first made. No ``max_episode_steps`` is set: a task cuts
     its episodes off at its own time limit.
@@ -20,4 +24,4 @@ def register() -> None:
     """
     for name, maker in ENVIRONMENTS.items():
         if name not in registration.registry:
-            registration.register(name, f"curricle.interop.environment:{maker}")
+            registration.register(name, f"curricle.interop.{maker}")

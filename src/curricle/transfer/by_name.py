@@ -1,5 +1,6 @@
 """Mappings by name: the source's components are read off the target's (paper E7)."""
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -173,3 +174,16 @@ def _values_of(origin: Component, component: Component) -> IntArray:
         return np.arange(origin.size) + origin.low
     place = {label: component.low + i for i, label in enumerate(component.labels)}
     return np.array([place.get(label, component.low - 1) for label in origin.labels])
+
+
+def by_names(names: Sequence[str], renaming: Mapping[str, str]) -> str:
+    """Return in words which component stands for which.
+
+    Examples
+    --------
+    >>> by_names(("prey", "predator"), {"predator": "predator_2"})
+    'predator is predator_2, prey by name'
+    """
+    kept = [name for name in dict.fromkeys(names) if renaming.get(name, name) == name]
+    renamed = [f"{name} is {renaming[name]}" for name in dict.fromkeys(names) if name not in kept]
+    return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,11 +45,13 @@ class ObservedCoverage:
     outside: float
 
     def __str__(self) -> str:
-        return (
+        words = (
             f"{self.mapped:.1%} of the pairs of {self.observations:,} observations mapped, "
-            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
-            f"{self.outside:.1%} of the counterparts outside the source's space"
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
         )
+        if np.isnan(self.outside):
+            return words
+        return f"{words}; {self.outside:.1%} of the counterparts outside the source's space"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,8 @@ class ObservationMapping:
         where there is none. What then stands in its place is not read.
     unmapped_value : float
         What unmapped pairs are worth. 0 is optimistic where rewards are negative.
+    words : str
+        What it says, for people; by default the names of its functions.
 
     Raises
     ------
@@ -95,8 +100,11 @@ class ObservationMapping:
     actions: Any = None
     status: Callable[[Any], Any] | None = None
     unmapped_value: float = 0.0
+    words: str = ""
 
     def __post_init__(self) -> None:
+        if not self.words:
+            object.__setattr__(self, "words", self._names())
         instance("target of an observation mapping", self.target, ObservedTask, MappingError)
         number("unmapped_value", self.unmapped_value, MappingError)
         if self.observations is None and not is_observed(self.source):
@@ -114,6 +122,13 @@ class ObservationMapping:
         elif not callable(self.actions):
             table = self._checked_actions(self.actions, (self.target.n_actions,))
             object.__setattr__(self, "actions", table)
+
+    def _names(self) -> str:
+        """Return the functions' names."""
+        parts = {"observations": self.observations, "actions": self.actions}
+        said = [f"{part} {_called(given)}" for part, given in parts.items()]
+        said += [f"where {_called(self.status)} finds them"] if self.status is not None else []
+        return ", ".join(said)
 
     @property
     def _source_actions(self) -> int | None:
@@ -134,12 +149,27 @@ class ObservationMapping:
         if not values.of_actions:
             raise no_actions(values)
         there, status = self._there(observations)
-        actions = self._actions(observations, len(status))
-        missing = actions == UNMAPPED
-        q = values.q(there, np.where(missing, 0, actions))
+        if callable(self.actions):
+            table = self._checked_actions(
+                self.actions(observations), (len(status), self.target.n_actions)
+            )
+            read, place, missing = np.maximum(table, 0), None, table == UNMAPPED
+        else:
+            asked, place, missing = self._asked
+            read = asked[None].repeat(len(status), axis=0)
+        q = values.q(there, read)
         self._check_finite(q, "Q")
-        kinds = np.where(missing & (status >= 0)[:, None], UNMAPPED, status[:, None])
-        return self._completed(q, kinds, scale, shift)
+        found = self._completed(q, status[:, None], scale, shift)
+        if place is not None:
+            found = found.take(place, axis=1)
+        return np.where(missing, self.unmapped_value, found) if missing.any() else found
+
+    @cached_property
+    def _asked(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+        """The source's actions, each once; where in them each of the target's is; which have none."""
+        table = np.arange(self.target.n_actions) if self.actions is None else self.actions
+        asked, place = np.unique(np.maximum(table, 0), return_inverse=True)
+        return asked, place, table == UNMAPPED
 
     def states(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
@@ -157,7 +187,7 @@ class ObservationMapping:
         kinds = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
         if self.target.n_actions is not None:
             lost = self._actions(observations, n) == UNMAPPED
-            kinds = np.where(lost & mapped[:, None], UNMAPPED, kinds)
+            kinds = np.where(lost, UNMAPPED, kinds)
         outside = float("nan")
         if is_observed(self.source) and mapped.any():
             from gymnasium.vector.utils import iterate
@@ -177,7 +207,7 @@ class ObservationMapping:
         """Return the counterparts, readable all, and the status of each, (n,)."""
         n = batch_size(observations)
         there = observations if self.observations is None else self.observations(observations)
-        status = np.zeros(n, np.int64)
+        status = None
         if self.status is not None:
             said = np.asarray(self.status(observations))
             known = np.where(said, 0, UNMAPPED) if said.dtype == np.bool_ else said
@@ -185,8 +215,10 @@ class ObservationMapping:
         if not is_observed(self.source):
             there = _whole("states", there)
             self._check_states(there)
-            status = np.where(there < 0, there, status)
+            status = there if status is None else np.where(there < 0, there, status)
             there = np.maximum(there, 0)
+        if status is None:
+            status = np.zeros(n, np.int64)
         if status.shape != (n,) or batch_size(there) != n:
             raise MappingError(
                 f"a mapping must return as many as it was given, {n}: got {batch_size(there)} "
@@ -195,8 +227,8 @@ class ObservationMapping:
         return there, status
 
     def _check_states(self, states: IntArray) -> None:
-        bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
-        if bad.size:
+        if states.size and (states.min() < ENDED or states.max() >= self.source.states.size):
+            bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
             raise MappingError(
                 f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
                 f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
@@ -226,7 +258,7 @@ class ObservationMapping:
     ) -> FloatArray:
         if scale != 1 or shift != 0:
             values = scale * values + shift
-        if (status >= 0).all():
+        if not status.size or status.min() >= 0:
             return values
         fixed = np.where(status == UNMAPPED, self.unmapped_value, shift)
         return np.asarray(np.where(status >= 0, values, fixed))
@@ -240,7 +272,18 @@ class ObservationMapping:
             )
 
 
+def _called(given: Any) -> str:
+    if given is None:
+        return "as they are"
+    if not callable(given):
+        return f"as {' '.join(map(str, given))}"
+    name = getattr(given, "__name__", "<lambda>")
+    return "by a function" if name == "<lambda>" else f"by {name}"
+
+
 def _whole(what: str, given: Any) -> IntArray:
+    if isinstance(given, np.ndarray) and given.dtype == np.int64:
+        return given
     found = numbers(f"a mapping's {what}", given, MappingError)
     if not np.issubdtype(np.asarray(given).dtype, np.integer) and (found != found // 1).any():
         raise MappingError(f"a mapping's {what} must be whole numbers: got {found.flat[0]!r} ...")

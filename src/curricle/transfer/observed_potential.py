@@ -120,7 +120,7 @@ class ObservationPotential:
         )
         return found[:, 0]
 
-    def rescaled(self, scale: float, shift: float) -> Self:
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
         """Return scale phi + shift."""
         return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
 

@@ -1,6 +1,7 @@
 """Playing tasks seen through observations: episodes side by side, one call of the policy a step."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from curricle.learning.evaluation import LIVE_EPISODES, NEGLIGIBLE, GreedyEvalua
 from curricle.learning.following import MOST_STEPS, Followed
 from curricle.learning.run import stream_start
 from curricle.tasks.draws import scramble_number
-from curricle.tasks.observed import ObservedTask
+from curricle.tasks.observed import ObservedTask, batch_size
 from curricle.tasks.spaces import frozen
 from curricle.transfer.observed_potential import ObservationPotential
 
@@ -133,6 +134,77 @@ def mean_return(episodes: list[Episode], discount: float) -> float:
     return float(np.mean(sums))
 
 
+def greedy_episodes(
+    potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+) -> list[Episode]:
+    """Return episodes of a potential's greedy policy, phi(s_t, a_t) noted at each step.
+
+    Parameters
+    ----------
+    potential : ObservationPotential
+        That tells actions apart.
+    episodes, seed, stream
+        As in :func:`follow`.
+
+    Examples
+    --------
+    >>> from curricle import FunctionValues, observed
+    >>> car = observed("MountainCar-v0")
+    >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
+    >>> met, = greedy_episodes(ObservationPotential.of(car, along), episodes=1)
+    >>> met.ended, len(met.seen) == len(met.noted)
+    (True, True)
+    """
+
+    def act(observations: Any) -> tuple[Any, Any]:
+        pairs = potential.pairs(observations)
+        actions = pairs.argmax(axis=1)
+        return actions, pairs[np.arange(len(pairs)), actions]
+
+    return _episodes(potential.task, act, episodes, stream_start(seed, stream))
+
+
+def random_episodes(task: ObservedTask, *, episodes: int, seed: int = 0) -> list[Episode]:
+    """Return episodes of actions that its space draws, every one alike.
+
+    Examples
+    --------
+    >>> from curricle import observed
+    >>> met = random_episodes(observed("CartPole-v1"), episodes=2)
+    >>> [episode.ended for episode in met]
+    [True, True]
+    """
+    start, space = stream_start(seed, "random"), deepcopy(task.actions)
+    space.seed(scramble_number(start) >> 33)
+
+    def act(observations: Any) -> tuple[Any, Any]:
+        n = batch_size(observations)
+        return [space.sample() for _ in range(n)], np.zeros(n)
+
+    return _episodes(task, act, episodes, start)
+
+
+def observations_met(task: ObservedTask, episodes: list[Episode]) -> Any:
+    """Return the observations acted in, stacked as the task's space stacks them."""
+    rows = [row for episode in episodes for row in episode.seen]
+    room: Any = create_empty_array(task.observations, len(rows))
+    return concatenate(task.observations, rows, room)
+
+
+def _episodes(task: ObservedTask, act: Act, episodes: int, start: int) -> list[Episode]:
+    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
+    longest = longest_episode(task)
+    if episodes * longest > MOST_STEPS:
+        raise SettingError(
+            f"following {episodes:,} episodes of up to {longest:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
+        )
+    stage = Stage(task, episodes, longest)
+    met = stage.play(act, start)
+    stage.close()
+    return met
+
+
 def follow_observed(
     potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
 ) -> Followed:
@@ -156,23 +228,7 @@ def follow_observed(
     >>> met.ended, met.returns.max() > -200
     (array([ True,  True,  True]), True)
     """
-    task = potential.task
-    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
-    longest = longest_episode(task)
-    if episodes * longest > MOST_STEPS:
-        raise SettingError(
-            f"following {episodes:,} episodes of up to {longest:,} steps must not exceed "
-            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
-        )
-
-    def act(observations: Any) -> tuple[Any, Any]:
-        pairs = potential.pairs(observations)
-        actions = pairs.argmax(axis=1)
-        return actions, pairs[np.arange(len(pairs)), actions]
-
-    stage = Stage(task, episodes, longest)
-    met = stage.play(act, stream_start(seed, stream))
-    stage.close()
+    met = greedy_episodes(potential, episodes=episodes, seed=seed, stream=stream)
     outlook = [_outlook(episode, potential) for episode in met]
     earned, tail, beyond = (np.concatenate(each) for each in zip(*outlook, strict=True))
     rewards = np.concatenate([episode.rewards for episode in met])

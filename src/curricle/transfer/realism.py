@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from curricle.learning.following import PairPotential, follow, greedy_start
+from curricle.learning.following import Followed, PairPotential, follow, greedy_start
 from curricle.learning.planning import Solution, right_choices
 from curricle.learning.target import Target
 from curricle.tasks.reachable import reachable_states
@@ -81,7 +81,9 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
     """
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
-        return _along_its_way(potential, target, start, seed)
+        episodes = target.evaluation.rollouts(target.task)
+        met = follow(potential, episodes=episodes, seed=seed, stream="realism")
+        return along_its_way(met, start, seed)
     mdp = tables(target.task)
     alive = ~mdp.terminal
     phi, q = potential.values[alive], target.solution.action_values[alive]
@@ -101,9 +103,18 @@ def realism(potential: PairPotential, target: Target, *, seed: int = 0) -> Reali
     )
 
 
-def _along_its_way(potential: PairPotential, target: Target, start: float, seed: int) -> Realism:
-    episodes = target.evaluation.rollouts(target.task)
-    met = follow(potential, episodes=episodes, seed=seed, stream="realism")
+def along_its_way(met: Followed, start: float, seed: int = 0) -> Realism:
+    """Return how a potential compares with what its own greedy policy earned.
+
+    Parameters
+    ----------
+    met : Followed
+        Its greedy episodes.
+    start : float
+        The mean return of its greedy policy.
+    seed : int
+        Of the pairs that are ranked.
+    """
     earned = met.earned + met.tail * met.beyond
     return Realism(
         start=start,

@@ -1,0 +1,86 @@
+"""What Curricle costs a deep learner, beside the same learner without it.
+
+Part A is what shaping adds to a step: Gymnasium's wrapper and the vector environments of
+Stable-Baselines3, whose steps are counted per sub-environment, with tables (FrozenLake-v1) and
+with the values of a DQN's network of two layers of 64 (CartPole-v1). Contestants take turns and
+are measured in processor time; what is printed is the median over the turns: microseconds a step,
+how many of them are more than the plain environment's in the same turn, and the ratio of the two.
+Actions are random; resets and the checks at the end of an episode are part of it.
+
+    python benchmarks/bench_deep_overhead.py [--quick] [--turns N]
+"""
+
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import torch
+from bench_shaping_wrapper import BAR, lake, potential, report, stepping
+from stable_baselines3 import DQN
+from stable_baselines3.common.vec_env import DummyVecEnv
+from timing import arguments, on_one_thread
+
+from curricle.deep.networks import NetworkValues
+from curricle.deep.shaped import ShapedVecEnv
+from curricle.interop.potential_shaping import PotentialShaping
+
+COUNTS = 1, 8, 64  # sub-environments
+TABLE, TABLES, NETWORK = "one table", "two tables", "a network's V"
+
+
+def cart():
+    return gym.make("CartPole-v1")
+
+
+def stepping_many(venv, steps):
+    """Return the rate, steps of sub-environments a second, at which they are stepped at random."""
+    shape = max(steps // venv.num_envs, 1), venv.num_envs
+    actions = np.random.default_rng(0).integers(venv.action_space.n, size=shape)
+
+    def run():
+        venv.seed(0)
+        venv.reset()
+        for row in actions:
+            venv.step(row)
+
+    return on_one_thread(run, actions.size)
+
+
+def shaping(turns, steps):
+    """Part A: print what shaping adds to a step; return what missed the bar."""
+    phi = potential()
+    tables = {TABLE: phi, TABLES: {"one": phi, "two": phi}}
+    network = {NETWORK: NetworkValues(DQN("MlpPolicy", cart(), buffer_size=1).policy)}
+    missed = []
+
+    def block(title, plain, shaped, step):
+        print(f"\n{title}")
+        contestants = {"plain": plain, **shaped}
+        more = report({name: partial(step, env, steps) for name, env in contestants.items()}, turns)
+        missed.extend(f"{title}, {name}" for name in tables if more.get(name, 0.0) > BAR)
+
+    print(f"{'microseconds a step':<44}{'all':>12}{'more':>12}{'ratio':>9}\n{'-' * 77}")
+    for make, potentials in (lake, tables), (cart, network):
+        shape = partial(PotentialShaping, discount=0.99)
+        shaped = {name: shape(make(), each) for name, each in potentials.items()}
+        block("PotentialShaping", make(), shaped, stepping)
+        for n in COUNTS:
+            shape = partial(ShapedVecEnv, discount=0.99)
+            shaped = {
+                name: shape(DummyVecEnv([make] * n), each) for name, each in potentials.items()
+            }
+            block(f"ShapedVecEnv of {n}", DummyVecEnv([make] * n), shaped, stepping_many)
+    return missed
+
+
+def main():
+    given = arguments(__doc__).parse_args()
+    torch.set_num_threads(1)
+    turns = given.turns or (5 if given.quick else 15)
+    missed = shaping(turns, 2_000 if given.quick else 10_000)
+    said = f"MISSED by {', '.join(missed)}" if missed else "ok"
+    print(f"\nbar: {BAR:g} us more a step with tables: {said}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""What benchmarks of transfer share: arms x seeds in processes, resumed; a table and a picture.
+
+An arm is a curriculum; all steps are charged, the sources' included. Each (arm, seed) is trained in
+a process of its own and its curve written to a file, so that a benchmark that was stopped goes on.
+Return is that of the greedy policy, undiscounted, over episodes that no learner sees.
+"""
+
+import argparse
+import importlib
+import json
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import curricle as cr
+from curricle.report.plotting import draw_curve, new_figure
+
+COLOURS = ["#6c757d", "#1b6ca8", "#c8553d", "#588157", "#8e6c8a", "#d4a017"]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is compared, and when the target counts as learnt."""
+
+    title: str
+    arms: Mapping[str, Callable[[], cr.Curriculum]]
+    threshold: float  # return of the target's greedy policy
+    best: float | None = None  # the optimum, where it is known
+    window: int = 1  # checkpoints over which curves are smoothed
+
+    def main(self, module: str, description: str) -> None:
+        given = argparse.ArgumentParser(description=description)
+        given.add_argument("--seeds", type=int, default=5)
+        given.add_argument("--workers", type=int, default=2)
+        given.add_argument("--arms", nargs="*", default=list(self.arms), choices=list(self.arms))
+        given.add_argument("--out", type=Path, default=Path("evidence") / module)
+        options = given.parse_args()
+        options.out.mkdir(parents=True, exist_ok=True)
+        jobs = [(arm, seed) for seed in range(options.seeds) for arm in options.arms]
+        # Torch does not survive a fork.
+        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
+            running = {pool.submit(train, module, *job, options.out): job for job in jobs}
+            for done in as_completed(running):
+                print("done:", *running[done], f"final {done.result()['greedy'][-1]:.1f}", flush=True)
+        curves = {arm: curve_of(arm, options.seeds, options.out) for arm in options.arms}
+        self.tell(curves)
+        self.draw(curves, options.out / "curves.png")
+
+    def tell(self, curves: Mapping[str, cr.Curve]) -> None:
+        """Print each arm: what it spent, where it began and ended, when it had learnt."""
+        seeds = len(next(iter(curves.values())).values)
+        print(f"\n{self.title}; {seeds} seeds, mean [95 % bootstrap interval]")
+        print(f"learnt: a return of {self.threshold:g}; median steps, the sources' included\n")
+        print(f"{'arm':<34}{'sources':>9}{'target':>9}{'start':>9}{'end':>24}{'learnt':>34}")
+        for arm, curve in curves.items():
+            end = cr.bootstrap(cr.asymptotic_performance(curve))
+            times = cr.time_to_threshold(
+                curve, self.threshold, window=self.window, strong=True
+            )
+            time = cr.median_time(times)
+            learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
+            learnt += f" {int(times.reached.sum())}/{seeds}"
+            print(
+                f"{arm:<34}{curve.source_steps.mean():>9,.0f}{curve.steps[-1]:>9,}"
+                f"{curve.values[:, 0].mean():>9.1f}"
+                f"{f'{end.estimate:.1f} [{end.low:.1f}, {end.high:.1f}]':>24}{learnt:>34}"
+            )
+
+    def draw(self, curves: Mapping[str, cr.Curve], path: Path) -> None:
+        """Draw the curves, each from where its sources had been paid for."""
+        figure, ((axes,),) = new_figure(1, 1, width=8.0, height=4.5)
+        for (arm, curve), colour in zip(curves.items(), COLOURS, strict=False):
+            draw_curve(axes, curve, label=arm, colour=colour, window=self.window, strong=True)
+        axes.axhline(self.threshold, color="#999999", lw=0.8, ls=":", label="counts as learnt")
+        if self.best is not None:
+            axes.axhline(self.best, color="#999999", lw=0.8, ls="--", label="optimum")
+        seeds = len(next(iter(curves.values())).values)
+        axes.set_xlabel("steps, those of the sources included")
+        axes.set_ylabel("return of the greedy policy")
+        axes.set_title(f"{self.title}\nmean of {seeds} seeds, 95 % bootstrap bands", fontsize=10)
+        axes.legend(fontsize=8)
+        figure.savefig(path, dpi=130)
+        plt.close("all")
+        print(f"\n{path}")
+
+
+def train(module: str, arm: str, seed: int, out: Path) -> dict:
+    """Return one arm's curve for one seed, from its file if it is there."""
+    path = place(arm, seed, out)
+    if path.exists():
+        return json.loads(path.read_text())
+    plan = importlib.import_module(module).BENCHMARK.arms[arm]()
+    result = plan.train([seed], saves=out / "checkpoints" / path.stem)
+    learnt, target = result[plan.target], plan.target
+    found = {
+        "steps": learnt.steps.tolist(),
+        "greedy": learnt.greedy_return[0].tolist(),
+        "source_steps": int(result.source_steps(target)[0]),
+    }
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(found))
+    part.replace(path)
+    return found
+
+
+def place(arm: str, seed: int, out: Path) -> Path:
+    return out / f"{arm.replace(' ', '_').replace(',', '')}-{seed}.json"
+
+
+def curve_of(arm: str, seeds: int, out: Path) -> cr.Curve:
+    """Return an arm's curves; a seed that ended early keeps its last return."""
+    found = [json.loads(place(arm, seed, out).read_text()) for seed in range(seeds)]
+    longest = max((one["steps"] for one in found), key=len)
+    rows = [np.pad(one["greedy"], (0, len(longest) - len(one["greedy"])), "edge") for one in found]
+    return cr.Curve(
+        np.array(longest), np.array(rows), np.array([one["source_steps"] for one in found])
+    )

@@ -1,0 +1,170 @@
+"""Agents of PettingZoo as a vector environment of Stable-Baselines3: one model learns for all."""
+
+from collections.abc import Iterable, Sequence
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector.utils import concatenate, create_empty_array
+from stable_baselines3.common.vec_env import VecEnv
+
+from curricle.checks import instance
+from curricle.errors import SettingError
+
+Indices = int | Iterable[int] | None
+
+
+class AgentsVecEnv(VecEnv):  # type: ignore[misc]  # absent where types are checked
+    """A PettingZoo environment in which one model of Stable-Baselines3 learns for every agent.
+
+    Each agent is one sub-environment, in the order of ``possible_agents``. What they learn from is
+    theirs alone: independent learners that share their weights. An episode ends for all at once and
+    the next begins by itself, as in ``DummyVecEnv``: ``infos`` then have the last observation,
+    ``terminal_observation``, and whether the episode was cut off, ``TimeLimit.truncated``.
+
+    A model counts agents' steps: its ``num_timesteps`` are `num_envs` times the steps that the
+    agents took together, which are ``joint_steps``; so are the steps that it is told to learn.
+
+    Agents are one environment: attributes and methods are the environment's, the same for all
+    indices; a method is called once. Of seeds and options the first agent's count. Episodes are
+    recorded by ``VecMonitor``, once for each agent.
+
+    Parameters
+    ----------
+    parallel_env : pettingzoo.ParallelEnv
+        Whose agents observe and act alike, and live and die together.
+
+    Attributes
+    ----------
+    environment : pettingzoo.ParallelEnv
+    agents : tuple of str
+    joint_steps : int
+        Steps that the agents took together, episodes' resets aside.
+
+    Raises
+    ------
+    SettingError
+        When it is no ParallelEnv, or its agents' spaces differ; from :meth:`reset` and
+        :meth:`step_wait`, when an agent is missing or ends alone.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, to_pettingzoo
+    >>> hunt = AgentsVecEnv(to_pettingzoo(Pursuit(size=5, predators=3), observation="vector"))
+    >>> hunt.num_envs, hunt.action_space, hunt.reset().shape
+    (3, Discrete(5), (3, 14))
+    >>> seen, rewards, ended, infos = hunt.step(np.array([0, 1, 2]))
+    >>> rewards, hunt.joint_steps
+    (array([-1., -1., -1.], dtype=float32), 1)
+    """
+
+    def __init__(self, parallel_env: Any):
+        from pettingzoo import ParallelEnv
+
+        instance("parallel_env", parallel_env, ParallelEnv, SettingError)
+        self.environment, self.agents = parallel_env, tuple(parallel_env.possible_agents)
+        self.joint_steps = 0
+        first = self.agents[0]
+        for role in ("observation", "action"):
+            spaces = getattr(parallel_env, f"{role}_space")
+            for agent in self.agents:
+                if spaces(agent) != spaces(first):
+                    raise SettingError(
+                        f"agents that share a model must have one {role} space: {first} has "
+                        f"{spaces(first)}, {agent} has {spaces(agent)}"
+                    )
+        super().__init__(
+            len(self.agents),
+            parallel_env.observation_space(first),
+            parallel_env.action_space(first),
+        )
+
+    def reset(self) -> Any:
+        """Begin an episode, with the seed and options given before; return n observations."""
+        options = self._options[0] or None
+        observed = self._begun(seed=self._seeds[0], options=options)
+        self._reset_seeds()
+        self._reset_options()
+        return self._stacked(observed)
+
+    def step_async(self, actions: npt.NDArray[Any]) -> None:
+        """Take the agents' actions, one each."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Any, npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
+        """Act; return observations, rewards (n,), whether the episode is over (n,) and infos."""
+        chosen = dict(zip(self.agents, self._actions, strict=True))
+        observed, paid, terminated, truncated, told = self.environment.step(chosen)
+        self.joint_steps += 1
+        self._check_all(observed)
+        over = np.array([terminated[agent] or truncated[agent] for agent in self.agents], np.bool_)
+        self._check_together(over)
+        rewards = np.array([paid[agent] for agent in self.agents], np.float32)
+        infos = [
+            {**told[agent], "TimeLimit.truncated": bool(truncated[agent] and not terminated[agent])}
+            for agent in self.agents
+        ]
+        if over[0]:
+            for agent, info in zip(self.agents, infos, strict=True):
+                info["terminal_observation"] = deepcopy(observed[agent])
+            observed = self._begun()
+        return self._stacked(observed), rewards, over, infos
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.environment.close()
+
+    def get_images(self) -> Sequence[npt.NDArray[np.uint8]]:
+        """Return one picture, in which all agents are."""
+        return [self.environment.render()]
+
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
+        """Return the environment's attribute, once for each index."""
+        return [getattr(self.environment, attr_name)] * self._many(indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
+        """Set the environment's attribute."""
+        if self._many(indices):
+            setattr(self.environment, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call the environment's method once; return what it returns, once for each index."""
+        if not (many := self._many(indices)):
+            return []
+        return [getattr(self.environment, method_name)(*method_args, **method_kwargs)] * many
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Indices = None) -> list[bool]:
+        """Return False for each index: Gymnasium's wrappers do not wrap agents."""
+        return [False] * self._many(indices)
+
+    def _begun(self, **settings: Any) -> dict[str, Any]:
+        """Reset the environment and keep the infos; return the agents' observations."""
+        observed, infos = self.environment.reset(**settings)
+        self._check_all(observed)
+        self.reset_infos = [infos[agent] for agent in self.agents]
+        return observed  # type: ignore[no-any-return]
+
+    def _stacked(self, observed: dict[str, Any]) -> Any:
+        space = self.observation_space
+        room: Any = create_empty_array(space, self.num_envs)
+        return concatenate(space, [observed[agent] for agent in self.agents], room)
+
+    def _many(self, indices: Indices) -> int:
+        return len(list(self._get_indices(indices)))
+
+    def _check_all(self, observed: dict[str, Any]) -> None:
+        missing = [agent for agent in self.agents if agent not in observed]
+        if missing:
+            raise SettingError(
+                f"agents must live and die together: {', '.join(missing)} observed nothing"
+            )
+
+    def _check_together(self, over: npt.NDArray[np.bool_]) -> None:
+        if over.any() and not over.all():
+            ended = ", ".join(np.array(self.agents)[over])
+            raise SettingError(
+                f"agents must live and die together: the episode ended for {ended} alone"
+            )

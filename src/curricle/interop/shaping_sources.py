@@ -1,0 +1,307 @@
+"""One potential of an observation: a function, a table, or the values of a network."""
+
+import operator
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
+from typing import Any, ClassVar, Protocol, TypeGuard
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.vector.utils import concatenate, create_empty_array, iterate
+
+from curricle.checks import numbers
+from curricle.errors import PotentialError, SettingError
+from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.schedules import CONSTANT, Schedule
+from curricle.tasks.spaces import Space, whole
+from curricle.tasks.task import dynamics
+from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.values import ValueSource
+
+FloatArray = npt.NDArray[np.float64]
+Steps = int | npt.NDArray[np.int64]
+
+TaskPotential = StatePotential | StateActionPotential | MappedPotential
+Potential = Callable[[Any], Any] | TaskPotential | ValueSource
+"""A function of an observation, a potential over a task's states, or values of observations."""
+
+
+class Source(Protocol):
+    """One potential, read from observations."""
+
+    rounding: ClassVar[float]
+    """By how much Phi_i of one observation may differ between two readings, as a share of it."""
+
+    @property
+    def batched(self) -> bool:
+        """Whether :meth:`many` can be asked."""
+
+    def one(self, observation: Any, step: int) -> float:
+        """Return Phi_i(s, t)."""
+
+    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
+        """Return Phi_i of n stacked observations, (n,) float64."""
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionSource:
+    """A potential that is a function of an observation, or of n stacked ones where batched."""
+
+    rounding: ClassVar[float] = 0.0
+
+    name: str
+    function: Callable[[Any], Any]
+    batched: bool
+
+    def one(self, observation: Any, step: int) -> float:
+        """Return Phi_i(s)."""
+        value = self.function(observation)
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise PotentialError(
+                f"a potential must return one number: {self.name!r} returned {value!r} at "
+                f"observation {observation!r}"
+            ) from None
+
+    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
+        """Return Phi_i of n stacked observations, (n,) float64."""
+        return _one_each(f"a batched potential, {self.name!r},", self.function(stacked), n)
+
+
+@dataclass(frozen=True, eq=False)
+class ValuesSource:
+    """A potential that is V(s) of a source of values, which always reads many at once."""
+
+    # A network in single precision rounds otherwise in a batch of another size, and on a graphics
+    # processor, whose products of matrices have 11 bits, by up to 1e-3.
+    rounding: ClassVar[float] = 1e-3
+    batched: ClassVar[bool] = True
+
+    name: str
+    values: ValueSource
+    space: gymnasium.Space[Any]  # of one observation
+
+    def one(self, observation: Any, step: int) -> float:
+        """Return Phi_i(s)."""
+        return float(self.many(stack(self.space, [observation]), 1, step)[0])
+
+    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
+        """Return Phi_i of n stacked observations, (n,) float64."""
+        return _one_each(f"the values of {self.name!r}", self.values.v(stacked), n)
+
+
+@dataclass(frozen=True, eq=False)
+class StateSource:
+    """A potential over the states of a task, whose numbers are read off the observations."""
+
+    rounding: ClassVar[float] = 0.0
+
+    name: str
+    potential: StatePotential | MappedPotential
+    state_of: Callable[[Any], Any]
+    n_states: int
+    fixed: FloatArray | None  # (S,) Phi where it is an array that time does not change
+    batched: bool
+
+    def one(self, observation: Any, step: int) -> float:
+        """Return Phi_i(s, t)."""
+        given = self.state_of(observation)
+        try:
+            state = operator.index(given)
+        except TypeError:
+            raise SettingError(
+                f"an observation's state must be a whole number: {self.name!r} got {given!r} for "
+                f"observation {observation!r}"
+            ) from None
+        if not 0 <= state < self.n_states:
+            raise self._no_state(state, f"observation {observation!r}")
+        if self.fixed is not None:
+            return self.fixed.item(state)
+        return float(_values(self.potential, np.array([state]), step)[0])
+
+    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
+        """Return Phi_i of n stacked observations, (n,) float64."""
+        states = whole(self.state_of(stacked), "the states of observations")
+        if states.shape != (n,):
+            raise SettingError(
+                f"a batch of observations has states of shape {(n,)}: {self.name!r} got "
+                f"{states.shape}"
+            )
+        outside = (states < 0) | (states >= self.n_states)
+        if np.count_nonzero(outside):
+            place = int(np.flatnonzero(outside)[0])
+            raise self._no_state(int(states[place]), f"observation {place} of {n} stacked")
+        return _values(self.potential, states, steps) if self.fixed is None else self.fixed[states]
+
+    def _no_state(self, state: int, place: str) -> SettingError:
+        return SettingError(
+            f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got {state} "
+            f"for {place}"
+        )
+
+
+def source(
+    name: str,
+    potential: Potential,
+    space: gymnasium.Space[Any],
+    encode: Callable[[Any], Any] | None,
+    batched: bool,
+) -> Source:
+    """Return a potential as it is read from observations of a space.
+
+    `encode` says which state an observation is, for potentials over a task; `batched`, whether it
+    and functions take stacked observations. Values are read from stacked ones in any case: a
+    network costs as much for one as for many.
+
+    Raises
+    ------
+    PotentialError
+        When it is neither a function nor a potential nor a source of values.
+    SettingError
+        When it is read from other observations than those of its task.
+
+    Examples
+    --------
+    >>> source("up", lambda x: x[0], Box(-1, 1), None, False).one(np.array([0.5]), step=0)
+    0.5
+    """
+    if over_a_task(potential):
+        if isinstance(potential, StateActionPotential):
+            potential = potential.to_state()
+        states = dynamics(potential.task).states
+        state_of = _numbering(space, states) if encode is None else encode
+        return StateSource(name, potential, state_of, states.size, _fixed(potential), batched)
+    if isinstance(potential, ObservationPotential) and potential.task.observations != space:
+        raise SettingError(
+            f"a potential over observations must be read from those of its task: {name!r} is one "
+            f"of {potential.task.observations} and gets {space}"
+        )
+    if isinstance(potential, ValueSource):
+        return ValuesSource(name, potential, space)
+    if callable(potential):
+        return FunctionSource(name, potential, batched)
+    raise PotentialError(
+        "a potential must be a function of an observation, a potential over a task or over "
+        f"observations, or a source of values: {name!r} is {potential!r}"
+    )
+
+
+def over_a_task(potential: Any) -> TypeGuard[TaskPotential]:
+    """Return whether a potential is one over the states of a task."""
+    return isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
+
+
+def stack(space: gymnasium.Space[Any], rows: list[Any]) -> Any:
+    """Return observations of a space as one batch, as vector environments stack them.
+
+    Examples
+    --------
+    >>> stack(Discrete(5), [3, 4, 0])
+    array([3, 4, 0])
+    """
+    if isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
+        return np.array(rows, dtype=space.dtype)
+    room: Any = create_empty_array(space, len(rows))
+    return concatenate(space, rows, room)
+
+
+def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
+    """Return stacked observations one by one; `space` is that of the n stacked.
+
+    Examples
+    --------
+    >>> unstack(MultiDiscrete([5, 5]), np.array([3, 4]))
+    [np.int64(3), np.int64(4)]
+    """
+    if isinstance(stacked, np.ndarray):
+        return list(stacked)  # as below, and quicker
+    return list(iterate(space, stacked))
+
+
+def weights(weight: Schedule, steps: Steps) -> Any:
+    """Return w(t) for all observations, or for each.
+
+    Examples
+    --------
+    >>> from curricle.learning.schedules import schedule
+    >>> weights(schedule(0.5), np.array([3, 4]))
+    0.5
+    """
+    if weight.shape == CONSTANT:
+        return weight.first
+    if isinstance(steps, int):
+        return weight(steps)
+    return np.array([weight(step) for step in steps.tolist()])
+
+
+def each_step(steps: Steps) -> Iterable[int]:
+    """Return the step of each of many observations, without an end where it is one for all.
+
+    Examples
+    --------
+    >>> list(each_step(np.array([3, 4])))
+    [3, 4]
+    """
+    return repeat(steps) if isinstance(steps, int) else steps.tolist()
+
+
+def _one_each(who: str, said: Any, n: int) -> FloatArray:
+    values = numbers(f"what {who} returns", said, PotentialError)
+    if values.shape != (n,):
+        raise PotentialError(f"what {who} returns must have shape {(n,)}: got {values.shape}")
+    return values
+
+
+def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
+    """Return how an observation, or a stack of them, numbers the states of a task."""
+    if isinstance(space, Discrete) and space.n == states.size:
+        return partial(_counted_from, int(space.start))
+    if isinstance(space, MultiDiscrete) and tuple(space.nvec.tolist()) == states.shape:
+        return partial(_components, states, space.start.tolist())
+    if isinstance(space, gymnasium.spaces.Tuple) and all(isinstance(x, Discrete) for x in space):
+        parts: Any = space.spaces
+        if tuple(int(part.n) for part in parts) == states.shape:
+            return partial(_components, states, [int(part.start) for part in parts])
+    raise SettingError(
+        f"observations must number the task's {states.size} states, as a whole or component by "
+        f"component, or encode= must say how: got {space}"
+    )
+
+
+def _counted_from(start: int, observation: Any) -> Any:
+    return observation - start
+
+
+def _components(states: Space, starts: list[int], observation: Any) -> Any:
+    """Return the states whose components an observation lists, each counted from its start."""
+    parts = observation if isinstance(observation, tuple) else np.asarray(observation).T
+    offsets = [np.asarray(part) - start for part, start in zip(parts, starts, strict=True)]
+    if states.is_box:
+        with suppress(ValueError):  # outside the box: encode says so
+            return np.ravel_multi_index(tuple(offsets), states.shape)
+    components = zip(states.components, offsets, strict=True)
+    return states.encode(**{each.name: offset + each.low for each, offset in components})
+
+
+def _fixed(potential: StatePotential | MappedPotential) -> FloatArray | None:
+    if isinstance(potential, MappedPotential):
+        return None
+    alone = len(potential.values) == 1 and potential.weight.shape == CONSTANT
+    return potential.at(0) if alone else None
+
+
+def _values(
+    potential: StatePotential | MappedPotential, states: npt.NDArray[np.int64], steps: Steps
+) -> FloatArray:
+    """Return Phi(s, t) of n states, (n,) float64."""
+    if isinstance(potential, MappedPotential):
+        phi, terminal = potential.rows(states).max(axis=1), dynamics(potential.task).terminal
+        return phi if terminal is None else np.where(terminal[states], 0.0, phi)
+    frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
+    return np.asarray(weights(potential.weight, steps) * potential.values[frame, states])

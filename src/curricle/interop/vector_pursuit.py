@@ -1,0 +1,353 @@
+"""Pursuit as vectors of numbers: for learners that see observations instead of numbered states."""
+
+from dataclasses import fields
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box
+
+from curricle.checks import instance, one_of
+from curricle.errors import MappingError, SettingError, TaskError
+from curricle.interop.coding import Coding
+from curricle.interop.environment import RenderMode, TaskEnvironment
+from curricle.tasks.observed import ObservedTask, Registered
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.spaces import Space, frozen
+from curricle.transfer.by_name import ComponentMapping, by_names, read_components
+from curricle.transfer.mapping import ENDED, UNMAPPED
+from curricle.transfer.observed import ObservationMapping
+
+IntArray = npt.NDArray[np.int64]
+Vectors = npt.NDArray[np.float32]
+Acting = Literal["all", "first"]
+
+
+class PursuitVectors:
+    """The states of a pursuit as vectors, there and back.
+
+    A vector has 2 + 4 N numbers for N predators, all in [-1, 1]: row and column of the prey, then
+    for each predator its row and column and how far the prey is from it, downwards and to the
+    right. Places are scaled from -1, the first row or column, to 1, the last; displacements are
+    divided by ``size - 1``. On a torus they are the shortest; of two, that up or to the left.
+
+    Places tell where walls are and make up the state; displacements are what predators close, and
+    spare a network to learn differences. As a predator's numbers lie side by side, a pursuit's
+    vector begins with that of the pursuit with fewer predators.
+
+    Parameters
+    ----------
+    pursuit : Pursuit
+
+    Examples
+    --------
+    >>> seen = PursuitVectors(Pursuit(size=5, predators=1))
+    >>> seen.of(np.array([[12, 4]]))  # the prey in the middle, the predator in the last column
+    array([[ 0. ,  0. , -1. ,  1. ,  0.5, -0.5]], dtype=float32)
+    >>> seen.cells(seen.of(np.array([[12, 4]])))
+    array([[12,  4]])
+    """
+
+    def __init__(self, pursuit: Pursuit):
+        instance("pursuit", pursuit, Pursuit, SettingError)
+        self.pursuit = pursuit
+        size, last, n = pursuit.size, pursuit.size - 1, pursuit.predators
+        self._row_column = frozen(np.stack(np.divmod(np.arange(size**2), size), axis=1))
+        # Numbers are looked up, those of places first: at a row or column, or at a difference.
+        away = np.arange(-last, size)
+        if pursuit.torus:
+            away = (away + size // 2) % size - size // 2
+        places = 2 * np.arange(size) / last - 1
+        self._numbers = frozen(np.concatenate([places, away / last]).astype(np.float32))
+        one, none = np.eye(2, dtype=np.int64), np.zeros((2, 2), np.int64)
+        prey = np.hstack([one, *[none, one] * n])
+        predators = np.kron(np.eye(n, dtype=np.int64), np.hstack([one, -one]))
+        # (2 + 2 N, 2 + 4 N): from rows and columns to what is looked up, less where it begins.
+        self._looked_up = frozen(np.vstack([prey, np.pad(predators, ((0, 0), (2, 0)))]))
+        self._begins = frozen(np.array([0, 0, *[0, 0, size + last, size + last] * n]))
+        # (2 + 4 N, 1 + N): back from places to cells, row * size + column.
+        self._weights = np.zeros((2 + 4 * n, 1 + n))
+        self._weights[self._begins == 0] = np.kron(np.eye(1 + n), [[last / 2 * size], [last / 2]])
+        self._middle = last / 2 * (size + 1)
+
+    @property
+    def space(self) -> Box:
+        """What vectors lie in, ``Box(-1, 1, (2 + 4 N,), float32)``."""
+        return Box(-1.0, 1.0, (2 + 4 * self.pursuit.predators,), np.float32)
+
+    def of(self, cells: IntArray) -> Vectors:
+        """Return the vectors of the cells of the prey and of each predator, (n, 1 + N) int.
+
+        Returns
+        -------
+        (n, 2 + 4 N) float32
+        """
+        where = self._row_column[cells].reshape(len(cells), -1)
+        found: Vectors = self._numbers[where @ self._looked_up + self._begins]
+        return found
+
+    def cells(self, observations: npt.ArrayLike) -> IntArray:
+        """Return the cells of the prey and of each predator, (n, 1 + N) int64.
+
+        Parameters
+        ----------
+        observations : (n, 2 + 4 N) float array
+            As :meth:`of` returns them, not normalised further.
+        """
+        cells = np.asarray(observations, np.float64) @ self._weights + (self._middle + 0.5)
+        return np.asarray(cells.astype(np.int64))  # the half makes of cutting off rounding
+
+
+class VectorPursuit(TaskEnvironment):
+    """A pursuit whose learner sees vectors, as deep learners do.
+
+    Rewards, ends, time limit, ``info`` and the options of ``reset`` are those of
+    :class:`TaskEnvironment`; observations are vectors, made by ``vectors``, a
+    :class:`PursuitVectors`.
+
+    Parameters
+    ----------
+    pursuit : Pursuit
+        Of any size: no table is made of it.
+    acting : {"all", "first"}
+        Who takes the actions: all predators as one, ``Discrete(moves**N)``; or the first one alone,
+        ``Discrete(moves)``, while the others move at random, each move equally likely, drawn from
+        ``np_random``. That is the task of one agent among several, as :class:`PursuitParallelEnv`
+        shows it.
+    render_mode : {"rgb_array", "ansi"}, optional
+        As in :class:`TaskEnvironment`.
+
+    Raises
+    ------
+    SettingError
+        When the pursuit or a setting is none, and as :class:`TaskEnvironment` does.
+
+    Examples
+    --------
+    >>> hunt = VectorPursuit(Pursuit(size=10, predators=4))
+    >>> hunt.observation_space.shape, hunt.action_space
+    ((18,), Discrete(625))
+    >>> seen, info = hunt.reset(options={"state": {"prey": 99, "predator_1": 0, "predator_2": 9,
+    ...                                            "predator_3": 90, "predator_4": 98}})
+    >>> seen[:6], hunt.cells(seen[None])
+    (array([ 1.,  1., -1., -1.,  1.,  1.], dtype=float32), array([[99,  0,  9, 90, 98]]))
+    """
+
+    def __init__(
+        self,
+        pursuit: Pursuit,
+        *,
+        acting: Acting = "all",
+        render_mode: RenderMode | None = None,
+    ):
+        self.vectors = PursuitVectors(pursuit)
+        one_of("acting", acting, ("all", "first"), SettingError)
+        super().__init__(pursuit, render_mode=render_mode)
+        parts = pursuit.actions.components
+        self.moves = pursuit.actions if acting == "all" else Space(parts[:1])
+        """The moves that an action names."""
+        self._own = Coding(self.moves, "index")
+        self._moves_of_others = pursuit.actions.size // self.moves.size
+        self.observation_space, self.action_space = self.vectors.space, self._own.held
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Vectors, dict[str, Any]]:
+        """Begin an episode; return the observation and the info."""
+        state, info = super().reset(seed=seed, options=options)
+        return self._seen(state), info
+
+    def step(self, action: Any) -> tuple[Vectors, float, bool, bool, dict[str, Any]]:
+        """Act; return observation, reward, terminated, truncated and info."""
+        joint = self._own.point(action) * self._moves_of_others
+        if self._moves_of_others > 1:
+            joint += int(self.np_random.integers(self._moves_of_others))
+        state, reward, terminated, truncated, info = super().step(joint)
+        return self._seen(state), reward, terminated, truncated, info
+
+    def cells(self, observations: npt.ArrayLike) -> IntArray:
+        """Return the cells of the prey and of each predator, (n, 1 + N) int64, from n vectors."""
+        return self.vectors.cells(observations)
+
+    def _seen(self, state: int) -> Vectors:
+        seen: Vectors = self.vectors.of(np.array([self._states.places(state)]))[0]
+        return seen
+
+
+class VectorPursuitEnvironment(VectorPursuit):
+    """What ``Curricle/VectorPursuit-v0`` makes: a :class:`Pursuit` seen as vectors.
+
+    Parameters
+    ----------
+    acting, render_mode
+        As in :class:`VectorPursuit`.
+    **rules : Any
+        As in :class:`Pursuit`.
+
+    Examples
+    --------
+    >>> VectorPursuitEnvironment(size=3, predators=1).observation_space.shape
+    (6,)
+    """
+
+    def __init__(
+        self, *, acting: Acting = "all", render_mode: RenderMode | None = None, **rules: Any
+    ):
+        super().__init__(Pursuit(**rules), acting=acting, render_mode=render_mode)
+
+
+def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservedTask:
+    """Return a pursuit as a task for deep learners, which see its vectors.
+
+    Equal pursuits give equal tasks. The discount is the pursuit's; at its time limit the
+    environment itself cuts episodes off.
+
+    Parameters
+    ----------
+    pursuit : Pursuit
+        Of any size.
+    acting : {"all", "first"}
+        As in :class:`VectorPursuit`; ``"first"`` is one agent's task, on which potentials for
+        agents that share one model are made.
+
+    Raises
+    ------
+    TaskError
+        When `pursuit` or `acting` is none.
+
+    Examples
+    --------
+    >>> hunt = Pursuit(size=5, predators=3)
+    >>> observed_pursuit(hunt)
+    ObservedTask(Curricle/VectorPursuit-v0(size=5, predators=3), discount 0.99, ...)
+    >>> observed_pursuit(hunt).n_actions, observed_pursuit(hunt, acting="first").n_actions
+    (125, 5)
+    """
+    instance("pursuit", pursuit, Pursuit, TaskError)
+    one_of("acting", acting, ("all", "first"), TaskError)
+    given = {rule.name: getattr(pursuit, rule.name) for rule in fields(pursuit)}
+    told = {
+        rule.name: given[rule.name] for rule in fields(pursuit) if given[rule.name] != rule.default
+    }
+    if acting != "all":
+        told["acting"] = acting
+    return ObservedTask(Registered("Curricle/VectorPursuit-v0", told), pursuit.discount)
+
+
+def predator_mapping(
+    target: ObservedTask,
+    source: ObservedTask | Pursuit,
+    *,
+    unmapped_value: float = 0.0,
+    **renaming: str,
+) -> ObservationMapping:
+    """Return the mapping that reads the source's prey and predators off the target's, by name.
+
+    It is :func:`project` between pursuits whose learner sees vectors: cells correspond by row and
+    column, moves by name; a cell or move that the source lacks leaves the pair unmapped, and states
+    in which the source would be over have ended.
+
+    Parameters
+    ----------
+    target : ObservedTask
+        Of :func:`observed_pursuit`, or made of the registered environment.
+    source : ObservedTask or Pursuit
+        One as `target`, or a pursuit whose values are a table, read at its states' numbers.
+    unmapped_value : float
+    **renaming : str
+        ``source_predator="target_predator"``, where the names differ. In a task in which the first
+        predator acts alone only its moves can be read: it is ``predator_1``, or ``predator``.
+
+    Raises
+    ------
+    MappingError
+        When a task is no pursuit seen as vectors, or on an unknown predator, listing the known.
+
+    Examples
+    --------
+    Each of three predators reads the values of one that hunts alone.
+
+    >>> from curricle import TableValues
+    >>> hunt, chase = observed_pursuit(Pursuit(size=5, predators=3)), Pursuit(size=5, predators=1)
+    >>> by_second = predator_mapping(hunt, chase, predator="predator_2")
+    >>> q = np.zeros((chase.states.size, chase.actions.size))
+    >>> q[chase.states.encode(prey=12, predator=11)] = [-2, -3, -1, -3, -3]  # east catches
+    >>> seen = PursuitVectors(Pursuit(size=5, predators=3)).of(np.array([[12, 0, 11, 24]]))
+    >>> by_second.pairs(TableValues(q), seen)[0, :15]  # of moves (0, 0..2, 0..4)
+    array([-2., -2., -2., -2., -2., -3., -3., -3., -3., -3., -1., -1., -1., -1., -1.])
+
+    One agent among three, whichever it is, sees itself as the first.
+
+    >>> agent = observed_pursuit(Pursuit(size=5, predators=3), acting="first")
+    >>> alone = predator_mapping(agent, chase, predator="predator_1")
+    >>> alone.pairs(TableValues(q), seen[:, [0, 1, *range(6, 10), *range(2, 6), *range(10, 14)]])
+    array([[-2., -3., -1., -3., -3.]])
+    """
+    mine = _environment("target", target)
+    yours = source if isinstance(source, Pursuit) else _environment("source", source)
+    hunt = yours if isinstance(yours, Pursuit) else yours.task
+    moves = yours.actions if isinstance(yours, Pursuit) else yours.moves
+    shares = np.stack(ComponentMapping(mine.task, hunt, renaming).lookups() or [])
+    # One missing share outweighs all others, so that the sum is negative.
+    shares = np.where(shares < 0, -hunt.states.size, shares)
+    counted = partial(_counted, mine.vectors, frozen(shares))
+    known: dict[str, Any] = {
+        "actions": moves.encode(**read_components(mine.moves, moves, renaming)),
+        "unmapped_value": unmapped_value,
+        "words": by_names(hunt.states.names, renaming),
+    }
+    if isinstance(yours, Pursuit):
+        numbers = np.where(hunt.terminal, ENDED, np.arange(hunt.states.size))
+        readable = partial(_numbered, counted, frozen(np.append(numbers, UNMAPPED)))
+        return ObservationMapping(target, source, readable, **known)
+    return ObservationMapping(
+        target,
+        source,
+        partial(_shown, counted, yours.vectors),
+        status=partial(_status, counted, yours.vectors),
+        **known,
+    )
+
+
+# What mappings call are functions of the module, so that mappings travel between processes.
+
+
+def _counted(seen: PursuitVectors, shares: IntArray, observations: Any) -> IntArray:
+    """Return the source's states, `UNMAPPED` where none; shares are (1 + N, cells)."""
+    each = shares[np.arange(len(shares)), seen.cells(observations)]
+    return np.asarray(np.maximum(each.sum(axis=1), UNMAPPED))
+
+
+def _numbered(counted: Any, numbers: IntArray, observations: Any) -> IntArray:
+    """Return the source's states, or what `numbers` has in their place; its last is `UNMAPPED`."""
+    return np.asarray(numbers[counted(observations)])
+
+
+def _shown(counted: Any, seen: PursuitVectors, observations: Any) -> Vectors:
+    """Return the source's vectors, any where its state is none."""
+    return seen.of(_cells_of(seen.pursuit, counted(observations)))
+
+
+def _status(counted: Any, seen: PursuitVectors, observations: Any) -> IntArray:
+    """Return which of the source's states are `UNMAPPED` or `ENDED`."""
+    states = counted(observations)
+    cells = _cells_of(seen.pursuit, states)
+    touching = (cells[:, 1:] == cells[:, :1]).sum(axis=1)
+    status = np.where(touching >= int(seen.pursuit.model.to_end), ENDED, 0)
+    return np.asarray(np.where(states == UNMAPPED, UNMAPPED, status))
+
+
+def _cells_of(pursuit: Pursuit, states: IntArray) -> IntArray:
+    cells: Any = np.unravel_index(np.maximum(states, 0), pursuit.states.shape)
+    return np.stack(cells, axis=1)
+
+
+def _environment(role: str, task: Any) -> VectorPursuit:
+    """Return the environment of a task, if it is a pursuit seen as vectors."""
+    made = task.make().unwrapped if isinstance(task, ObservedTask) else None
+    if not isinstance(made, VectorPursuit) or task.observations != made.observation_space:
+        raise MappingError(
+            f"a mapping of predators needs pursuits seen as vectors: the {role} is {task!r}"
+        )
+    return made
