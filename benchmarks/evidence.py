@@ -46,7 +46,9 @@ class Benchmark:
         with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
             running = {pool.submit(train, module, *job, options.out): job for job in jobs}
             for done in as_completed(running):
-                print("done:", *running[done], f"final {done.result()['greedy'][-1]:.1f}", flush=True)
+                print(
+                    "done:", *running[done], f"final {done.result()['greedy'][-1]:.1f}", flush=True
+                )
         curves = {arm: curve_of(arm, options.seeds, options.out) for arm in options.arms}
         self.tell(curves)
         self.draw(curves, options.out / "curves.png")
@@ -59,9 +61,7 @@ class Benchmark:
         print(f"{'arm':<34}{'sources':>9}{'target':>9}{'start':>9}{'end':>24}{'learnt':>34}")
         for arm, curve in curves.items():
             end = cr.bootstrap(cr.asymptotic_performance(curve))
-            times = cr.time_to_threshold(
-                curve, self.threshold, window=self.window, strong=True
-            )
+            times = cr.time_to_threshold(curve, self.threshold, window=self.window, strong=True)
             time = cr.median_time(times)
             learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
             learnt += f" {int(times.reached.sum())}/{seeds}"

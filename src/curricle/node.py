@@ -129,7 +129,7 @@ class Node:
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
         if self.deep:
-            return learn_deep(
+            found = learn_deep(
                 self.task,
                 self.learner,
                 self.budget,
@@ -143,6 +143,7 @@ class Node:
                 charged=charged,
                 saves=saves,
             )
+            return found if self.storage.keep else replace(found, values=None)
         known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
         return learn(
             self.task,

@@ -133,21 +133,22 @@ def complaints(tmp_path, monkeypatch):
         (
             'type = "pursuit"\nsize = 3\npred',
             'type = "persuit"\npred',
-            "line 8: tasks.chase.type must be one of maze, crop, pursuit, gymnasium, factory: got "
-            "'persuit', did you mean 'pursuit'?",
+            "line 8: tasks.chase.type must be one of maze, crop, pursuit, gymnasium, factory, "
+            "observed, vector_pursuit: got 'persuit', did you mean 'pursuit'?",
         ),
         (
             'type = "pursuit"\nsize = 3\npred',
             "pred",
-            "line 7: tasks.chase.type is missing: one of maze, crop, pursuit, gymnasium, factory",
+            "line 7: tasks.chase.type is missing: one of maze, crop, pursuit, gymnasium, factory, "
+            "observed, vector_pursuit",
         ),
         ('name = "hunt"\n', "", ": name is missing"),
         ('name = "hunt"', "name = ''", "line 1: name must not be empty: got ''"),
         (
             "epsilon = 0.1",
             "type = 'Sarsa'",
-            "line 5: learner.type must be 'QLearning', 'SARSA', 'ExpectedSARSA' or "
-            "'DoubleQLearning': got 'Sarsa', did you mean 'SARSA'?",
+            "line 5: learner.type must be one of QLearning, SARSA, ExpectedSARSA, DoubleQLearning, "
+            "deep: got 'Sarsa', did you mean 'SARSA'?",
         ),
         (
             "epsilon = 0.1",
@@ -163,8 +164,8 @@ def complaints(tmp_path, monkeypatch):
         (
             "[learner]\nepsilon = 0.1",
             "how = 'initialize'",
-            "line 4: how must be 'initialise', 'look_ahead', 'look_back', 'state', 'bonus' or "
-            "'advice': got 'initialize', did you mean 'initialise'?",
+            "line 4: how must be 'initialise', 'look_ahead', 'look_back', 'state', 'bonus', "
+            "'advice', 'weights' or 'policy': got 'initialize', did you mean 'initialise'?",
         ),
         (
             "[learner]\nepsilon = 0.1",
@@ -193,13 +194,14 @@ def complaints(tmp_path, monkeypatch):
         (
             "project = { predator",
             "mapping = 'identity'\nproject = { predator",
-            "line 17: transfers[0] must have one of project, mapping, function, factory: got "
-            "project, mapping",
+            "line 17: transfers[0] must have one of project, mapping, function, factory, "
+            "observations: got project, mapping",
         ),
         (
             'project = { predator = "predator_1" }',
             "scale = 1",
-            "line 17: transfers[0] must have one of project, mapping, function, factory: got none",
+            "line 17: transfers[0] must have one of project, mapping, function, factory, "
+            "observations: got none",
         ),
         (
             'project = { predator = "predator_1" }',

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from curricle.curriculum import Curriculum
-from curricle.errors import CurricleError
+from curricle.errors import CurricleError, SettingError
 from curricle.learning.result import LearningResult, without_curves
 from curricle.learning.target import Target
 from curricle.report.graph import mapping_words
@@ -15,7 +15,8 @@ from curricle.study.forecast import Forecast, forecast
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.cost import Cost, costs
 from curricle.study.runner.folder import STUDY
-from curricle.study.runner.run import finished, left_to_do
+from curricle.study.runner.recalling import finished
+from curricle.study.runner.run import left_to_do
 from curricle.study.runner.study import Study
 from curricle.transfer.edge import transfer_names
 
@@ -34,6 +35,10 @@ def preview(study: StudyFile) -> Iterator[str]:
         yield from lines
     yield ""
     yield from _bill(costs(arms, seeds, study.document.block))
+    try:
+        study.check_networks()
+    except ImportError as error:
+        yield f"a network is to learn: {error}"
     for name, curriculum in arms.curricula.items():
         if curriculum.into(curriculum.target):
             yield ""
@@ -44,11 +49,16 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
     """Yield a line for each task, sources first, and for each transfer into it."""
     for name in curriculum.order:
         node = curriculum.node(name)
-        task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
-        yield f"  {name}: {task}; {type(node.learner).__name__}; {_budget(node.budget)}"
+        if node.deep:
+            task, learner = node.task.shapes, node.learner.algorithm
+        else:
+            task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
+            learner = type(node.learner).__name__
+        yield f"  {name}: {task}; {learner}; {_budget(node.budget)}"
         edges = curriculum.into(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
-            yield f"    {label}: {mapping_words(edge)}; {edge.mapping.coverage()}"
+            cover = "" if node.deep else f"; {edge.mapping.coverage()}"
+            yield f"    {label}: {mapping_words(edge)}{cover}"
 
 
 def _budget(budget: object) -> str:
@@ -91,6 +101,8 @@ def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
     found = {}
     for name in curriculum.ancestors(curriculum.target):
         node = curriculum.node(name)
+        if node.deep:
+            raise SettingError(f"{name!r} is learnt by a network, which cannot be solved instead")
         solution = Target.of(node.task, node.evaluation).solution
         if solution is not None:
             values, none = solution.action_values[None], np.zeros(1, np.int64)

@@ -20,7 +20,9 @@ Changes = Annotated[
 
 
 def new(
-    kind: Annotated[Literal["maze", "pursuit", "gymnasium"], typer.Argument(help="What to teach.")],
+    kind: Annotated[
+        Literal["maze", "pursuit", "gymnasium", "deep"], typer.Argument(help="What to teach.")
+    ],
     file: Annotated[Path | None, typer.Argument(help="Where to; KIND.toml by default.")] = None,
 ) -> None:
     """Write a commented study to start from, which runs as it is."""

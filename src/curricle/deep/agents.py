@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import concatenate, create_empty_array
-from stable_baselines3.common.vec_env import VecEnv
 
 from curricle.checks import instance
 from curricle.errors import SettingError
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError:  # the extra is not installed; making one says so
+    VecEnv = object
 
 Indices = int | Iterable[int] | None
 
@@ -60,6 +64,8 @@ class AgentsVecEnv(VecEnv):  # type: ignore[misc]  # absent where types are chec
     """
 
     def __init__(self, parallel_env: Any):
+        if VecEnv is object:
+            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
         from pettingzoo import ParallelEnv
 
         instance("parallel_env", parallel_env, ParallelEnv, SettingError)

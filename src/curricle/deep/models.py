@@ -129,6 +129,7 @@ def network_values(
     >>> cart, dqn = observed("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
     >>> trained = learn_deep(cart, dqn, 100).values[0]
     >>> again = network_values(cart, dqn, "initialise", None, trained.parameters())
+    >>> import numpy as np
     >>> poles = np.zeros((3, 4), dtype=np.float32)
     >>> bool((again.v(poles) == trained.v(poles)).all())
     True

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 
 from curricle.errors import SettingError
 from curricle.interop.shaping_episodes import Episode
@@ -16,6 +15,11 @@ from curricle.interop.shaping_sources import Potential, unstack
 from curricle.interop.shaping_terms import check_unshaped, observed_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
+except ModuleNotFoundError:  # the extra is not installed; making one says so
+    VecEnv = VecEnvWrapper = object
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -73,6 +77,8 @@ class ShapedVecEnv(VecEnvWrapper):
         tolerance: float | None = 1e-6,
         batched: bool = False,
     ):
+        if VecEnv is object:
+            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
         super().__init__(venv)
         if unwrap_vec_normalize(venv) is not None:
             raise SettingError(

@@ -16,9 +16,11 @@ from curricle.report.scales import minus
 from curricle.report.sharing import shared
 from curricle.study.comparison import DIRECT
 from curricle.study.statistics import bootstrap
+from curricle.tasks.observed import is_observed
 from curricle.tasks.task import dynamics, same_task
-from curricle.transfer.by_name import ComponentMapping
+from curricle.transfer.by_name import ComponentMapping, by_names
 from curricle.transfer.edge import Transfer
+from curricle.transfer.observed import ObservationMapping
 
 FloatArray = npt.NDArray[np.float64]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
@@ -168,9 +170,21 @@ def _same_transfer(one: Transfer, other: Transfer) -> bool:
     for name in ("source", "target", "scale", "shift", "calibration"):
         if getattr(one, name) != getattr(other, name):
             return False
+    if one.mapping is other.mapping:
+        return True
     if isinstance(one.mapping, ComponentMapping) or isinstance(other.mapping, ComponentMapping):
         return repr(one.mapping) == repr(other.mapping)
+    if isinstance(one.mapping, ObservationMapping) or isinstance(other.mapping, ObservationMapping):
+        return _parts(one.mapping) == _parts(other.mapping)
     return np.array_equal(one.mapping.index, other.mapping.index)
+
+
+def _parts(mapping: Any) -> tuple[Any, ...]:
+    """Return what makes a mapping of observations; nothing of other mappings."""
+    if not isinstance(mapping, ObservationMapping):
+        return ()
+    actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
+    return mapping.observations, actions, mapping.status, mapping.unmapped_value
 
 
 def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons) -> Graph:
@@ -205,6 +219,8 @@ def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons
 
 
 def _kind(task: Any) -> str:
+    if is_observed(task):
+        return f"observations, {task.shapes.replace('->', '→')}"
     moving = dynamics(task)
     return f"{type(task).__name__}, {moving.states.size:,} states × {moving.actions.size:,} actions"
 
@@ -259,17 +275,17 @@ def mapping_words(transfer: Transfer) -> str:
     """
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
-        names = dict.fromkeys((*mapping.source.states.names, *mapping.source.actions.names))
-        kept = [name for name in names if mapping.renaming.get(name, name) == name]
-        renamed = [f"{name} is {mapping.renaming[name]}" for name in names if name not in kept]
-        return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])
+        names = (*mapping.source.states.names, *mapping.source.actions.names)
+        return by_names(names, mapping.renaming)
+    if isinstance(mapping, ObservationMapping):
+        return mapping.words
     return "state by state and action by action"
 
 
 def _transfer_words(transfer: Transfer) -> str:
     """Return a transfer in words: its mapping, how much it reaches, and its size."""
-    words, target = [mapping_words(transfer)], dynamics(transfer.mapping.target)
-    if target.states.size * target.actions.size <= LARGEST_COVERAGE:
+    words = [mapping_words(transfer)]
+    if _countable(transfer.mapping):
         cover = transfer.mapping.coverage()
         words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
         if cover.ended:
@@ -284,6 +300,14 @@ def _transfer_words(transfer: Transfer) -> str:
     if transfer.calibration is not None:
         words.append("calibrated in the target")
     return "; ".join(words)
+
+
+def _countable(mapping: Any) -> bool:
+    """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
+    if isinstance(mapping, ObservationMapping):
+        return False
+    target = dynamics(mapping.target)
+    return target.states.size * target.actions.size <= LARGEST_COVERAGE
 
 
 def _notes(arms: Sequence[str], results: Mapping[str, CurriculumResult]) -> tuple[str, ...]:

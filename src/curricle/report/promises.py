@@ -13,6 +13,7 @@ from curricle.learning.following import PairPotential
 from curricle.learning.result import LearningResult
 from curricle.report.sharing import shared
 from curricle.study.forecast import Forecast, forecast
+from curricle.tasks.observed import is_observed
 from curricle.tasks.task import dynamics
 
 EFFORT = 800_000
@@ -82,6 +83,8 @@ def _promise(
 ) -> Promise:
     curriculum = results[arms[0]].curriculum
     target = curriculum.target
+    if is_observed(curriculum.tasks[target]):
+        return _observed_promise(arms, results, target)
     space = dynamics(curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     left_out, found = list[str](), None
@@ -110,10 +113,36 @@ def _promise(
             f"Certificates are left out, because {why}: curricle.certify(task, potential) gives "
             "them."
         )
-    came = {arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms}
     used = _used(found, arms, results, target)
     alike = tuple(shared(certificates, lambda one, other: str(one) == str(other)))
-    return Promise(arms, found, used, came, alike, tuple(left_out))
+    return Promise(arms, found, used, _came(arms, results, target), alike, tuple(left_out))
+
+
+def _observed_promise(
+    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], target: str
+) -> Promise:
+    """Return what was promised of a target seen through observations, for the first seed."""
+    left_out = [
+        f"Certificates are left out, because {target} is seen through observations: they need "
+        "numbered states."
+    ]
+    first, found = results[arms[0]], None
+    if all(first[t.source].values is not None for t in first.curriculum.into(target)):
+        found = _foreseen(arms, results, target, 1)
+    else:
+        left_out.append(
+            "The forecast is left out, because the sources' values were not kept, or their "
+            "networks cannot be read here: pip install curricle[deep]."
+        )
+    used = _used(found, arms, results, target)
+    return Promise(arms, found, used, _came(arms, results, target), (), tuple(left_out))
+
+
+def _came(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+) -> dict[str, float]:
+    """Return the greedy return with which the target began, by arm."""
+    return {arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms}
 
 
 def _foreseen(
@@ -179,7 +208,7 @@ def first_seeds(result: LearningResult, n: int) -> LearningResult:
     return replace(
         result,
         seeds=result.seeds[:n],
-        values=result.values[:n],
+        values=None if result.values is None else result.values[:n],
         training_return=result.training_return[:n],
         greedy_return=result.greedy_return[:n],
         episodes=result.episodes[:n],

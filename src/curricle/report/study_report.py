@@ -5,6 +5,7 @@ from pathlib import Path
 from curricle.curriculum import CurriculumResult
 from curricle.errors import StoreError
 from curricle.files import write_whole
+from curricle.node import Node
 from curricle.report.study_page import StudyRecord, study_page
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import seed_words
@@ -39,7 +40,10 @@ def study_record(study: Study) -> StudyRecord:
     results = {}
     for arm, curriculum in study.arms.curricula.items():
         read = {transfer.source for transfer in curriculum.transfers}
-        nodes = {name: study.result(arm, name, values=name in read) for name in curriculum.order}
+        nodes = {
+            name: study.result(arm, name, values=name in read and _readable(curriculum.node(name)))
+            for name in curriculum.order
+        }
         results[arm] = CurriculumResult(curriculum, nodes, {})
     places = [(arm, name) for arm, found in results.items() for name in found.nodes]
     films = {(arm, name): results[arm][name].film for arm, name in places}
@@ -62,3 +66,14 @@ def study_record(study: Study) -> StudyRecord:
             **last["versions"],
         },
     )
+
+
+def _readable(node: Node) -> bool:
+    """Return whether what a task's learner values can be read: networks need what they ran on."""
+    if not node.deep:
+        return True
+    try:
+        node.learner.algorithm_class()
+    except ImportError:
+        return False
+    return True

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.observed import is_observed
 from curricle.tasks.places import state_name
 from curricle.tasks.task import Dynamics, Task, dynamics, has_tables, same_task, tables
 
@@ -15,13 +16,16 @@ FloatArray = npt.NDArray[np.float64]
 LARGEST = 5_000_000
 """Pairs (S x A) up to which tables are compared."""
 CLOSE = 1e-9
+TERMS = {"longest": "time_limit"}
+"""What properties of tasks are called by those who make them."""
 
 
 def differences(one: Task, other: Task) -> tuple[str, ...]:
     """Return what two tasks differ in, each with both values or a place; nothing if they are one.
 
     Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
-    tables where these fit, and the parameters of tasks of one kind.
+    tables where these fit, and the parameters of tasks of one kind. Tasks seen through observations
+    are one problem where the same function, called alike, makes their environments.
 
     Examples
     --------
@@ -33,6 +37,8 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     """
     if same_task(one, other):
         return ()
+    if is_observed(one) or is_observed(other):
+        return tuple(_seen(one, other))
     mine, yours = dynamics(one), dynamics(other)
     found = list(_outside(mine, yours))
     alike = not found or found[0].split()[0] not in ("states", "actions")
@@ -49,6 +55,19 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     if not found and not by_parameters:
         found = ["rules (too large, or given by functions, to be compared)"]
     return tuple(found)
+
+
+def _seen(one: Any, other: Any) -> Iterator[str]:
+    """Yield what tasks differ in of which one at least is seen through observations."""
+    if not (is_observed(one) and is_observed(other)):
+        yield f"what is seen ({one!r} against {other!r})"
+        return
+    for name in ("observations", "actions", "discount", "longest"):
+        mine, yours = getattr(one, name), getattr(other, name)
+        if mine != yours:
+            yield f"{TERMS.get(name, name)} ({mine} against {yours})"
+    if one.make != other.make:
+        yield f"environment ({one.make} against {other.make})"
 
 
 def _outside(one: Dynamics, other: Dynamics) -> Iterator[str]:

@@ -30,6 +30,7 @@ from curricle.study.controls import (
 )
 from curricle.study.sequential import add_seeds
 from curricle.study.threshold import fraction_of_optimum, midpoint
+from curricle.transfer.observed_target import ObservedTarget, target_of
 
 FRACTION = 0.9
 """How far from untaught to optimal the default threshold lies."""
@@ -245,13 +246,13 @@ class _Plan:
         add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
         return joined(batches)
 
-    def place(self) -> Target:
+    def place(self) -> Target | ObservedTarget:
         """Return the target, solved if it can be."""
         first = next(iter(self.arms.values()))
-        return Target.of(first.tasks[self.target], first.setting("evaluation", self.target))
+        return target_of(first.tasks[self.target], first.setting("evaluation", self.target))
 
 
-def default_threshold(place: Target, direct: Arm) -> float:
+def default_threshold(place: Target | ObservedTarget, direct: Arm) -> float:
     """Return nine tenths of the way from untaught to optimal; midway where that says nothing."""
     if place.solution is None:
         return midpoint(direct.curve)

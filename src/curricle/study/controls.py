@@ -8,11 +8,14 @@
   of that size do.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong size.
 - ``negated``: -phi. It should do harm where phi helps.
+
+A target seen through observations has no pairs to shuffle and no states to start in anywhere, so
+that ``placebo`` and ``random_start`` make no sense there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,12 +23,17 @@ from curricle.checks import one_of
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.following import PairPotential
+from curricle.learning.learn import OF_NETWORKS
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.result import LearningResult
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.observed import ObservedTask, is_observed
 from curricle.tasks.task import Task, tables
+from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.edge import Transfer
 from curricle.transfer.mapping import ENDED, StateActionMapping
+from curricle.transfer.observed import ObservationMapping
+from curricle.transfer.observed_potential import ObservationPotential
 
 Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = ("random_start", "pretraining", "placebo", "scaled", "negated")
@@ -50,12 +58,30 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         raise CurriculumError(
             f"controls need a transfer into the target: arm {arm!r} has none into {name!r}"
         )
-    if any(control != "scaled" for control in controls):
+    if is_observed(curriculum.tasks[name]):
+        _check_observed(controls, arm, curriculum)
+    elif any(control != "scaled" for control in controls):
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
                 "controls other than 'scaled' need dense tables of the target: the storage of "
                 f"{name!r} is sparse in arm {arm!r}"
+            )
+
+
+def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
+    name = curriculum.target
+    how = curriculum.setting("how", name)
+    for control in controls:
+        if control in ("random_start", "placebo"):
+            raise CurriculumError(
+                f"a control {control!r} needs numbered states: {name!r}, the target of arm "
+                f"{arm!r}, is seen through observations"
+            )
+        if control != "pretraining" and how in OF_NETWORKS:
+            raise CurriculumError(
+                f"a control {control!r} changes what a potential promises: the target of arm "
+                f"{arm!r} is taught with how={how!r}, which reads no promises"
             )
 
 
@@ -98,7 +124,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     )
 
 
-Change = Callable[[PairPotential, int], PairPotential]
+Change = Callable[[AnyPotential, int], AnyPotential]
 """phi and a seed -> another phi."""
 
 
@@ -110,7 +136,7 @@ def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
         yield "scaled x 0.5", lambda phi, _: phi.rescaled(0.5)
         yield "scaled x 2", lambda phi, _: phi.rescaled(2.0)
     if "negated" in controls:
-        yield "negated", lambda phi, _: StateActionPotential(phi.task, -phi.values)
+        yield "negated", _negated
 
 
 def learn_changed(result: CurriculumResult, change: Change, workers: int | None) -> LearningResult:
@@ -128,6 +154,12 @@ def learn_changed(result: CurriculumResult, change: Change, workers: int | None)
     )
 
 
+def _negated(phi: AnyPotential, _: int) -> AnyPotential:
+    if isinstance(phi, ObservationPotential):
+        return phi.rescaled(-1.0)
+    return StateActionPotential(phi.task, -phi.values)
+
+
 def _shuffled(phi: PairPotential, seed: int) -> PairPotential:
     """Return phi with its values dealt anew to all pairs that are not terminal."""
     values, ends = phi.values.copy(), tables(phi.task).terminal
@@ -143,7 +175,9 @@ def _started_anywhere(task: Task) -> Task:
     return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
 
 
-def _onto_itself(task: Task, source: Task) -> StateActionMapping:
+def _onto_itself(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
+    if isinstance(task, ObservedTask):
+        return ObservationMapping(task, source)
     mdp = tables(task)
     index = np.arange(mdp.outcome_row.size).reshape(mdp.outcome_row.shape)
     return StateActionMapping(task, source, np.where(mdp.terminal[:, None], ENDED, index))

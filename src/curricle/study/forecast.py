@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,19 +13,20 @@ from curricle.errors import CurriculumError
 from curricle.knowledge import calibrated
 from curricle.learning.budget import seed_tuple
 from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.following import PairPotential
 from curricle.learning.result import LearningResult
-from curricle.learning.target import Target
 from curricle.learning.threads import over_seeds, threads_for
 from curricle.tasks.places import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
-from curricle.transfer.calibration import Calibration, attempt
+from curricle.transfer.calibration import AnyPotential, Calibration, attempt
 from curricle.transfer.coverage import Coverage
-from curricle.transfer.edge import Calibrate, numbered, transfer_names
+from curricle.transfer.edge import Calibrate, Transfer, numbered, transfer_names
+from curricle.transfer.observed import ObservedCoverage
+from curricle.transfer.observed_target import ObservedTarget, target_of
 from curricle.transfer.realism import Realism, realism
 
 AGGREGATES = (minimum, mean, maximum, total)
-EPISODES = 1000
+Place = Any
+"""The target as potentials are judged in it: a Target or an ObservedTarget."""
 
 # Where the words of a verdict change; benchmarks/check_forecast.py sets them against what came.
 GAIN, GOOD = 0.1, 0.5
@@ -74,7 +77,8 @@ class Foreseen:
     def scale(self) -> float:
         """The mean scale that a calibration finds; NaN where it finds none for most seeds."""
         found = [one.scale for one in self.calibrations if not one.refusal]
-        return float(np.mean(found)) if 2 * len(found) > len(self.calibrations) else float("nan")
+        most = found and 2 * len(found) > len(self.calibrations)
+        return float(np.mean(found)) if most else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +88,9 @@ class Forecast:
     Attributes
     ----------
     target : str
-    coverage : dict of str to Coverage
-        Of each transfer's mapping.
+    coverage : dict of str to Coverage or ObservedCoverage
+        Of each transfer's mapping; into a task seen through observations over those that the
+        curriculum's potential of the first seed leads to.
     foreseen : tuple of Foreseen
         Aggregates, the best start first, then each transfer alone.
     optimum, untaught : float
@@ -100,7 +105,7 @@ class Forecast:
     """
 
     target: str
-    coverage: Mapping[str, Coverage]
+    coverage: Mapping[str, Coverage | ObservedCoverage]
     foreseen: tuple[Foreseen, ...]
     optimum: float
     untaught: float
@@ -148,7 +153,7 @@ def forecast(
     seeds: int | Sequence[int] = 3,
     aggregates: Sequence[Aggregate] = (),
     trained: Mapping[str, LearningResult] | None = None,
-    episodes: int = EPISODES,
+    episodes: int | None = None,
     workers: int | None = None,
 ) -> Forecast:
     """Return what to expect of the transfers into a target; only the sources are trained.
@@ -164,8 +169,9 @@ def forecast(
         To look at besides the library's four and the curriculum's own.
     trained : dict of str to LearningResult, optional
         Sources trained before, for the same seeds.
-    episodes : int
-        Rollouts of each potential where the target is too large, or live, to be exact.
+    episodes : int, optional
+        Rollouts of each potential where the target is too large, or live, to be exact: 1000 by
+        default, 50 of a task seen through observations.
     workers : int, optional
         Threads over seeds.
 
@@ -203,7 +209,7 @@ def forecast(
         raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
     own = curriculum.setting("aggregate", name)
     evaluation: GreedyEvaluation = curriculum.setting("evaluation", name)
-    place = Target.of(curriculum.tasks[name], evaluation, episodes=episodes)
+    place = target_of(curriculum.tasks[name], evaluation, episodes=episodes)
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
@@ -227,13 +233,13 @@ def forecast(
             found.append(
                 _foresee(f"{called}, calibrated", True, True, fitted, place, bounds, workers)
             )
-    found.sort(key=lambda one: -one.mean("start"))
+    found.sort(key=lambda one: -np.nan_to_num(one.mean("start")))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])
         found.append(_foresee(label, False, False, potentials, place, bounds, workers))
     return Forecast(
         target=name,
-        coverage={label: edge.mapping.coverage() for label, edge in labels.items()},
+        coverage=_coverage(labels, place, curriculum.potentials(name, sources)[0]),
         foreseen=tuple(found),
         optimum=bounds[0],
         untaught=bounds[1],
@@ -243,24 +249,41 @@ def forecast(
     )
 
 
+def _coverage(
+    edges: Mapping[str, Transfer], place: Place, potential: AnyPotential
+) -> dict[str, Coverage | ObservedCoverage]:
+    """Return the coverage of each transfer's mapping."""
+    if isinstance(place, ObservedTarget):
+        met = place.met(potential)
+        return {label: edge.mapping.coverage(met) for label, edge in edges.items()}
+    return {label: edge.mapping.coverage() for label, edge in edges.items()}
+
+
 def _foresee(
     name: str,
     aggregate: bool,
     used: bool,
-    potentials: Sequence[PairPotential],
-    place: Target,
+    potentials: Sequence[AnyPotential],
+    place: Place,
     bounds: tuple[float, float],
     workers: int | None,
 ) -> Foreseen:
-    threads = threads_for(place.task, workers, len(potentials))
-    seeds = over_seeds(lambda k: realism(potentials[k], place, seed=k), len(potentials), threads)
-    calibrations = tuple(attempt(phi, Calibrate(), seed=k) for k, phi in enumerate(potentials))
+    if isinstance(place, ObservedTarget):
+        judge, threads, fit = place.realism, 1, Calibrate(place.episodes)
+        told = potentials if potentials[0].of_actions else ()
+    else:
+        judge, fit, told = partial(realism, target=place), Calibrate(), potentials
+        threads = threads_for(place.task, workers, len(potentials))
+    seeds = over_seeds(lambda k: judge(potentials[k], seed=k), len(potentials), threads)
+    calibrations = tuple(attempt(phi, fit, seed=k) for k, phi in enumerate(told))
     bare = Foreseen(name, aggregate, used, tuple(seeds), calibrations, "")
     return replace(bare, verdict=_verdict(bare, place, *bounds))
 
 
-def _verdict(one: Foreseen, place: Target, optimum: float, untaught: float) -> str:
+def _verdict(one: Foreseen, place: Place, optimum: float, untaught: float) -> str:
     """Return in plain words what to expect, and what to do."""
+    if np.isnan(one.mean("start")):
+        return "tells no actions apart, so no policy of it can be followed: for how = 'state' alone"
     start, excess = one.mean("start"), one.mean("excess") / max(one.mean("size"), 1e-12)
     words = [f"starts at {start:.3g}"]
     # Where the optimum is unknown any better start is a good one.

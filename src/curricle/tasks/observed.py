@@ -30,8 +30,8 @@ class Registered:
         return gymnasium.make(self.id, **self.arguments)
 
     def __str__(self) -> str:
-        said = ", ".join(f"{name}={value!r}" for name, value in self.arguments.items())
-        return f"{self.id}({said})" if said else self.id
+        said = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
+        return f"{self.id}({', '.join(said)})" if said else self.id
 
 
 @dataclass(frozen=True)
@@ -116,11 +116,15 @@ class ObservedTask:
             return made
         return gymnasium.wrappers.TimeLimit(made, self.time_limit)
 
+    @property
+    def shapes(self) -> str:
+        """What is seen and done, in words, such as ``Box(2,) -> Discrete(3)``."""
+        return " -> ".join(_shape(space) for space in self._looked_at[:2])
+
     def __repr__(self) -> str:
-        shapes = " -> ".join(_shape(space) for space in self._looked_at[:2])
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
         made = getattr(self.make, "__name__", str(self.make))
-        return f"ObservedTask({made}, discount {self.discount:g}{limit}, {shapes})"
+        return f"ObservedTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
 
 
 def _shape(space: gymnasium.Space[Any]) -> str:
@@ -139,6 +143,7 @@ def batch_size(observations: Any) -> int:
 
     Examples
     --------
+    >>> import numpy as np
     >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
     5
     """

@@ -166,8 +166,8 @@ class ObservationMapping:
 
     @cached_property
     def _asked(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
-        """The source's actions, each once; where in them each of the target's is; which have none."""
-        table = np.arange(self.target.n_actions) if self.actions is None else self.actions
+        """The source's actions, each once; where each of the target's is there; which have none."""
+        table = self._actions(None, 1)[0]
         asked, place = np.unique(np.maximum(table, 0), return_inverse=True)
         return asked, place, table == UNMAPPED
 

@@ -62,7 +62,7 @@ class Stage:
     >>> from curricle import observed
     >>> stage = Stage(observed("MountainCar-v0"), episodes=2, longest=200)
     >>> left = stage.play(lambda cars: (np.zeros(len(cars), dtype=int), cars[:, 0]), seed=0)
-    >>> [episode.rewards.sum() for episode in left], left[0].ended
+    >>> [float(episode.rewards.sum()) for episode in left], left[0].ended
     ([-200.0, -200.0], False)
     """
 
@@ -225,7 +225,7 @@ def follow_observed(
     >>> car = observed("MountainCar-v0")
     >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
     >>> met = follow_observed(ObservationPotential.of(car, along), episodes=3)
-    >>> met.ended, met.returns.max() > -200
+    >>> met.ended, bool(met.returns.max() > -200)
     (array([ True,  True,  True]), True)
     """
     met = greedy_episodes(potential, episodes=episodes, seed=seed, stream=stream)

@@ -26,7 +26,7 @@ def build(plan: Plan, folder: Path, made: dict[str, Any], refuse: Refuse) -> Cur
     folder : Path
         Of the modules with the study's own functions.
     made : dict
-        The tasks made so far, which arms share; more are added.
+        The tasks and mappings made so far, which arms share; more are added.
     refuse : callable
     """
     graph = Graph(
@@ -39,7 +39,12 @@ def build(plan: Plan, folder: Path, made: dict[str, Any], refuse: Refuse) -> Cur
     for index, transfer in enumerate(plan.transfers):
         if transfer.source in tasks and transfer.target in tasks:
             with refuse(("transfers", index)):
-                transfers.append(transfer.build(tasks, folder))
+                target, source = tasks[transfer.target], tasks[transfer.source]
+                words = transfer.model_dump_json(exclude={"scale", "shift", "calibrate"})
+                words += _words(plan, graph, transfer.target) + _words(plan, graph, transfer.source)
+                if words not in made:
+                    made[words] = transfer.made(target, source, folder)
+                transfers.append(transfer.build(made[words]))
     whole = len(tasks) == len(plan.tasks) and len(transfers) == len(plan.transfers)
     if whole and all(len(each) == len(graph.learnt) for each in settings.values()):
         with refuse(()):
@@ -53,7 +58,7 @@ def _tasks(
     """Return the tasks that could be made, those that lend their drawing included."""
     tasks: dict[str, Any] = {}
     for name in sorted(plan.tasks, key=lambda name: len(graph.drawings(name))):
-        words = repr([_words(plan, drawing) for drawing in graph.drawings(name)])
+        words = _words(plan, graph, name)
         if graph.parts[name] in (None, *tasks):
             with refuse(("tasks", name)):
                 if words not in made:
@@ -62,9 +67,14 @@ def _tasks(
     return tasks
 
 
-def _words(plan: Plan, name: str) -> str:
-    """Return what is said of a task itself."""
-    return plan.tasks[name].model_dump_json(exclude=set(Settings.model_fields))
+def _words(plan: Plan, graph: Graph, name: str) -> str:
+    """Return what is said of a task itself, and of the mazes that it is a part of."""
+    return repr(
+        [
+            plan.tasks[drawing].model_dump_json(exclude=set(Settings.model_fields))
+            for drawing in graph.drawings(name)
+        ]
+    )
 
 
 def _settings(plan: Plan, graph: Graph, folder: Path, refuse: Refuse) -> dict[str, dict[str, Any]]:

@@ -1,13 +1,31 @@
 """Studies as data: how one is written in a file, and how it is when nothing is left to resolve."""
 
 import re
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from curricle.study.config.settings import Settings
-from curricle.study.config.tables import Count, Flag, Name, Number, Table, Whole, shown, wrong
-from curricle.study.config.tasks import AnyTask, TaskTable
+from curricle.study.config.tables import (
+    Count,
+    Flag,
+    Name,
+    Number,
+    Place,
+    Table,
+    Whole,
+    all_wrong,
+    shown,
+    wrong,
+)
+from curricle.study.config.tasks import TASKS, AnyTask
 from curricle.study.config.transfers import TransferTable
 
 MOST_SEEDS = 100_000
@@ -63,6 +81,30 @@ class Plan(Table):
 
     tasks: dict[str, AnyTask] = Field(min_length=1)
     transfers: tuple[TransferTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _all_fits(self) -> Self:
+        if found := list(self._misfits()):
+            raise all_wrong(found)
+        return self
+
+    def _misfits(self) -> Iterator[tuple[Place, str]]:
+        """Yield what does not go with tables, or with observations."""
+        for name, task in self.tasks.items():
+            for place, text in task.misfits(name):
+                yield ("tasks", name, *place), text
+        for index, transfer in enumerate(self.transfers):
+            if not {transfer.source, transfer.target} <= self.tasks.keys():
+                continue  # which is said elsewhere
+            source, target = self.tasks[transfer.source], self.tasks[transfer.target]
+            if source.deep and not target.deep:
+                yield (
+                    ("transfers", index, "source"),
+                    f"must have tables as its target has: {transfer.source} is seen through "
+                    "observations",
+                )
+            for key, text in transfer.misfits(deep=target.deep):
+                yield ("transfers", index, key), text
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
@@ -125,7 +167,7 @@ def json_schema() -> dict[str, Any]:
     'Whether learning the target directly is an arm too.'
     """
     schema = Written.model_json_schema()
-    for table in TaskTable.__subclasses__():
+    for table in TASKS:
         # An arm may give what a task leaves open, but for its type.
         schema["$defs"][table.__name__]["required"] = ["type"]
     return {

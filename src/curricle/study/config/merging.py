@@ -6,7 +6,7 @@ from typing import Any
 
 from curricle.errors import ConfigError
 from curricle.study.config.graph import Graph, table
-from curricle.study.config.settings import EpisodesTable, LearnerTable, Settings
+from curricle.study.config.settings import DeepLearnerTable, EpisodesTable, LearnerTable, Settings
 
 SETTINGS = tuple(Settings.model_fields)
 OF_TARGETS = ("aggregate", "how", "guard", "back")
@@ -52,12 +52,31 @@ def _over(old: Any, new: Any, key: str) -> Any:
         return new
     if key == "transfers" and isinstance(old, list):
         return [_over(one, new[str(n)], "") if str(n) in new else one for n, one in enumerate(old)]
-    other_budget = key == "budget" and isinstance(old, dict) and _episodes(old) != _episodes(new)
-    return merged(old, new) if isinstance(old, dict) and not other_budget else new
+    if not isinstance(old, dict) or _another(key, old, new):
+        return new
+    return merged(_kept(key, old, new), new)
+
+
+def _kept(key: str, old: Raw, new: Raw) -> Raw:
+    """Return what stays of a table: of a learner no settings of another algorithm."""
+    if key == "learner" and new.get("algorithm", old.get("algorithm")) != old.get("algorithm"):
+        return {name: value for name, value in old.items() if name != "settings"}
+    return old
+
+
+def _another(key: str, old: Raw, new: Raw) -> bool:
+    """Return whether a budget or a learner is of another kind, of which nothing can stay."""
+    if key == "budget":
+        return _episodes(old) is not _episodes(new)
+    return key == "learner" and "type" in new and _deep(old) is not _deep(new)
 
 
 def _episodes(budget: Raw) -> bool:
     return any(key in budget for key in EpisodesTable.model_fields)
+
+
+def _deep(learner: Raw) -> bool:
+    return bool(learner.get("type") == DeepLearnerTable.model_fields["type"].default)
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:

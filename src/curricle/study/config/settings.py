@@ -7,12 +7,13 @@ that a mistake in a file is reported at once.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
 
 from curricle.study.config.references import load
 from curricle.study.config.tables import (
+    Count,
     Flag,
     Number,
     Table,
@@ -21,9 +22,12 @@ from curricle.study.config.tables import (
     either,
     flag,
     meant,
+    no_table,
     number,
+    shown,
     whole_number,
     wrong,
+    wrong_at,
 )
 
 AGGREGATES = ("maximum", "mean", "minimum", "total")
@@ -88,12 +92,13 @@ Rate = Annotated[
 ]
 
 
-class LearnerTable(Setting):
-    """A learner: what it updates by, how fast, how it explores."""
+Update = Literal["QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning"]
 
-    type: Literal["QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning"] = Field(
-        default="QLearning", description="The update."
-    )
+
+class LearnerTable(Setting):
+    """A learner in a table: what it updates by, how fast, how it explores."""
+
+    type: Update = Field(default="QLearning", description="The update.")
     learning_rate: Rate = Field(default=0.1, description="alpha in [0, 1], or a schedule.")
     epsilon: Rate | None = Field(
         default=None,
@@ -112,6 +117,63 @@ class LearnerTable(Setting):
         rates = {"learning_rate", "epsilon", "inverse_temperature"}
         given = {name: _built(getattr(self, name)) for name in rates}
         return getattr(learners, self.type)(**given, initial_value=self.initial_value)
+
+
+class DeepLearnerTable(Table):
+    """A learner with a network: an algorithm of Stable-Baselines3, and its settings."""
+
+    type: Literal["deep"] = "deep"
+    algorithm: str = Field(
+        default="DQN", description="DQN, QRDQN, PPO, SAC and the like, or one's own, module:Class."
+    )
+    policy: str = Field(
+        default="MlpPolicy", description="MlpPolicy, CnnPolicy or MultiInputPolicy."
+    )
+    envs: Count = Field(default=1, description="Environments played side by side.")
+    settings: dict[str, JsonValue] = Field(
+        default={},
+        description="All else that the algorithm takes, such as learning_rate or policy_kwargs; "
+        "text as module:name stands for what it names.",
+    )
+    threads: Count = Field(default=1, description="Threads that torch may use.")
+
+    def build(self, folder: Path) -> Any:
+        """Return the learner.
+
+        Parameters
+        ----------
+        folder : Path
+            Where the modules of a study's own classes are.
+        """
+        from curricle.deep.learner import DeepLearner
+
+        algorithm = self.algorithm
+        if ":" in algorithm:
+            own = load(algorithm, folder)
+            algorithm = f"{own.__module__}:{own.__qualname__}"
+        settings = {name: _loaded(value, folder) for name, value in self.settings.items()}
+        # Lists of TOML are what the algorithms take as tuples, such as train_freq.
+        given = {name: tuple(v) if isinstance(v, list) else v for name, v in settings.items()}
+        return DeepLearner(
+            algorithm, self.policy, envs=self.envs, settings=given, threads=self.threads
+        )
+
+
+def _loaded(value: Any, folder: Path) -> Any:
+    """Return a setting with what its texts name in their places."""
+    if isinstance(value, dict):
+        return {name: _loaded(one, folder) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_loaded(one, folder) for one in value]
+    return load(value, folder) if isinstance(value, str) and ":" in value else value
+
+
+def _learner_table(value: dict[str, Any]) -> type[Table]:
+    kind, kinds = value.get("type", "QLearning"), (*get_args(Update), "deep")
+    if kind not in kinds:
+        words = f"must be one of {', '.join(kinds)}: got {shown(kind)}{meant(kind, kinds)}"
+        raise wrong_at(("type",), words, kind)
+    return DeepLearnerTable if kind == "deep" else LearnerTable
 
 
 class EpisodesTable(Setting):
@@ -248,16 +310,25 @@ class Settings(Table):
         description="How several potentials into a task become one: maximum, mean, minimum, total, "
         "or a function (N, S, A) -> (S, A) as module:function.",
     )
-    learner: LearnerTable = Field(default=LearnerTable(), description="Who learns.")
+    learner: Annotated[LearnerTable | DeepLearnerTable, either(_learner_table, no_table)] = Field(
+        default=LearnerTable(), description="Who learns."
+    )
     budget: Annotated[Whole | EpisodesTable | GateTable, either(_budget_table, whole_number)] = (
         Field(
             default=100_000,
             description="Steps; { episodes = 800 }; or a gate, { most = 50_000, ... }.",
         )
     )
-    how: Literal["initialise", "look_ahead", "look_back", "state", "bonus", "advice"] = Field(
-        default="initialise", description="How a potential enters learning."
-    )
+    how: Literal[
+        "initialise",
+        "look_ahead",
+        "look_back",
+        "state",
+        "bonus",
+        "advice",
+        "weights",
+        "policy",
+    ] = Field(default="initialise", description="How a potential, or a network, enters learning.")
     guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
         default=False, description="Whether a second learner watches over the potential, and how."
     )
@@ -287,6 +358,8 @@ class Settings(Table):
             return _aggregate_function(value, folder)
         if which == "guard":
             value = GuardTable() if value is True else value or None
+        if isinstance(value, DeepLearnerTable):
+            return value.build(folder)
         return _built(value)
 
 

@@ -80,6 +80,32 @@ class StudyFile:
             raise ConfigError(f"{self.places.file}: arm {arm!r} {unknown(arm, self.document.arms)}")
         return self._built(arm)[arm]
 
+    def check_networks(self) -> None:
+        """Check what Stable-Baselines3 says of the learners that are networks.
+
+        Raises
+        ------
+        ImportError
+            When there is such a learner, and Stable-Baselines3 is not installed.
+        ConfigError
+            Naming each algorithm, setting and way into learning that it does not have.
+        """
+        from curricle.deep.learner import DeepLearner
+
+        found = Problems()
+        for arm, curriculum in self.arms.items():
+            for name in curriculum.order:
+                learner, how = (curriculum.setting(one, name) for one in ("learner", "how"))
+                if not isinstance(learner, DeepLearner):
+                    continue
+                place = self.places.written(arm, ("tasks", name, "learner"))
+                with found.at(self.places, place):
+                    learner.algorithm_class()  # says how to install what is missing
+                    from curricle.deep.models import check_learner
+
+                    check_learner(learner, how if curriculum.into(name) else None)
+        found.tell()
+
     def _built(self, *arms: str) -> dict[str, "Curriculum"]:
         from curricle.study.config.building import build
 

@@ -85,6 +85,12 @@ def wrong_at(place: Place, text: str, value: Any) -> ValidationError:
     return ValidationError.from_exception_data("study", [_detail(place, text, value)])
 
 
+def all_wrong(found: Iterable[tuple[Place, str]]) -> ValidationError:
+    """Return the error that says each text of its place in the value being validated."""
+    details = [_detail(place, text, None) for place, text in found]
+    return ValidationError.from_exception_data("study", details)
+
+
 def shown(value: Any) -> str:
     """Return a value as a message repeats it."""
     words = repr(value)

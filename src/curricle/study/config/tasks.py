@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -13,8 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.study.config.references import load, users_code
-from curricle.study.config.settings import Settings
+from curricle.study.config.references import Call, load, users_code
 from curricle.study.config.tables import (
     Flag,
     Name,
@@ -29,46 +28,9 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
+from curricle.study.config.task_table import Reference, TaskTable, TimeLimit
 
 Cell = tuple[Whole, Whole]
-
-
-def _time_limit(value: Any) -> int | str:
-    return value if value == "none" else whole_number(value)
-
-
-def _reference(value: str) -> str:
-    if ":" not in value:
-        raise wrong(f"must name a function as module:function: got {value!r}")
-    return value
-
-
-TimeLimit = Annotated[int | Literal["none"], BeforeValidator(_time_limit)]
-Reference = Annotated[str, AfterValidator(_reference)]
-
-
-class TaskTable(Settings):
-    """A task, and settings for it alone."""
-
-    def rules(self) -> dict[str, Any]:
-        """Return what the task itself is, without type and settings, as its class takes it."""
-        names = [name for name in type(self).model_fields if name not in Settings.model_fields]
-        rules = {name: getattr(self, name) for name in names if name != "type"}
-        if rules.get("time_limit") == "none":
-            rules["time_limit"] = None
-        return rules
-
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
-        """Return the task.
-
-        Parameters
-        ----------
-        folder : Path
-            The study file's, with the modules of a user's own functions.
-        task : callable
-            Returns another task of the study, by its name.
-        """
-        raise NotImplementedError
 
 
 class RewardsTable(Table):
@@ -196,10 +158,9 @@ def _prey(value: Any) -> Any:
     return value
 
 
-class PursuitTask(TaskTable):
-    """Predators and a prey on a grid."""
+class PursuitRules(TaskTable):
+    """Predators and a prey on a grid, however they are seen."""
 
-    type: Literal["pursuit"] = "pursuit"
     size: Whole = Field(default=4, description="Cells per side.")
     predators: Whole = Field(default=2, description="How many hunt.")
     moves: Literal[4, 5] = Field(default=5, description="North, east, south, west; 5 adds staying.")
@@ -227,7 +188,30 @@ class PursuitTask(TaskTable):
 
         own = isinstance(self.prey, str) and ":" in self.prey
         prey = load(str(self.prey), folder) if own else self.prey
-        return Pursuit(**{**self.rules(), "prey": prey})
+        rules = {name: value for name, value in self.rules().items() if name != "acting"}
+        return Pursuit(**{**rules, "prey": prey})
+
+
+class PursuitTask(PursuitRules):
+    """Predators and a prey on a grid."""
+
+    type: Literal["pursuit"] = "pursuit"
+
+
+class VectorPursuitTask(PursuitRules):
+    """Predators and a prey on a grid, seen as vectors of numbers by a deep learner."""
+
+    type: Literal["vector_pursuit"] = "vector_pursuit"
+    deep: ClassVar[bool] = True
+    acting: Literal["all", "first"] = Field(
+        default="all", description="Who acts: all predators as one, or the first among random ones."
+    )
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the pursuit as a task seen through observations."""
+        from curricle.interop.vector_pursuit import observed_pursuit
+
+        return observed_pursuit(super().build(folder, task), acting=self.acting)
 
 
 class GymnasiumTask(TaskTable):
@@ -257,6 +241,44 @@ class GymnasiumTask(TaskTable):
         return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
 
 
+class ObservedTask(TaskTable):
+    """An environment whose observations a deep learner sees: of Gymnasium's, or one's own."""
+
+    type: Literal["observed"] = "observed"
+    deep: ClassVar[bool] = True
+    id: Name | None = Field(default=None, description="Such as CartPole-v1.")
+    factory: Reference | None = Field(
+        default=None,
+        description="Instead: a function that returns a new environment, module:function.",
+    )
+    arguments: dict[str, JsonValue] = Field(
+        default={}, description="Passed to gymnasium.make, or to the function, by name."
+    )
+    discount: Number = Field(default=0.99, description="In [0, 1].")
+    time_limit: Whole | None = Field(
+        default=None, description="Steps after which an episode is cut; the environment's own."
+    )
+
+    @model_validator(mode="after")
+    def _one_environment(self) -> Self:
+        if (self.id is None) == (self.factory is None):
+            found = "neither" if self.id is None else "both"
+            raise wrong(f"must have id or factory: got {found}")
+        return self
+
+    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the environment as a task seen through observations."""
+        from curricle.interop.observed import observed
+
+        options: dict[str, Any] = {"discount": self.discount, "time_limit": self.time_limit}
+        if self.id is not None:
+            return observed(self.id, **options, **dict[str, Any](self.arguments))
+        own = str(self.factory)
+        make = Call(load(own, folder), dict(self.arguments))
+        with users_code(own):
+            return observed(make, **options)
+
+
 class FactoryTask(TaskTable):
     """A task that a function of the user's makes."""
 
@@ -275,7 +297,22 @@ class FactoryTask(TaskTable):
         return made
 
 
+TASKS = (
+    MazeTask,
+    CropTask,
+    PursuitTask,
+    GymnasiumTask,
+    FactoryTask,
+    ObservedTask,
+    VectorPursuitTask,
+)
 AnyTask = Annotated[
-    MazeTask | CropTask | PursuitTask | GymnasiumTask | FactoryTask,
-    either(by_type(MazeTask, CropTask, PursuitTask, GymnasiumTask, FactoryTask), no_table),
+    MazeTask
+    | CropTask
+    | PursuitTask
+    | GymnasiumTask
+    | FactoryTask
+    | ObservedTask
+    | VectorPursuitTask,
+    either(by_type(*TASKS), no_table),
 ]

@@ -1,18 +1,42 @@
 """Transfers as tables: which mapping, how much of the source's values, calibrated or not."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from curricle.study.config.references import load, users_code
 from curricle.study.config.settings import Setting
-from curricle.study.config.tables import Flag, Name, Number, Table, Whole, either, flag, wrong
-from curricle.study.config.tasks import Reference
+from curricle.study.config.tables import (
+    Flag,
+    Name,
+    Number,
+    Table,
+    Whole,
+    either,
+    flag,
+    shown,
+    whole_number,
+    wrong,
+)
+from curricle.study.config.task_table import Reference
 
-MAPPINGS = ("project", "mapping", "function", "factory")
+MAPPINGS = ("project", "mapping", "function", "factory", "observations")
 """Ways to say which source pair a target pair reads; a transfer has one of them."""
+OF_OBSERVATIONS = ("observations", "actions", "status")
+"""Keys of transfers into tasks that are seen through observations."""
+
+
+def _actions(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return tuple(whole_number(one) for one in value)
+    if not isinstance(value, str) or ":" not in value:
+        raise wrong(
+            "must be a list of the source's actions, -1 where there is none, or a function as "
+            f"module:function: got {shown(value)}"
+        )
+    return value
 
 
 class CalibrateTable(Setting):
@@ -53,6 +77,21 @@ class TransferTable(Table):
         default=None,
         description="A function that makes f from the tasks, (target, source) -> mapping.",
     )
+    observations: Reference | None = Field(
+        default=None,
+        description="f as a function from a target's stacked observations to the source's, or to "
+        "the numbers of its states, module:function.",
+    )
+    actions: Annotated[tuple[int, ...] | str | None, BeforeValidator(_actions)] = Field(
+        default=None,
+        description="With observations: the source's action for each of the target's, -1 where "
+        "there is none, or a function of observations, module:function.",
+    )
+    status: Reference | None = Field(
+        default=None,
+        description="With observations: a function from them to whether there is a counterpart, "
+        "module:function.",
+    )
     scale: Number = Field(default=1.0, description="Factor of the source's values.")
     shift: Number = Field(default=0.0, description="Added to them.")
     unmapped_value: Number = Field(
@@ -68,32 +107,56 @@ class TransferTable(Table):
         if len(given) != 1:
             found = ", ".join(given) or "none"
             raise wrong(f"must have one of {', '.join(MAPPINGS)}: got {found}")
-        if self.unmapped_value and (self.factory is not None or self.mapping == "identity"):
+        others = self.actions is not None or self.status is not None
+        if others and self.observations is None and self.mapping != "identity":
+            raise wrong("has actions or status, which go with observations or mapping = 'identity'")
+        whole = self.mapping == "identity" and not others
+        if self.unmapped_value and (self.factory is not None or whole):
             raise wrong(
                 "has an unmapped_value that nobody reads: a factory sets its own, and identity "
                 "leaves nothing unmapped"
             )
         return self
 
-    def build(self, tasks: Mapping[str, Any], folder: Path) -> Any:
-        """Return the transfer.
+    def misfits(self, *, deep: bool) -> Iterator[tuple[str, str]]:
+        """Yield the keys that do not go with a target seen through observations, or with another.
 
-        Parameters
-        ----------
-        tasks : dict of str to Task
-        folder : Path
-            The study file's, with the modules of a user's own functions.
+        Each with what is wrong about it.
         """
+        if not deep:
+            for key in OF_OBSERVATIONS:
+                if getattr(self, key) is not None:
+                    yield key, f"must be left out: {self.target} is not seen through observations"
+        elif self.function is not None or self.mapping not in (None, "identity"):
+            key = "mapping" if self.function is None else "function"
+            yield (
+                key,
+                f"must be left out, or 'identity': {self.target} is seen through observations, "
+                "which observations, project or factory map",
+            )
+
+    def build(self, f: Any) -> Any:
+        """Return the transfer, with the mapping that :meth:`made` returned."""
         from curricle.transfer.edge import Transfer
 
         calibrate = self.calibrate if isinstance(self.calibrate, bool) else self.calibrate.build()
-        f = self._mapping(tasks[self.target], tasks[self.source], folder)
         return Transfer(self.source, self.target, f, self.scale, self.shift, calibrate)
 
-    def _mapping(self, target: Any, source: Any, folder: Path) -> Any:
+    def made(self, target: Any, source: Any, folder: Path) -> Any:
+        """Return the mapping f.
+
+        Parameters
+        ----------
+        target, source : Task
+        folder : Path
+            The study file's, with the modules of a user's own functions.
+        """
+        from curricle.tasks.observed import is_observed
         from curricle.transfer import by_name, mapping
 
         value = self.unmapped_value
+        if is_observed(target) and self.factory is None:
+            return self._of_observations(target, source, folder)
         if self.project is not None:
             return by_name.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
@@ -108,3 +171,17 @@ class TransferTable(Table):
         function = load(own, folder)
         with users_code(own):
             return mapping.from_function(target, source, function, unmapped_value=value)
+
+    def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
+        from curricle.interop.vector_pursuit import predator_mapping
+        from curricle.transfer.observed import ObservationMapping
+
+        value = self.unmapped_value
+        if self.project is not None:
+            return predator_mapping(target, source, unmapped_value=value, **self.project)
+        functions: dict[str, Any] = {
+            key: load(given, folder) if isinstance(given, str) else given
+            for key in OF_OBSERVATIONS
+            for given in [getattr(self, key)]
+        }
+        return ObservationMapping(target, source, **functions, unmapped_value=value)

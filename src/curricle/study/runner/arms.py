@@ -16,6 +16,7 @@ from curricle.study.config.graph import Graph
 from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_file import StudyFile
 from curricle.tasks.live import is_live
+from curricle.tasks.observed import is_observed
 
 KEY_BYTES = 8
 
@@ -59,9 +60,12 @@ class Arms:
 
     @property
     def live(self) -> bool:
-        """Whether a task is played live: by Python, which runs one thread at a time."""
-        curricula = self.curricula.values()
-        return any(is_live(task) for curriculum in curricula for task in curriculum.tasks.values())
+        """Whether a task is played live: by Python, which runs one thread at a time.
+
+        So are those seen through observations, whose learners draw from generators of the process.
+        """
+        tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
+        return any(is_live(task) or is_observed(task) for task in tasks)
 
     @classmethod
     def of(cls, study: StudyFile) -> "Arms":

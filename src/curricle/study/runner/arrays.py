@@ -36,7 +36,8 @@ def arrays_of(
     ``returned_steps`` are those of them that were spent on going back to the sources.
 
     ``values`` are there if they were kept, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table; ``film_steps`` and ``film_values`` if there is a film.
+    its sparse table, or the parameters of its network, ``values_k/name``; ``film_steps`` and
+    ``film_values`` if there is a film.
 
     Examples
     --------
@@ -51,15 +52,21 @@ def arrays_of(
     if isinstance(result.values, np.ndarray):
         found["values"] = result.values
     elif result.values is not None:
-        for k, table in enumerate(result.values):
-            found |= {f"states_{k}": table.states, f"values_{k}": table.values}
+        for k, one in enumerate(result.values):
+            if isinstance(one, SparseValues):
+                found |= {f"states_{k}": one.states, f"values_{k}": one.values}
+            else:
+                found |= {f"values_{k}/{name}": each for name, each in one.parameters().items()}
     if result.film is not None:
         found |= {"film_steps": result.film.steps, "film_values": result.film.values}
     return found
 
 
 def result_of(node: Node, arrays: Arrays) -> LearningResult:
-    """Return the result that :func:`arrays_of` was called on; without values if there are none."""
+    """Return the result that :func:`arrays_of` was called on; without values if there are none.
+
+    Those of networks are left out: :func:`recalled` makes them anew.
+    """
     seeds = tuple(arrays["seeds"].tolist())
     values: Any = arrays.get("values")
     if f"states_{len(seeds) - 1}" in arrays:
@@ -85,11 +92,11 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
     found = dict[str, npt.NDArray[Any]]()
     for name, array in arrays.items():
-        sparse = re.fullmatch(r"(states|values)_(\d+)", name)
-        if sparse and int(sparse[2]) in rows:
-            found[f"{sparse[1]}_{rows.index(int(sparse[2]))}"] = array
+        own = re.fullmatch(r"(states|values)_(\d+)(/.*)?", name)
+        if own and int(own[2]) in rows:
+            found[f"{own[1]}_{rows.index(int(own[2]))}{own[3] or ''}"] = array
         elif name == "steps" or (name.startswith("film_") and 0 in rows):
             found[name] = array
-        elif not sparse and not name.startswith("film_"):
+        elif not own and not name.startswith("film_"):
             found[name] = array[rows]
     return found

@@ -2,15 +2,24 @@
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
+from curricle.learning.evaluation import LIVE_EPISODES
 from curricle.learning.wandering import wander
 from curricle.node import Node
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.unit import units_of
-from curricle.tasks.task import Task
+from curricle.tasks.observed import ObservedTask, is_observed
+from curricle.transfer.playing import longest_episode
 
 WALKS, LENGTH = 100, 200
 """Random walks that a task's speed is taken from."""
+STEPS = 200
+"""Random steps that the speed of a task seen through observations is taken from."""
+NETWORK = 1e-3
+"""Seconds that a small network takes to learn from a step on one processor, about."""
+READING = 2e-4
+"""Seconds that it takes to choose an action."""
 SLOWER = 3.0
 """Time of a learning step in times of a random one, about."""
 
@@ -31,7 +40,7 @@ class Cost:
     seconds : float
         On one processor, about, compilation aside.
     table_bytes : int
-        Of the values kept, all seeds.
+        Of the tables kept, all seeds; 0 where a network learns.
     """
 
     arm: str
@@ -46,7 +55,7 @@ class Cost:
 def costs(arms: Arms, seeds: tuple[int, ...], block: int) -> list[Cost]:
     """Return the cost of each task of each arm, those shared by arms once.
 
-    The speed of a task is taken from random walks in it.
+    The speed of a task is taken from random walks in it; that of networks is a guess.
     """
     paces: dict[int, float] = {}
     found: dict[tuple[str, str], list[int]] = {}
@@ -58,27 +67,56 @@ def costs(arms: Arms, seeds: tuple[int, ...], block: int) -> list[Cost]:
         if id(node.task) not in paces:
             paces[id(node.task)] = pace(node.task)
         steps, judged = node.most_steps, _judged(node)
-        seconds = len(members) * (SLOWER * steps + judged) * paces[id(node.task)]
+        learning, acting = _of_a_step(node, paces[id(node.task)])
+        seconds = len(members) * (learning * steps + acting * judged)
         each.append(Cost(arm, name, len(members), steps, judged, seconds, _bytes(node, members)))
     return each
 
 
-def pace(task: Task) -> float:
+def _of_a_step(node: Node, pace: float) -> tuple[float, float]:
+    """Return the seconds that a step of learning takes, and one of greedy evaluation."""
+    return (pace + NETWORK, pace + READING) if node.deep else (SLOWER * pace, pace)
+
+
+def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
+    if is_observed(task):
+        return _observed_pace(task)
     wander(task, walks=1, length=1)  # compiles
     started = time.perf_counter()
     taken = wander(task, walks=WALKS, length=LENGTH)
     return (time.perf_counter() - started) / max(1, int(taken.length.sum()))
 
 
+def _observed_pace(task: ObservedTask) -> float:
+    environment = task.environment()
+    environment.reset(seed=0)
+    environment.action_space.seed(0)
+    started = time.perf_counter()
+    for _ in range(STEPS):
+        *_, ended, cut, _ = environment.step(environment.action_space.sample())
+        if ended or cut:
+            environment.reset()
+    taken = (time.perf_counter() - started) / STEPS
+    environment.close()
+    return taken
+
+
 def _judged(node: Node) -> int:
     """Return a bound of the steps that a seed's greedy evaluations take."""
-    settings = node.evaluation.settings(node.task)
     checkpoints = node.most_steps // node.every + 1
-    episodes = getattr(settings, "episodes", 0)
-    return int(checkpoints * episodes * min(node.evaluation.horizon(node.task), node.most_steps))
+    if node.deep:
+        off = node.evaluation.method == "off"
+        episodes = 0 if off else node.evaluation.episodes or LIVE_EPISODES
+        horizon = longest_episode(node.task, discounted=node.evaluation.discounted)
+    else:
+        episodes = getattr(node.evaluation.settings(node.task), "episodes", 0)
+        horizon = node.evaluation.horizon(node.task)
+    return int(checkpoints * episodes * min(horizon, node.most_steps))
 
 
 def _bytes(node: Node, seeds: list[int]) -> int:
+    if node.deep:
+        return 0
     n_states, n_actions = node.task.states.size, node.task.actions.size
     return len(seeds) * node.storage.dense_bytes(n_states, n_actions, 1) * node.storage.keep

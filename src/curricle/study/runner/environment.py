@@ -3,6 +3,8 @@
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -11,6 +13,8 @@ from typing import Any
 from curricle.study.config.study_file import StudyFile
 
 LIBRARIES = ("numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
+OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
+"""Those that need not be installed."""
 
 
 def environment(study: StudyFile) -> dict[str, Any]:
@@ -31,8 +35,17 @@ def environment(study: StudyFile) -> dict[str, Any]:
         "commit": commit(study.folder),
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "versions": {name: metadata.version(name) for name in ("curricle", *LIBRARIES)},
+        "versions": dict(_versions()),
     }
+
+
+def _versions() -> Iterator[tuple[str, str]]:
+    """Yield the version of each library; those for networks where they are installed."""
+    for name in ("curricle", *LIBRARIES):
+        yield name, metadata.version(name)
+    for name in OF_NETWORKS:
+        with suppress(metadata.PackageNotFoundError):
+            yield name, metadata.version(name)
 
 
 def commit(folder: Path) -> str | None:

@@ -26,6 +26,8 @@ from curricle.study.runner.unit import Trained, Unit, seed_words
 from curricle.study.store import as_json, as_parquet, read_json
 
 STUDY, ENVIRONMENT, LOCK = "study.json", "environment.json", ".lock"
+CHECKPOINTS = ".checkpoints"
+"""Where networks that are being trained are saved, to go on from."""
 UNITS, MANIFEST = "units", "unit.json"
 RUN, VALUES, FILM, CURVES, DECISIONS = (
     "run.npz",
@@ -214,10 +216,15 @@ class StudyFolder:
                 os.chmod(part, 0o755)
                 shutil.rmtree(place, ignore_errors=True)  # without a manifest it means nothing
                 os.replace(part, place)
+                shutil.rmtree(self.saves(unit), ignore_errors=True)
             except BaseException:
                 shutil.rmtree(part, ignore_errors=True)
                 raise
         return Stored(place, unit.key, unit.node, unit.seeds)
+
+    def saves(self, unit: Unit) -> Path:
+        """Return where a unit's training may be saved until it is stored."""
+        return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
 
     def read(self, stored: Stored, name: str) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays of a unit's file, such as ``run.npz``; none where it has no such file.
@@ -247,13 +254,17 @@ class StudyFolder:
             raise self._damage(file)
         return content
 
+    def calibrations(self, stored: Stored) -> list[dict[str, Any]]:
+        """Return what was fitted for each of a unit's seeds; empty unless it was."""
+        return list(self._unsealed(stored.path / MANIFEST)["calibrations"])
+
     def trained(self, stored: Stored, seeds: Collection[int]) -> Trained:
         """Return what a unit left for some of its seeds; StoreError if any of it is damaged."""
         names = (RUN, VALUES, FILM)
         arrays = {k: v for name in names for k, v in self.read(stored, name).items()}
         self._content(stored.path / CURVES)
         rows = self.table(stored, DECISIONS).to_pylist()
-        fitted = self._unsealed(stored.path / MANIFEST)["calibrations"]
+        fitted = self.calibrations(stored)
         return Trained(
             of_seeds(arrays, seeds),
             [row for row in rows if row["seed"] in seeds],
@@ -323,7 +334,7 @@ def _sealed(value: Mapping[str, Any]) -> bytes:
 def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
     """Return a unit's files: curves and what was spent, tables, film, and the same as Parquet."""
     arrays = trained.arrays
-    tables = {k: v for k, v in arrays.items() if re.fullmatch(r"(values|states)(_\d+)?", k)}
+    tables = {k: v for k, v in arrays.items() if re.fullmatch(r"(values|states)(_\d+(/.*)?)?", k)}
     film = {k: v for k, v in arrays.items() if k.startswith("film_")}
     run = {k: v for k, v in arrays.items() if k not in tables and k not in film}
     files = {

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
@@ -9,8 +10,6 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from curricle.checks import whole_number
 from curricle.errors import CurricleError, SettingError, StudyError
@@ -21,9 +20,11 @@ from curricle.study.config.study_file import StudyFile
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.arrays import result_of
 from curricle.study.runner.environment import environment
-from curricle.study.runner.folder import RUN, VALUES, Stored, StudyFolder
+from curricle.study.runner.folder import CHECKPOINTS, Stored, StudyFolder
+from curricle.study.runner.knowledge import read_by
+from curricle.study.runner.recalling import finished, stored_knowledge
 from curricle.study.runner.study import Study
-from curricle.study.runner.unit import Knowledge, Unit, Work, train_unit, units_of
+from curricle.study.runner.unit import Unit, Work, train_unit, units_of
 
 AHEAD = 2
 """Units handed to the executor for each worker, so that none waits for the next."""
@@ -68,8 +69,9 @@ def run_study(
         Whether to go on with what the folder holds of this study. More seeds may be asked for than
         before.
     workers : int, optional
-        Threads; as many as there are processors by default, one where a task is played live (an
-        executor of processes serves those better). Results do not depend on it.
+        Threads; as many as there are processors by default, one where a task is played live or
+        learnt by a network (an executor of processes serves those better). Results do not depend
+        on it.
     executor : concurrent.futures.Executor, optional
         Where units are trained instead; it is not shut down. A unit is a picklable function of
         picklable data (:func:`train_unit`), so processes and other machines will do.
@@ -89,7 +91,10 @@ def run_study(
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written.
     SettingError
-        When the arms cannot be compared, or workers or shard make no sense.
+        When the arms cannot be compared, workers or shard make no sense, or a network is to learn
+        and Stable-Baselines3 is not installed.
+    ConfigError
+        When Stable-Baselines3 does not take a learner's settings.
 
     Examples
     --------
@@ -107,6 +112,10 @@ def run_study(
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
     arms = Arms.of(study)
+    try:
+        study.check_networks()
+    except ImportError as error:
+        raise SettingError(f"a network is to learn: {error}") from None
     given = {
         "curricle": metadata.version("curricle"),
         "folder": str(study.folder.resolve()),
@@ -127,6 +136,7 @@ def run_study(
         for unit, result in turn.all(left):
             told.record(unit.arm, unit.node, result)
             tell(Progress(tuple(left), unit))
+        shutil.rmtree(folder.path / CHECKPOINTS, ignore_errors=True)
         found = Study(path)
         found.write_tables()
     return found
@@ -142,14 +152,6 @@ def left_to_do(
     (part, parts), document = shard, study.document
     seeds = [seed for seed in document.seeds if seed // document.block % parts == part - 1]
     return units_of(arms, seeds, document.block, done, document.frames)
-
-
-def finished(units: Iterable[Stored]) -> dict[str, dict[int, Stored]]:
-    """Return what is trained, key -> seed -> where it is."""
-    found: dict[str, dict[int, Stored]] = {}
-    for stored in units:
-        found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
-    return found
 
 
 class _Turn:
@@ -227,26 +229,11 @@ class _Turn:
         return result_of(node, trained.arrays)
 
     def _work(self, unit: Unit) -> Work:
-        read = {t.source for t in self.arms.curricula[unit.arm].into(unit.node)}
+        curriculum = self.arms.curricula[unit.arm]
+        read = read_by(curriculum, unit.node)
         sources = {
-            name: Knowledge(
-                self._gathered(key, unit.seeds, VALUES, "values") if name in read else None,
-                self._gathered(key, unit.seeds, RUN, "steps_used")
-                + self._gathered(key, unit.seeds, RUN, "returned_steps"),
-            )
+            name: stored_knowledge(self.folder, self.done[key], unit.seeds, read=name in read)
             for name, key in unit.sources.items()
         }
-        return Work(self.study, self.modules, unit, sources)
-
-    def _gathered(self, key: str, seeds: tuple[int, ...], file: str, name: str) -> Any:
-        """Return an array of some seeds, (K, ...), from wherever they are stored."""
-        where = [self.done[key][seed] for seed in seeds]
-        files = {stored.path: self.folder.read(stored, file) for stored in where}
-        if not all(name in arrays for arrays in files.values()):
-            return None  # a source whose values are not kept: training says so
-        return np.stack(
-            [
-                files[stored.path][name][stored.seeds.index(seed)]
-                for seed, stored in zip(seeds, where, strict=True)
-            ]
-        )
+        saves = str(self.folder.saves(unit)) if curriculum.node(unit.node).deep else None
+        return Work(self.study, self.modules, unit, sources, saves)

@@ -1,6 +1,7 @@
 """A study that has been run, read from its folder."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from curricle.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, StoreError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult, joined_results
-from curricle.learning.target import Target
 from curricle.study.compare import check_comparable, default_threshold
 from curricle.study.comparison import DIRECT, Arm, Comparison
 from curricle.study.config.study_file import StudyFile
@@ -30,7 +30,10 @@ from curricle.study.runner.folder import (
     StudyFolder,
     explained,
 )
+from curricle.study.runner.knowledge import read_by, recalled
+from curricle.study.runner.recalling import finished, stored_knowledge
 from curricle.study.store import as_parquet
+from curricle.transfer.observed_target import target_of
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 
@@ -81,7 +84,8 @@ class Study:
         ----------
         arm, node : str
         values : bool
-            Whether the values learnt are read too; they may be large.
+            Whether the values learnt are read too; they may be large. Networks are made anew, for
+            which Stable-Baselines3 has to be installed.
 
         Raises
         ------
@@ -93,7 +97,7 @@ class Study:
         if not units:
             raise StoreError(f"{self.folder.path} holds no result of {node!r} in arm {arm!r} yet")
         names = (RUN, FILM, *[VALUES] * values)
-        return joined_results(
+        found = joined_results(
             [
                 result_of(
                     curriculum.node(node),
@@ -102,6 +106,21 @@ class Study:
                 for unit in units
             ]
         )
+        if values and curriculum.node(node).deep:
+            found = replace(found, values=self._networks(arm, node, found.seeds))
+        return found
+
+    def _networks(self, arm: str, node: str, seeds: tuple[int, ...]) -> Any:
+        """Return what each seed's network values, with all that it learnt on."""
+        curriculum, done = self.arms.curricula[arm], finished(self.folder.units())
+        read = {node} | read_by(curriculum, node)
+        known = {
+            name: stored_knowledge(
+                self.folder, done[self.arms.keys[arm, name]], seeds, read=name in read
+            )
+            for name in (*curriculum.ancestors(node), node)
+        }
+        return recalled(curriculum, seeds, known)[node].values
 
     def _units(self, arm: str, node: str) -> list[Stored]:
         """Return what is there of a task; StoreError if there is no such arm, or task in it."""
@@ -220,7 +239,7 @@ def compared(studies: Sequence[Study]) -> Comparison:
     threshold = document.threshold
     if threshold is None:
         node = arms.curricula[DIRECT].node(arms.target)
-        threshold = default_threshold(Target.of(node.task, node.evaluation), found[DIRECT])
+        threshold = default_threshold(target_of(node.task, node.evaluation), found[DIRECT])
     budget = min(study.arms.budget or 0 for study in studies)
     window = min(document.window, budget // arms.every + 1)
     return Comparison(arms.target, found, budget, min(totals), threshold, window)

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.curriculum import Curriculum, CurriculumResult
-from curricle.learning.result import without_curves
 from curricle.learning.storage import Storage
 from curricle.study.runner.arms import Arms, rebuilt
 from curricle.study.runner.arrays import arrays_of
+from curricle.study.runner.knowledge import Knowledge, recalled
 
 
 @dataclass(frozen=True)
@@ -112,16 +112,9 @@ class Work(NamedTuple):
     folder: str
     """Of the study's own modules."""
     unit: Unit
-    sources: Mapping[str, "Knowledge"]
-
-
-class Knowledge(NamedTuple):
-    """What a target needs of a source's result."""
-
-    values: npt.NDArray[np.floating[Any]] | None
-    """(K, S, A), of a source that it reads."""
-    steps_used: npt.NDArray[np.int64]
-    """(K,) those of going back to its own sources included."""
+    sources: Mapping[str, Knowledge]
+    saves: str | None = None
+    """A folder for checkpoints, from which a unit that was killed goes on, to the same result."""
 
 
 class Trained(NamedTuple):
@@ -136,23 +129,18 @@ class Trained(NamedTuple):
 
 
 def train_unit(work: Work) -> Trained:
-    """Return what a unit's seeds learn; depends on nothing but `work`."""
+    """Return what a unit's seeds learn; depends on nothing but `work`, and not on its `saves`."""
     arms = rebuilt(work.study, work.folder)
     unit = work.unit
     curriculum = _with_room(arms.curricula[unit.arm], unit)
-    trained = {
-        name: without_curves(
-            curriculum.tasks[name], curriculum.node(name).learner, unit.seeds, *knowledge
-        )
-        for name, knowledge in work.sources.items()
-    }
     found = curriculum.train(
         unit.seeds,
         only=unit.node,
-        trained=trained,
+        trained=recalled(curriculum, unit.seeds, work.sources),
         charge=arms.total is not None,
         frames=unit.frames,
         workers=1,
+        saves=work.saves,
     )
     course = found.courses.get(unit.node)
     returned = np.zeros(len(unit.seeds), np.int64) if course is None else course.extra

@@ -5,7 +5,7 @@ from importlib.resources import files
 from curricle.errors import ConfigError
 from curricle.study.config.tables import unknown
 
-KINDS = ("maze", "pursuit", "gymnasium")
+KINDS = ("maze", "pursuit", "gymnasium", "deep")
 
 
 def template(kind: str) -> str:
@@ -13,7 +13,7 @@ def template(kind: str) -> str:
 
     Parameters
     ----------
-    kind : {"maze", "pursuit", "gymnasium"}
+    kind : {"maze", "pursuit", "gymnasium", "deep"}
 
     Raises
     ------

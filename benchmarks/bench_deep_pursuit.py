@@ -1,0 +1,107 @@
+"""Three predators on 7x7 from one on 4x4: DQN on 125 joint actions, all steps charged.
+
+The source is a table over how far the prey is from a lone predator on a 4x4 grid. Each of the three
+reads it as if it were alone, distances beyond the source's clipped; the least of the three counts.
+Weights cannot be carried over: there is no network in the source, and no 125 actions.
+
+    python benchmarks/bench_deep_pursuit.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
+"""
+
+from functools import partial
+
+import numpy as np
+from evidence import Benchmark
+
+import curricle as cr
+
+DISCOUNT = 0.95
+SMALL, SOURCE = 4, 8_000
+BUDGET = 24_000  # in all; from scratch ten times as many
+EVERY = 1_000
+HUNT = cr.Pursuit(7, predators=3, discount=DISCOUNT)
+LEARN = cr.QLearning(learning_rate=cr.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
+JUDGE = cr.GreedyEvaluation("rollouts", episodes=50, discounted=False)
+DQN = {
+    "batch_size": 128, "buffer_size": 100_000, "learning_starts": 1_000, "gradient_steps": 2,
+    "train_freq": 1, "target_update_interval": 1_000, "policy_kwargs": {"net_arch": [128, 128]},
+}  # fmt: skip
+BOLD = {"learning_rate": 5e-4, "exploration_fraction": 0.2, "exploration_final_eps": 0.05}
+GENTLE = {
+    "learning_rate": 1e-4, "batch_size": 512, "gradient_steps": 1, "exploration_fraction": 0.5,
+    "exploration_initial_eps": 0.1, "exploration_final_eps": 0.05,
+    "policy_kwargs": {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}},
+}  # fmt: skip
+"""Who starts with something to lose explores less and steps more gently: where nearly nothing is
+wrong yet, Adam would make as large a step of next to no gradient."""
+
+
+def apart(cells, size):
+    """Return how far the prey is from a predator, down and right, (2, n)."""
+    prey, predator = (np.divmod(np.asarray(each), size) for each in cells)
+    return np.array([prey[0] - predator[0], prey[1] - predator[1]])
+
+
+def distance(observation):
+    down, right = apart(observation, SMALL) + SMALL - 1
+    return int(down), int(right)
+
+
+def lone_predator():
+    chase = cr.Pursuit(SMALL, predators=1, discount=DISCOUNT)
+    sides = [cr.Component(name, 2 * SMALL - 1, low=0) for name in ("down", "right")]
+    return cr.from_gymnasium(
+        lambda: cr.TaskEnvironment(chase, observation="components"),
+        encode=distance, states=cr.Space(sides), discount=DISCOUNT, time_limit=200,
+    )  # fmt: skip
+
+
+def as_if_alone(which, vectors, observations):
+    """Return the source's states that one of the three predators sees."""
+    cells = vectors.cells(observations)
+    down, right = np.clip(apart((cells[:, 0], cells[:, which]), 7), 1 - SMALL, SMALL - 1)
+    return (down + SMALL - 1) * (2 * SMALL - 1) + right + SMALL - 1
+
+
+def curriculum(how, settings):
+    """Return the plan of learning from the lone predator, within the budget."""
+    hunt, chase = cr.observed_pursuit(HUNT), lone_predator()
+    vectors, moves = cr.PursuitVectors(HUNT), HUNT.actions.decode()
+    return cr.Curriculum(
+        tasks={"chase": chase, "hunt": hunt},
+        transfers=[
+            cr.Transfer("chase", "hunt", cr.ObservationMapping(
+                hunt, chase, partial(as_if_alone, which, vectors),
+                actions=moves[f"predator_{which}"]))
+            for which in (1, 2, 3)
+        ],
+        aggregate=cr.minimum,
+        learner={"chase": LEARN, "hunt": learner(settings)},
+        budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
+        how={"hunt": how}, every={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+    )  # fmt: skip
+
+
+def from_scratch():
+    return cr.Curriculum(
+        tasks={"hunt": cr.observed_pursuit(HUNT)}, learner=learner(BOLD), budget=10 * BUDGET,
+        every=10 * EVERY, evaluation=JUDGE,
+    )  # fmt: skip
+
+
+def learner(settings):
+    return cr.DeepLearner("DQN", envs=8, settings=DQN | settings)
+
+
+BENCHMARK = Benchmark(
+    title="Pursuit, 3 predators on 7x7, from 1 on 4x4 (DQN)",
+    arms={
+        "from scratch, ten times as long": from_scratch,
+        "residual on phi": partial(curriculum, "initialise", GENTLE),
+        "shaped by Phi": partial(curriculum, "state", BOLD),
+        "policy only": partial(curriculum, "policy", BOLD),
+    },
+    threshold=-20.0,
+)
+
+if __name__ == "__main__":
+    BENCHMARK.main("bench_deep_pursuit", __doc__)

@@ -1,0 +1,325 @@
+"""Studies with networks: stored as arrays, read again, resumed after a kill, told as a page."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.cli.tables import study_lines
+from curricle.deep import checkpoint
+from curricle.errors import ConfigError, StudyError
+from curricle.report.study_report import write_report
+from curricle.study.compare import compare
+from curricle.study.config.reading import read_study
+from curricle.study.runner.folder import VALUES
+from curricle.study.runner.merge import merge
+from curricle.study.runner.run import run_study
+from curricle.study.runner.study import Study
+
+# A table teaches a network, which is calibrated and teaches two others: what the last says rests on
+# the network before it, which rests on the table.
+CHAIN = """
+name = "chain"
+seeds = 2
+block = 1
+frames = 0
+[learner]
+type = "deep"
+settings = { learning_starts = 50, batch_size = 8, policy_kwargs = { net_arch = [8] } }
+[tasks.chase]
+type = "pursuit"
+size = 3
+predators = 1
+learner = { type = "QLearning", learning_rate = 0.3 }
+budget = 1_000
+[tasks.alone]
+type = "vector_pursuit"
+size = 3
+predators = 1
+time_limit = 20
+budget = 400
+every = 100
+[tasks.hunt]
+type = "vector_pursuit"
+size = 3
+predators = 2
+time_limit = 20
+budget = 400
+every = 200
+[[transfers]]
+source = "chase"
+target = "alone"
+project = {}
+calibrate = { episodes = 5 }
+[[transfers]]
+source = "alone"
+target = "hunt"
+project = { predator = "predator_2" }
+[arms.residual]
+[arms.state]
+how = "state"
+"""
+ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("block", "direct = false\nblock")
+"""Of which the units are some of the whole study's."""
+
+
+def units(folder):
+    """What a folder's units hold."""
+    files = (path for path in (folder / "units").rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "chain.toml"
+    path.write_text(CHAIN)
+    return read_study(path)
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory):
+    """The folder of the study, run in one go; to be read only."""
+    folder = tmp_path_factory.mktemp("whole") / "chain"
+    run_study(study, folder)
+    return folder
+
+
+def seen(task, n=40):
+    space = task.observations
+    space.seed(0)
+    return np.stack([space.sample() for _ in range(n)])
+
+
+def says(values, observations, n_actions):
+    every = np.broadcast_to(np.arange(n_actions), (len(observations), n_actions))
+    return np.concatenate([values.q(observations, every).ravel(), values.v(observations)])
+
+
+@pytest.mark.parametrize("arm", ["residual", "state"])
+def test_networks_read_again_say_the_same_bit_for_bit(study, whole, arm):
+    curriculum = Study(whole).arms.curricula[arm]
+    trained = curriculum.train(study.document.seeds, charge=True)
+    for node in ("alone", "hunt"):
+        task = curriculum.tasks[node]
+        again = Study(whole).result(arm, node, values=True)
+        assert again.seeds == (0, 1)
+        assert np.array_equal(again.greedy_return, trained[node].greedy_return)
+        for mine, yours in zip(again.values, trained[node].values, strict=True):
+            observations = seen(task)
+            assert np.array_equal(
+                says(mine, observations, task.n_actions), says(yours, observations, task.n_actions)
+            )
+
+
+def test_the_chain_is_calibrated(whole):
+    found = [unit for unit in Study(whole).folder.units() if unit.node == "alone"]
+    fitted = [one for unit in found for one in Study(whole).folder.calibrations(unit)]
+    assert any(one["scale"] != 1 for one in fitted)
+
+
+def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
+    units = [unit for unit in Study(whole).folder.units() if unit.node != "chase"]
+    assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the direct learner
+    for unit in units:
+        with np.load(unit.path / VALUES, allow_pickle=False) as arrays:
+            assert {name.split("/")[0] for name in arrays.files} == {"values_0"}
+            assert all(arrays[name].dtype == np.float32 for name in arrays.files)
+    assert not (whole / ".checkpoints").exists()
+    versions = Study(whole).folder.environments()[0]["versions"]
+    assert {"torch", "stable-baselines3"} <= versions.keys()
+
+
+@pytest.fixture
+def one_arm(tmp_path):
+    """One arm of the study as a file, and what its units hold in the whole one."""
+    file = tmp_path / "chain.toml"
+    file.write_text(ONE_ARM)
+    return file
+
+
+def assert_some_of(whole, here):
+    there = units(whole)
+    assert len({name.split("/")[1] for name in here}) == 3
+    for name, content in here.items():
+        assert content == there[name], name
+
+
+def test_processes_and_shards_change_nothing(whole, one_arm, tmp_path):
+    study = read_study(one_arm)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        run_study(study, tmp_path / "a", executor=pool, shard=(1, 2))
+    run_study(study, tmp_path / "b", shard=(2, 2))
+    merge(tmp_path / "both", [tmp_path / "a", tmp_path / "b"])
+    assert_some_of(whole, units(tmp_path / "both"))
+
+
+KILLED = """
+    import sys
+    from curricle.study.config.reading import read_study
+    from curricle.study.runner.run import run_study
+    run_study(read_study(sys.argv[1]), sys.argv[2], resume=True)
+"""
+
+
+def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp_path, monkeypatch):
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-c", textwrap.dedent(KILLED), str(one_arm), str(folder)]
+    run = subprocess.Popen(command)
+    while run.poll() is None and not list(folder.glob(".checkpoints/**/*.checkpoint")):
+        time.sleep(0.002)
+    run.send_signal(signal.SIGKILL)
+    assert run.wait() == -signal.SIGKILL, "the study was over before it was killed"
+    (left,) = folder.glob(".checkpoints/**/*.checkpoint")
+    loaded, load = {}, checkpoint.load
+    monkeypatch.setattr(checkpoint, "load", lambda p, w: loaded.setdefault(p, load(p, w)))
+    run_study(read_study(one_arm), folder, resume=True)
+    assert loaded[left] is not None
+    assert not (folder / ".checkpoints").exists()
+    assert_some_of(whole, units(folder))
+
+
+# -- what comes before and after ---------------------------------------------------------------
+
+
+def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path):
+    page = write_report(whole, tmp_path / "report.html").read_text()
+    for words in (
+        "observations, Box(10,) → Discrete(25)",
+        "predator is predator_2, prey by name",
+        "Certificates are left out, because hunt is seen through observations",
+        "foreseen start",
+        "DeepLearner(DQN, MlpPolicy",
+        "stable-baselines3",
+    ):
+        assert words in page, words
+    assert ">nan<" not in page
+    lines = "\n".join(study_lines(Study(whole), None, None))
+    assert "2 of 2 seeds finished in every arm" in lines
+    assert "residual: alone" in lines
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("tasks.hunt.learner.algorithm=DQM", "tasks.hunt.learner.algorithm"),
+        ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
+        ("learner={algorithm='PPO', settings={batch=8}}", "a setting of PPO must be one of"),
+    ],
+)
+def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
+    study, tmp_path, change, sentence
+):
+    file = tmp_path / "chain.toml"
+    file.write_text(CHAIN)
+    with pytest.raises(ConfigError, match=r"learner is refused: ") as caught:
+        run_study(read_study(file, set=[change]), tmp_path / "out")
+    assert sentence.split(".")[-1] in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_actor_critic_cannot_be_initialised_and_is_told_before(tmp_path):
+    file = tmp_path / "chain.toml"
+    file.write_text(CHAIN)
+    changes = ["tasks.hunt.learner={type='deep', algorithm='PPO', settings={n_steps=32}}"]
+    with pytest.raises(ConfigError, match=r"how='state' serves every algorithm"):
+        run_study(read_study(file, set=changes), tmp_path / "out")
+
+
+def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
+    file = tmp_path / "carts.toml"
+    file.write_text(
+        """
+        name = "carts"
+        seeds = 1
+        [learner]
+        type = "deep"
+        algorithm = "PPO"
+        settings = { n_steps = 64, batch_size = 64, policy_kwargs = { net_arch = [8] } }
+        [tasks.short]
+        type = "observed"
+        id = "CartPole-v1"
+        time_limit = 50
+        budget = 128
+        every = 64
+        [tasks.cart]
+        type = "observed"
+        id = "CartPole-v1"
+        budget = 192
+        every = 64
+        evaluation = { discounted = false }
+        [[transfers]]
+        source = "short"
+        target = "cart"
+        mapping = "identity"
+        [arms.state]
+        how = "state"
+        [arms.weights]
+        how = "weights"
+        """
+    )
+    found = run_study(read_study(file), tmp_path / "out")
+    short, cart = (found.result("weights", name, values=True) for name in ("short", "cart"))
+    assert not cart.values[0].of_actions
+    starts = [found.results[arm]["cart"].greedy_return[0, 0] for arm in ("direct", "weights")]
+    assert starts[0] != starts[1]
+    shaped = found.result("state", "cart", values=True).values[0]
+    assert shaped.taken_off.values[0].v(seen(short.task)).shape == (40,)
+    page = write_report(tmp_path / "out").read_text()
+    assert "tells no actions apart" in page
+    assert "No films were kept" in page
+    assert ">nan" not in page
+
+
+def test_values_that_were_not_kept_are_asked_for(tmp_path):
+    file = tmp_path / "chain.toml"
+    file.write_text(CHAIN)
+    given = read_study(file, set=["tasks.alone.storage.keep=false", "seeds=1"])
+    with pytest.raises(StudyError, match="a source's values must be kept"):
+        run_study(given, tmp_path / "out")
+    assert Study(tmp_path / "out").result("residual", "alone", values=True).values is None
+
+
+@pytest.fixture(scope="module")
+def plan():
+    chase, hunt = cr.Pursuit(3, 1), cr.observed_pursuit(cr.Pursuit(3, 2, time_limit=20))
+    edge = cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, chase, predator="predator_1"))
+    quick = {"learning_starts": 50, "policy_kwargs": {"net_arch": [8]}}
+    return cr.Curriculum(
+        {"chase": chase, "hunt": hunt},
+        [edge],
+        learner={"chase": cr.QLearning(), "hunt": cr.DeepLearner(settings=quick)},
+        budget={"chase": 200, "hunt": 300},
+        every={"hunt": 100},
+    )
+
+
+def test_arms_and_controls_are_compared(plan):
+    found = compare(plan, seeds=2, window=2, controls=["scaled", "negated", "pretraining"])
+    assert list(found.arms) == [
+        "direct",
+        "transfer",
+        "transfer, scaled x 0.5",
+        "transfer, scaled x 2",
+        "transfer, negated",
+        "transfer, pretraining",
+    ]
+    assert found.total == 500
+    mean = found.direct.curve.filled().mean(axis=0)
+    assert found.threshold == pytest.approx((mean.min() + mean.max()) / 2)
+    starts = {name: arm.curve.values[:, 0].mean() for name, arm in found.arms.items()}
+    assert starts["transfer"] == starts["transfer, scaled x 2"]  # the same policy
+    assert starts["transfer"] != starts["transfer, negated"]
+
+
+def test_a_comparison_of_two_ways_refuses_other_problems(plan):
+    other = cr.observed_pursuit(cr.Pursuit(3, 2, time_limit=21))
+    alone = cr.Curriculum({"hunt": other}, learner=plan.setting("learner", "hunt"), budget=300)
+    with pytest.raises(cr.CurriculumError, match=r"differ in time_limit \(20 against 21\); env"):
+        compare({"a": plan, "b": alone}, seeds=2)

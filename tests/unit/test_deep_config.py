@@ -1,0 +1,478 @@
+"""Study files with networks: tasks seen through observations, their learners, what maps into them.
+
+None of it needs torch.
+"""
+
+import subprocess
+import sys
+import textwrap
+
+import gymnasium
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import ConfigError
+from curricle.interop.vector_pursuit import observed_pursuit
+from curricle.study.alignment import differences
+from curricle.study.config.document import json_schema
+from curricle.study.config.reading import read_study
+from curricle.study.config.study_file import StudyFile
+from curricle.study.config.templates import template
+from curricle.study.controls import check_fit
+from curricle.study.forecast import forecast
+from curricle.study.runner.arms import Arms
+from curricle.study.runner.cost import costs
+
+HUNT = """
+name = "hunt"
+seeds = 2
+learner = { learning_rate = 0.2, epsilon = 0.2 }
+aggregate = "minimum"
+[tasks.chase]
+type = "pursuit"
+size = 3
+predators = 1
+budget = 3_000
+[tasks.hunt]
+type = "vector_pursuit"
+size = 3
+predators = 2
+time_limit = 30
+budget = 2_000
+learner = { type = "deep", settings = { learning_rate = 1e-3 } }
+[[transfers]]
+source = "chase"
+target = "hunt"
+project = { predator = "predator_1" }
+[[transfers]]
+source = "chase"
+target = "hunt"
+project = { predator = "predator_2" }
+"""
+CART = """
+name = "cart"
+[learner]
+type = "deep"
+algorithm = "PPO"
+policy = "MlpPolicy"
+envs = 2
+threads = 2
+settings = { n_steps = 64, train_freq = [1, "episode"], policy_kwargs = { net_arch = [8, 8] } }
+[tasks.short]
+type = "observed"
+id = "CartPole-v1"
+time_limit = 50
+[tasks.cart]
+type = "observed"
+id = "CartPole-v1"
+discount = 0.98
+[[transfers]]
+source = "short"
+target = "cart"
+mapping = "identity"
+"""
+OWN = """
+import gymnasium
+import numpy as np
+
+def corridor(length):
+    return gymnasium.make("CartPole-v1", max_episode_steps=length)
+
+def no_environment():
+    return 3
+
+def leaning(carts):
+    return (carts[:, 2] > 0).astype(int)
+
+def upright(carts):
+    return abs(carts[:, 2]) < 0.1
+
+def broken(target, source):
+    raise ValueError("no idea")
+
+def made(target, source):
+    import curricle as cr
+    return cr.ObservationMapping(target, source, leaning, [1, 0])
+
+class Extractor:
+    pass
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+
+    def read_text(text, *changes):
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "study.toml"
+        path.write_text(textwrap.dedent(text))
+        return read_study(path)
+
+    return read_text
+
+
+@pytest.fixture
+def complaint(read, tmp_path):
+    def collect(text, *changes):
+        with pytest.raises(ConfigError) as caught:
+            _ = read(text, *changes).arms
+        return str(caught.value).replace(f"{tmp_path}/study.toml, ", "")
+
+    return collect
+
+
+def test_a_pursuit_is_seen_as_vectors(read):
+    plan = read(HUNT).curriculum("transfer")
+    hunt = cr.Pursuit(size=3, predators=2, time_limit=30)
+    assert plan.tasks["hunt"] == observed_pursuit(hunt)
+    assert plan.setting("learner", "hunt") == cr.DeepLearner(settings={"learning_rate": 1e-3})
+    assert plan.setting("learner", "chase") == cr.QLearning(learning_rate=0.2, epsilon=0.2)
+    assert [edge.mapping.words for edge in plan.transfers] == [
+        "predator is predator_1, prey by name",
+        "predator is predator_2, prey by name",
+    ]
+    alone = ("time_limit", "acting = 'first'\ntime_limit"), ('"predator_2"', '"predator_1"')
+    first = read(HUNT, *alone).curriculum("transfer")
+    assert first.tasks["hunt"] == observed_pursuit(hunt, acting="first")
+
+
+def test_an_environment_is_seen_as_it_is(read):
+    plan = read(CART).curriculum("transfer")
+    assert plan.tasks["cart"] == cr.observed("CartPole-v1", discount=0.98)
+    assert plan.tasks["short"] == cr.observed("CartPole-v1", time_limit=50)
+    assert plan.setting("learner", "cart") == cr.DeepLearner(
+        "PPO",
+        envs=2,
+        threads=2,
+        settings={
+            "n_steps": 64,
+            "train_freq": (1, "episode"),
+            "policy_kwargs": {"net_arch": [8, 8]},
+        },
+    )
+    assert plan.transfers[0].mapping.observations is None
+
+
+def test_environments_of_ones_own_are_made_again_and_again(read):
+    own = "factory = 'own:corridor'\narguments = { length = 7 }"
+    plan = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own)).curriculum("transfer")
+    task = plan.tasks["short"]
+    assert task.longest == 7
+    assert task.make() is not task.make()
+    assert (
+        task
+        == read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own)).arms["transfer"].tasks["short"]
+    )
+    other = own.replace("7", "8")
+    changed = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', other)).arms["transfer"]
+    (limit, environment) = differences(task, changed.tasks["short"])
+    assert limit == "time_limit (7 against 8)"
+    assert "own:corridor(length=7) against" in environment
+
+
+def test_classes_of_ones_own_are_named_in_settings(read, tmp_path):
+    kwargs = 'policy_kwargs = { features_extractor_class = "own:Extractor" }'
+    study = read(CART, ("policy_kwargs = { net_arch = [8, 8] }", kwargs))
+    learner = study.curriculum("transfer").setting("learner", "cart")
+    extractor = learner.settings["policy_kwargs"]["features_extractor_class"]
+    assert extractor.__name__ == "Extractor"
+    assert " at 0x" not in repr(learner)
+    algorithm = read(CART, ('"PPO"', '"own:Extractor"')).curriculum("transfer")
+    assert algorithm.setting("learner", "cart").algorithm_class() is extractor
+
+
+def test_mappings_are_functions_of_batches(read):
+    table = 'observations = "own:leaning"\nstatus = "own:upright"\nactions = [1, -1]\n'
+    source = ('id = "CartPole-v1"\ntime_limit = 50', 'map = "ST"')
+    tabular = ('type = "observed"', 'type = "maze"\nlearner = { type = "QLearning" }')
+    edge = ('mapping = "identity"', table + "unmapped_value = -9")
+    mapping = read(CART, source, tabular, edge).curriculum("transfer").transfers[0].mapping
+    carts = np.zeros((3, 4))
+    carts[:, 2] = [-0.05, 0.05, 0.5]
+    q = cr.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
+    assert mapping.pairs(q, carts).tolist() == [[2, -9], [4, -9], [-9, -9]]
+    assert mapping.words == "observations by leaning, actions as 1 -1, where by upright finds them"
+    made = ('mapping = "identity"', 'factory = "own:made"')
+    mapping = read(CART, source, tabular, made).curriculum("transfer").transfers[0].mapping
+    assert mapping.pairs(q, carts).tolist() == [[2, 1], [4, 3], [4, 3]]
+
+
+def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
+    text = HUNT.replace("[tasks.chase]", "[arms.small.tasks.chase]\nsize = 4\n[tasks.chase]")
+    assert read(text).curriculum("small").tasks["chase"].size == 4
+    deep = '[learner]\ntype = "deep"\nenvs = 3\nsettings = { batch_size = 8 }\n[tasks.chase]'
+    other = HUNT.replace("learner = { learning_rate = 0.2, epsilon = 0.2 }\n", "")
+    other = other.replace('learner = { type = "deep", settings = { learning_rate = 1e-3 } }\n', "")
+    mine = 'predators = 1\nlearner = { type = "SARSA" }'
+    plan = read(other, ("predators = 1", mine), ("[tasks.chase]", deep)).curriculum("transfer")
+    assert plan.setting("learner", "chase") == cr.SARSA()
+    assert plan.setting("learner", "hunt") == cr.DeepLearner(envs=3, settings={"batch_size": 8})
+
+
+@pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "weights", "policy"])
+def test_every_way_into_a_network_may_be_named(read, how):
+    plan = read(HUNT, ("aggregate", f"how = {how!r}\naggregate")).curriculum("transfer")
+    assert plan.setting("how", "hunt") == how
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            'learner = { type = "deep", settings = { learning_rate = 1e-3 } }',
+            "",
+            'line 4: learner must be { type = "deep", ... } for hunt, which is seen through obs',
+        ),
+        (
+            "budget = 3_000",
+            'learner = { type = "deep" }',
+            'line 10: tasks.chase.learner must be of tables for chase, such as { type = "QLear',
+        ),
+        ("settings =", "setings =", "line 17: tasks.hunt.learner.setings is unknown, did you mean"),
+        ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner.envs must be at least 1"),
+        ('"deep"', '"depe"', "DoubleQLearning, deep: got 'depe', did you mean 'deep'?"),
+        (
+            'aggregate = "minimum"',
+            'how = "bonus"',
+            "line 5: how must be one of initialise, look_ahead, state, weights, policy for hunt, "
+            "which a network learns: got 'bonus'",
+        ),
+        (
+            "budget = 2_000",
+            "guard = true",
+            "line 16: tasks.hunt.guard must be left out for hunt: it is of tables",
+        ),
+        (
+            "budget = 2_000",
+            "evaluation = { method = 'exact' }",
+            "line 16: tasks.hunt.evaluation.method must be 'auto', 'rollouts' or 'off' for hunt",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            'mapping = "same_position"',
+            "line 21: transfers[0].mapping must be left out, or 'identity': hunt is seen through",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            'project = { predator = "predator_3" }',
+            "line 18: transfers[0] is refused: ",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            'factory = "own:broken"',
+            "line 18: transfers[0] is refused: own:broken failed: ValueError: no idea",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            "project = {}\nactions = [1]",
+            "line 18: transfers[0] has actions or status, which go with observations",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            'observations = "own:leaning"\nactions = "left"',
+            "line 22: transfers[0].actions must be a list of the source's actions, -1 where",
+        ),
+        (
+            'project = { predator = "predator_1" }',
+            'observations = "own:leanin"',
+            "transfers[0] is refused: own:leanin names no function",
+        ),
+        ("predators = 2", "predaters = 2", "tasks.hunt.predaters is unknown, did you mean"),
+        (
+            "[tasks.chase]",
+            "[tasks.x]\ntype = 'observed'\n[tasks.chase]",
+            "line 6: tasks.x must have",
+        ),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_its_place(complaint, old, new, sentence):
+    assert sentence in complaint(HUNT, (old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('id = "CartPole-v1"', 'id = "CratPole-v1"', "tasks.short is refused: an environment must"),
+        ('id = "CartPole-v1"', "", "tasks.short must have id or factory: got neither"),
+        (
+            'id = "CartPole-v1"',
+            'factory = "own:no_environment"',
+            "tasks.short is refused: make must return a gymnasium.Env",
+        ),
+        ('id = "CartPole-v1"', 'factory = "own:corridor"', "own:corridor failed: TypeError"),
+        (
+            '[tasks.cart]\ntype = "observed"\nid = "CartPole-v1"\ndiscount = 0.98',
+            '[tasks.cart]\ntype = "maze"\nmap = "ST"\nlearner = { type = "QLearning" }',
+            "transfers[0].source must have tables as its target has: short is seen through",
+        ),
+    ],
+)
+def test_so_is_one_about_an_environment(complaint, old, new, sentence):
+    assert sentence in complaint(CART, (old, new))
+
+
+def test_ways_of_networks_are_none_into_tables(complaint):
+    table = 'type = "pursuit"\nsize = 3\npredators = 2'
+    text = HUNT.replace('type = "vector_pursuit"\nsize = 3\npredators = 2', table)
+    text = text.replace('learner = { type = "deep", settings = { learning_rate = 1e-3 } }', "")
+    sentence = "line 5: how must be a way into tables for hunt: 'weights' is of networks"
+    assert complaint(text, ('aggregate = "minimum"', 'how = "weights"')) == sentence
+    assert "transfers[0].observations must be left out: hunt is not seen" in complaint(
+        text, ('project = { predator = "predator_1" }', 'observations = "own:leaning"')
+    )
+
+
+def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
+    study = read(HUNT + "[arms.a]\n[arms.b]\nhow = 'state'\n")
+    mine, yours = (study.arms[arm].transfers[0].mapping for arm in "ab")
+    assert mine is yours
+    again = StudyFile.rebuilt(study.resolved(), tmp_path)
+    assert again.resolved() == study.resolved()
+    assert Arms.of(again).keys == Arms.of(study).keys
+    assert Arms.of(study).live
+
+
+def test_the_schema_knows_them():
+    schema = json_schema()
+    assert schema["$defs"]["VectorPursuitTask"]["required"] == ["type"]
+    assert {"DeepLearnerTable", "ObservedTask"} <= schema["$defs"].keys()
+
+
+def test_the_template_is_what_it_says(read):
+    plan = read(template("deep")).curriculum("residual")
+    assert plan.node("hunt").deep
+    assert not plan.node("chase").deep
+
+
+# -- before training ---------------------------------------------------------------------------
+
+
+def test_costs_are_foreseen(read):
+    arms = Arms.of(read(HUNT))
+    found = {(one.arm, one.node): one for one in costs(arms, (0, 1), 5)}
+    assert found["direct", "hunt"].steps == 5000
+    assert found["direct", "hunt"].judged == (5000 // 20 + 1) * 5 * 30
+    assert found["direct", "hunt"].table_bytes == 0
+    assert found["direct", "hunt"].seconds > 2 * 5000 * 5e-4
+
+
+@pytest.fixture(scope="module")
+def plan():
+    chase = cr.Pursuit(3, 1, time_limit=30)
+    hunt = observed_pursuit(cr.Pursuit(3, 2, time_limit=30))
+    edges = [
+        cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, chase, predator=name))
+        for name in ("predator_1", "predator_2")
+    ]
+    return cr.Curriculum(
+        {"chase": chase, "hunt": hunt},
+        edges,
+        aggregate=cr.minimum,
+        learner={"chase": cr.QLearning(learning_rate=0.3), "hunt": cr.DeepLearner()},
+        budget={"chase": 20_000, "hunt": 1000},
+    )
+
+
+def test_a_forecast_follows_potentials_through_observations(plan):
+    found = forecast(plan, seeds=2)
+    assert np.isnan(found.optimum)
+    assert not found.solved
+    assert not found.exact
+    assert found.untaught < -20
+    assert found["minimum"].mean("start") > -6  # two hunters by what one knows
+    assert found["minimum"].used
+    assert found["chase -> hunt [1]"].mean("start") < found["minimum"].mean("start")
+    assert found.ranking[0] in ("minimum", "mean", "total")
+    assert "starts at" in found["minimum"].verdict
+    for cover in found.coverage.values():
+        assert cover.mapped + cover.ended == pytest.approx(1.0)
+        assert cover.observations > 20
+    assert "nan%" not in str(found)
+    again = forecast(plan, seeds=2, trained=found.trained)
+    assert str(again) == str(found)
+
+
+def test_a_potential_of_states_gets_a_plain_answer(plan):
+    class Heights:
+        of_actions = False
+
+        def q(self, observations, actions):
+            raise AssertionError
+
+        def v(self, observations):
+            return -np.abs(observations).sum(axis=1)
+
+    hunt = plan.tasks["hunt"]
+    edge = cr.Transfer("near", "hunt", cr.ObservationMapping(hunt, hunt))
+    near = cr.Curriculum({"near": hunt, "hunt": hunt}, [edge], learner=cr.DeepLearner())
+    known = plan.train(1, only="chase")["chase"]
+    learnt = type(known)(**{**vars(known), "task": hunt, "values": (Heights(),)})
+    found = forecast(near, seeds=1, trained={"near": learnt})
+    assert found["mean"].verdict.startswith("tells no actions apart")
+    assert np.isnan(found["mean"].mean("start"))
+    assert np.isnan(found["mean"].scale)
+    assert found.coverage["near -> hunt"].mapped == 1.0
+
+
+def test_controls_that_make_no_sense_are_refused(plan):
+    check_fit(["scaled", "negated", "pretraining"], "transfer", plan)
+    for control in ("placebo", "random_start"):
+        with pytest.raises(cr.errors.CurriculumError, match="is seen through observations"):
+            check_fit([control], "transfer", plan)
+    with pytest.raises(cr.errors.CurriculumError, match="which reads no promises"):
+        check_fit(["scaled"], "transfer", plan.changed("hunt", how="policy"))
+
+
+def test_tasks_seen_through_observations_are_told_apart(plan):
+    hunt = plan.tasks["hunt"]
+    assert differences(hunt, observed_pursuit(cr.Pursuit(3, 2, time_limit=30))) == ()
+    found = differences(hunt, observed_pursuit(cr.Pursuit(3, 3, discount=0.9, time_limit=30)))
+    assert [line.split()[0] for line in found] == [
+        "observations",
+        "actions",
+        "discount",
+        "environment",
+    ]
+    (line,) = differences(hunt, cr.Pursuit(3, 2))
+    assert line.startswith("what is seen (")
+
+
+def test_checking_needs_no_torch_and_says_what_does(tmp_path):
+    (tmp_path / "study.toml").write_text(HUNT)
+    code = """
+        import sys
+        for name in ("torch", "stable_baselines3", "sb3_contrib"):
+            sys.modules[name] = None
+        from curricle.cli.app import main
+        sys.argv = ["curricle", *sys.argv[1:]]
+        main()
+    """
+
+    def curricle(*arguments):
+        command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
+        return subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+
+    checked = curricle("check", "study.toml")
+    assert checked.returncode == 0, checked.stderr
+    assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in checked.stdout
+    assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
+    assert "Forecast for 'hunt'" in checked.stdout
+    run = curricle("run", "study.toml")
+    assert run.returncode == 1
+    assert run.stderr.endswith("pip install curricle[deep]\n")
+    assert not (tmp_path / "study-results").exists()
+
+
+def test_random_play_draws_from_the_space_alone():
+    from curricle.transfer.playing import random_episodes
+
+    car = cr.observed("MountainCarContinuous-v0", time_limit=5)
+    state = gymnasium.make("CartPole-v1").action_space.sample()
+    one, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
+    assert np.array_equal(one[0].rewards, other[0].rewards)
+    assert not np.array_equal(one[0].rewards, one[1].rewards)
+    assert state in (0, 1)
