@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow lint format types doctest docs bench clean
+.PHONY: help paper test slow deep lint format types doctest docs bench clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
@@ -25,6 +25,10 @@ test: .venv/test.stamp ## the fast tests (ARGS="-k pursuit")
 
 slow: .venv/test.stamp ## the statistical and long tests
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m slow --timeout 3600 $(ARGS)
+
+deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torch)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/deep $(ARGS)
+	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle/deep docs/howto/your_own_network.md
 
 lint: .venv/dev.stamp ## ruff: rules and layout
 	$(BIN)/ruff check .
@@ -66,4 +70,8 @@ clean: ## remove .venv, caches and builds (results stay)
 
 .venv/dev.stamp: .venv/test.stamp
 	@$(INSTALL) '.[dev]'
+	@touch $@
+
+.venv/deep.stamp: .venv/test.stamp
+	@$(INSTALL) '.[deep]'
 	@touch $@

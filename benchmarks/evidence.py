@@ -80,6 +80,9 @@ class Benchmark:
         if self.best is not None:
             axes.axhline(self.best, color="#999999", lw=0.8, ls="--", label="optimum")
         seeds = len(next(iter(curves.values())).values)
+        ends = [curve.steps[-1] for curve in curves.values()]
+        if max(ends) > 5 * min(ends):
+            axes.set_xscale("log")
         axes.set_xlabel("steps, those of the sources included")
         axes.set_ylabel("return of the greedy policy")
         axes.set_title(f"{self.title}\nmean of {seeds} seeds, 95 % bootstrap bands", fontsize=10)

@@ -6,7 +6,7 @@ hand (fetch the key, open the door, reach the goal), how far away it is, and wha
 DQN that the target uses, whose weights can be carried over, as both rooms look alike.
 
     pip install "minigrid>=3,<4"
-    python benchmarks/bench_deep_door.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
+    python benchmarks/deep_door.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
 
 from functools import partial
@@ -88,7 +88,8 @@ class Room(gym.Wrapper):
 
 ERRANDS = cr.Space([
     cr.Component("errand", 3, labels=("key", "door", "goal")),
-    cr.Component("right", 2 * REACH + 1, low=-REACH), cr.Component("down", 2 * REACH + 1, low=-REACH),
+    cr.Component("right", 2 * REACH + 1, low=-REACH),
+    cr.Component("down", 2 * REACH + 1, low=-REACH),
     cr.Component("facing", 4, labels=("east", "south", "west", "north")),
     cr.Component("ahead", 3, labels=("blocked", "free", "thing")),
 ])  # fmt: skip
@@ -165,4 +166,4 @@ BENCHMARK = Benchmark(
 )
 
 if __name__ == "__main__":
-    BENCHMARK.main("bench_deep_door", __doc__)
+    BENCHMARK.main("deep_door", __doc__)

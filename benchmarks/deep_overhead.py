@@ -7,10 +7,15 @@ are measured in processor time; what is printed is the median over the turns: mi
 how many of them are more than the plain environment's in the same turn, and the ratio of the two.
 Actions are random; resets and the checks at the end of an episode are part of it.
 
-    python benchmarks/bench_deep_overhead.py [--quick] [--turns N]
+Part B is what a residual costs DQN, acting and learning: plain DQN and DQN on phi + residual take
+turns to learn, phi from tables (three predators on 7x7 read one on 7x7) and from the network of an
+easier car.
+
+    python benchmarks/deep_overhead.py [--quick] [--turns N]
 """
 
 from functools import partial
+from statistics import median
 
 import gymnasium as gym
 import numpy as np
@@ -18,8 +23,10 @@ import torch
 from bench_shaping_wrapper import BAR, lake, potential, report, stepping
 from stable_baselines3 import DQN
 from stable_baselines3.common.vec_env import DummyVecEnv
-from timing import arguments, on_one_thread
+from timing import arguments, in_turns, on_one_thread
 
+import curricle as cr
+from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.deep.shaped import ShapedVecEnv
 from curricle.interop.potential_shaping import PotentialShaping
@@ -73,6 +80,60 @@ def shaping(turns, steps):
     return missed
 
 
+RESIDUAL_BAR = 1.3  # times the wall time of plain DQN
+
+
+def hunt():
+    """Return a task of three predators and the potential of one, as tables."""
+    many, lone = cr.Pursuit(7, predators=3, discount=0.95), cr.Pursuit(7, predators=1)
+    task, table = cr.observed_pursuit(many), cr.TableValues(np.zeros((49 * 49, 5)))
+    edges = [
+        cr.Transfer("chase", "hunt", cr.predator_mapping(task, lone, predator=name))
+        for name in many.predator_names
+    ]
+    return task, cr.ObservationPotential(task, edges, [table] * 3, cr.minimum)
+
+
+def car():
+    """Return a car and the potential of another car's network."""
+    task = cr.observed("MountainCar-v0", discount=0.98)
+    network = NetworkValues(DQN("MlpPolicy", "MountainCar-v0", buffer_size=1).policy)
+    return task, cr.ObservationPotential.of(task, network)
+
+
+def learning(task, potential, settings, steps):
+    """Return the rate, steps a second, at which DQN learns."""
+    learner = cr.DeepLearner("DQN", settings={"learning_starts": 100, **settings})
+    model = model_for(task, learner, potential=potential, steps=steps)
+    return on_one_thread(lambda: model.learn(steps), steps)
+
+
+def residual(turns, steps):
+    """Part B: print what a residual costs; return what missed the bar."""
+    missed = []
+    print(
+        f"\n{'microseconds a step of DQN':<44}{'plain':>12}{'residual':>12}{'ratio':>9}\n{'-' * 77}"
+    )
+    for name, (task, phi) in {"three tables": hunt(), "a network": car()}.items():
+        for often in 4, 1:
+            settings = {
+                "train_freq": often, "batch_size": 64, "policy_kwargs": {"net_arch": [128, 128]}
+            }  # fmt: skip
+            rates = in_turns(
+                {
+                    "plain": partial(learning, task, None, settings, steps),
+                    "residual": partial(learning, task, phi, settings, steps),
+                },
+                turns,
+            )
+            ratio = median(a / b for a, b in zip(rates["plain"], rates["residual"], strict=True))
+            plain, ours = (1e6 / median(rates[side]) for side in ("plain", "residual"))
+            words = f"{name}, a gradient step every {often}"
+            print(f"{words:<44}{plain:>12.0f}{ours:>12.0f}{ratio:>9.2f}")
+            missed += [words] * (ratio > RESIDUAL_BAR)
+    return missed
+
+
 def main():
     given = arguments(__doc__).parse_args()
     torch.set_num_threads(1)
@@ -80,6 +141,9 @@ def main():
     missed = shaping(turns, 2_000 if given.quick else 10_000)
     said = f"MISSED by {', '.join(missed)}" if missed else "ok"
     print(f"\nbar: {BAR:g} us more a step with tables: {said}")
+    missed = residual(max(turns // 3, 2), steps=500 if given.quick else 2_000)
+    said = f"MISSED by {', '.join(missed)}" if missed else "ok"
+    print(f"\nbar: {RESIDUAL_BAR:g} times plain DQN's time: {said}")
 
 
 if __name__ == "__main__":

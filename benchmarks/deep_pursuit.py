@@ -4,7 +4,7 @@ The source is a table over how far the prey is from a lone predator on a 4x4 gri
 reads it as if it were alone, distances beyond the source's clipped; the least of the three counts.
 Weights cannot be carried over: there is no network in the source, and no 125 actions.
 
-    python benchmarks/bench_deep_pursuit.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
+    python benchmarks/deep_pursuit.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
 
 from functools import partial
@@ -104,4 +104,4 @@ BENCHMARK = Benchmark(
 )
 
 if __name__ == "__main__":
-    BENCHMARK.main("bench_deep_pursuit", __doc__)
+    BENCHMARK.main("deep_pursuit", __doc__)
