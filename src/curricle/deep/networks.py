@@ -108,7 +108,8 @@ class NetworkValues:
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:
-        self.policy.set_training_mode(False)
+        if self.policy.training:
+            self.policy.set_training_mode(False)
         return self.policy.obs_to_tensor(observations)[0]
 
     def _pairs(self, seen: Any) -> FloatArray:

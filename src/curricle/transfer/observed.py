@@ -149,27 +149,28 @@ class ObservationMapping:
         if not values.of_actions:
             raise no_actions(values)
         there, status = self._there(observations)
+        n = len(status)
         if callable(self.actions):
-            table = self._checked_actions(
-                self.actions(observations), (len(status), self.target.n_actions)
-            )
+            table = self._actions(observations, n)
             read, place, missing = np.maximum(table, 0), None, table == UNMAPPED
+            lacking = bool(missing.any())
         else:
-            asked, place, missing = self._asked
-            read = asked[None].repeat(len(status), axis=0)
+            asked, place, missing, lacking = self._asked
+            read = asked[None].repeat(n, axis=0)
         q = values.q(there, read)
         self._check_finite(q, "Q")
         found = self._completed(q, status[:, None], scale, shift)
         if place is not None:
             found = found.take(place, axis=1)
-        return np.where(missing, self.unmapped_value, found) if missing.any() else found
+        return np.where(missing, self.unmapped_value, found) if lacking else found
 
     @cached_property
-    def _asked(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+    def _asked(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_], bool]:
         """The source's actions, each once; where each of the target's is there; which have none."""
         table = self._actions(None, 1)[0]
         asked, place = np.unique(np.maximum(table, 0), return_inverse=True)
-        return asked, place, table == UNMAPPED
+        missing = table == UNMAPPED
+        return asked, place, missing, bool(missing.any())
 
     def states(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
@@ -282,6 +283,8 @@ def _called(given: Any) -> str:
 
 
 def _whole(what: str, given: Any) -> IntArray:
+    if isinstance(given, np.ndarray) and given.dtype == np.int64:
+        return given
     if isinstance(given, np.ndarray) and given.dtype == np.int64:
         return given
     found = numbers(f"a mapping's {what}", given, MappingError)

@@ -126,7 +126,7 @@ class ObservationPotential:
 
     def _together(self, each: Iterable[FloatArray]) -> FloatArray:
         """Return the aggregate of what each source says, (N of (n, A)) -> (n, A)."""
-        together = aggregate(self.function, np.stack(list(each)))
+        together = aggregate(self.function, np.array(list(each)))
         if self.scale == 1 and self.shift == 0:
             return together
         return self.scale * together + self.shift
