@@ -1,0 +1,64 @@
+"""Two predators on 5x5, learnt by a network, from one predator, learnt as a table.
+
+DQN sees where everybody is as numbers in [-1, 1] and chooses among 25 joint actions. What one
+predator valued alone is read once for each of the two; the less hopeful of the two counts. The
+network computes that plus a residual, which is 0 at first. Learning directly gets as many steps as
+the transfer, its source included.
+
+Needs `pip install "curricle[deep]"`; a minute or two on two cores.
+
+python examples/deep_pursuit.py
+"""
+
+import curricle as cr
+
+SOURCE, TARGET, SEEDS = 40_000, 10_000, 3
+HUNT = cr.Pursuit(size=5, predators=2, discount=0.95)
+CHASE = cr.Pursuit(size=5, predators=1, discount=0.95)
+JUDGE = cr.GreedyEvaluation("rollouts", episodes=30, discounted=False)
+SETTINGS = {
+    "batch_size": 256, "learning_starts": 500, "gradient_steps": 1, "train_freq": 1,
+    "target_update_interval": 500, "exploration_fraction": 0.5, "exploration_final_eps": 0.05,
+}  # fmt: skip
+
+
+def learner(rate, epsilon):
+    """Return a DQN; Adam's eps is large, so that next to no error makes next to no step."""
+    network = {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}}
+    own = {"learning_rate": rate, "exploration_initial_eps": epsilon, "policy_kwargs": network}
+    return cr.DeepLearner("DQN", envs=8, settings=SETTINGS | own)
+
+
+def main():
+    hunt = cr.observed_pursuit(HUNT)
+    plan = cr.Curriculum(
+        tasks={"chase": CHASE, "hunt": hunt},
+        transfers=[
+            cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, CHASE, predator=name))
+            for name in HUNT.predator_names
+        ],
+        aggregate=cr.minimum,
+        learner={
+            "chase": cr.QLearning(learning_rate=cr.linear(0.9, 0.1, steps=SOURCE), epsilon=0.2),
+            "hunt": learner(rate=1e-4, epsilon=0.2),
+        },
+        budget={"chase": SOURCE, "hunt": TARGET},
+        every={"hunt": TARGET // 5},
+        evaluation={"hunt": JUDGE},
+    )
+    transfer = plan.train(seeds=SEEDS)
+    direct = cr.learn_deep(
+        hunt, learner(rate=5e-4, epsilon=1.0), SOURCE + TARGET, seeds=SEEDS,
+        every=(SOURCE + TARGET) // 5, evaluation=JUDGE,
+    )  # fmt: skip
+    for name, result, spent in (
+        ("from one predator", transfer["hunt"], SOURCE),
+        ("directly", direct, 0),
+    ):
+        returns = result.greedy_return
+        print(f"{name}: {returns[:, 0].mean():.1f} after {spent:,} steps")
+        print(f"  then {cr.bootstrap(returns[:, -1])} after {spent + result.steps[-1]:,}")
+
+
+if __name__ == "__main__":
+    main()
