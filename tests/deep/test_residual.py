@@ -9,10 +9,11 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
+from curricle.deep import residual_networks
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
-from curricle.deep.residual_networks import ResidualMlpPolicy
+from curricle.deep.residual_networks import ResidualMlpPolicy, Rows
 
 from .worlds import one_hot, random_task, table_potential
 
@@ -200,3 +201,26 @@ def test_what_cannot_be_a_residual_is_refused():
     height = cr.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
     with pytest.raises(cr.SettingError, match="how='state' does not"):
         cr.learn_deep(observed, cr.DeepLearner("DQN"), 100, potential=height)
+
+
+def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
+    rng = np.random.default_rng(3)
+    task = random_task(rng, n_states=50)
+    observed = one_hot(task)
+    table = rng.normal(size=(50, 3))
+    rows, asked = Rows(table_potential(task, observed, table)), []
+    pairs = cr.ObservationPotential.pairs
+
+    def counted(potential, observations):
+        asked.append(len(observations))
+        return pairs(potential, observations)
+
+    monkeypatch.setattr(cr.ObservationPotential, "pairs", counted)
+    for _ in range(30):
+        states = rng.integers(49, size=8)
+        seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
+        assert rows.of(seen, "cpu").numpy() == pytest.approx(table[states].astype(np.float32))
+    assert sum(asked) == len(rows.places) <= 49
+    monkeypatch.setattr(residual_networks, "MOST_BYTES", 0)
+    assert rows.of(seen, "cpu").numpy() == pytest.approx(table[states].astype(np.float32))
+    assert len(rows.places) == len(set(states.tolist()))

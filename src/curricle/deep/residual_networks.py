@@ -23,6 +23,10 @@ except ModuleNotFoundError:  # sb3-contrib is not installed; asking for QR-DQN s
     qrdqn, QuantileNetwork = None, object
 
 
+MOST_BYTES = 2**28
+"""That remembered values of phi may take, with the observations they are known by."""
+
+
 class ResidualQNetwork(QNetwork):
     """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0."""
 
@@ -52,7 +56,8 @@ class ResidualQuantileNetwork(QuantileNetwork):  # type: ignore[misc, valid-type
 class Rows:
     """phi(s, a) of every action, remembered: what is replayed is not computed anew.
 
-    Both networks of a policy share one. Observations that are dicts are not remembered.
+    Both networks of a policy share one. It forgets all when it holds too much; observations that are
+    dicts are not remembered.
     """
 
     def __init__(self, potential: ObservationPotential):
@@ -71,6 +76,8 @@ class Rows:
 
     def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         whole, size = seen.tobytes(), seen[0].nbytes
+        if len(self.places) * (size + 4 * self.kept.shape[1]) > MOST_BYTES:
+            self.places.clear()
         names = [whole[i * size : (i + 1) * size] for i in range(len(seen))]
         new = {name: i for i, name in enumerate(names) if name not in self.places}
         if new:
