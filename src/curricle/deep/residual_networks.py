@@ -56,8 +56,8 @@ class ResidualQuantileNetwork(QuantileNetwork):  # type: ignore[misc, valid-type
 class Rows:
     """phi(s, a) of every action, remembered: what is replayed is not computed anew.
 
-    Both networks of a policy share one. It forgets all when it holds too much; observations that are
-    dicts are not remembered.
+    Both networks of a policy share one. It forgets all when it holds too much. Observations that
+    are dicts are not remembered.
     """
 
     def __init__(self, potential: ObservationPotential):
