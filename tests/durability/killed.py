@@ -43,7 +43,7 @@ def main(file, folder, kills):
     draws, done, attempt = random.Random(0), 0, 0
     while done < kills:
         here = 0
-        while killed_run(study, folder / str(attempt), draws.uniform(0.0, 0.4 * lasted)):
+        while killed_run(study, folder / str(attempt), draws.uniform(0.0, lasted)):
             here += 1
             assert here < 1000, "the study does not get on"
         print(here, flush=True)

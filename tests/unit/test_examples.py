@@ -41,6 +41,15 @@ def test_example_runs_and_compares(name, capsys):
     assert "direct" in printed
 
 
+def test_a_network_learns_from_a_table(capsys, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    deep = example("deep_pursuit")
+    for name, small in {"SOURCE": 2000, "TARGET": 500, "SEEDS": 2}.items():
+        monkeypatch.setattr(deep, name, small)
+    deep.main()
+    assert "from one predator: -" in capsys.readouterr().out
+
+
 def test_no_example_is_left_out():
-    known = {*PICTURES, *COMPARISONS, "own_task"}
+    known = {*PICTURES, *COMPARISONS, "own_task", "deep_pursuit"}
     assert {path.stem for path in FOLDER.glob("*.py")} == known
