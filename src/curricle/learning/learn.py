@@ -94,6 +94,8 @@ def learn(
           is the task's own only as xi goes to 0: give the potential a decaying weight.
         - ``"bonus"``: rewards get phi(s, a) outright. NOT potential-based: it can change the
           optimal policy, and is here to show reward hacking.
+
+        ``"weights"`` and ``"policy"`` are for networks only (:func:`learn_deep`).
     guard : Guard, optional
         Watch over the potential, and trust it less where it does harm. For :class:`QLearning` with
         ``"initialise"`` or ``"look_ahead"``.
