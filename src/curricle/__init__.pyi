@@ -47,10 +47,7 @@ from .learning.film import Film as Film
 from .learning.following import Followed as Followed, follow as follow
 from .learning.gate import Decision as Decision, Gate as Gate
 from .learning.guard import Guard as Guard
-from .learning.learn import (
-    How as How,
-    learn as learn,
-)
+from .learning.learn import learn as learn
 from .learning.learners import (
     SARSA as SARSA,
     DoubleQLearning as DoubleQLearning,
@@ -82,6 +79,7 @@ from .learning.schedules import (
 )
 from .learning.storage import SparseValues as SparseValues, Storage as Storage
 from .learning.target import Target as Target
+from .learning.ways import How as How
 from .node import Node as Node
 from .report.comparison import draw_comparison as draw_comparison
 from .report.flips import collapse_figure as collapse_figure, draw_flips as draw_flips

@@ -18,10 +18,10 @@ from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.following import PairPotential
 from curricle.learning.gate import Decision
 from curricle.learning.guard import Guard
-from curricle.learning.learn import How
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.storage import Storage
+from curricle.learning.ways import How
 from curricle.node import Node
 from curricle.returning import Course, Return, with_returns
 from curricle.tasks.task import same_task

@@ -16,12 +16,13 @@ from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.gate import Decision, Gate
 from curricle.learning.guard import Guard
-from curricle.learning.learn import How, check_guard, learn
+from curricle.learning.learn import check_guard, learn
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.run import Prelude
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
+from curricle.learning.ways import How
 from curricle.tasks.observed import is_observed
 from curricle.tasks.task import dynamics
 from curricle.transfer.aggregation import Aggregate

@@ -72,7 +72,7 @@ def test_a_gate_opens_where_its_predicate_says(observed):
     result = cr.learn_deep(observed, DQN, gate, every=50)
     assert result.steps_used.tolist() == [50]
     assert result.steps.tolist() == [0, 50]
-    with pytest.raises(cr.SettingError, match="give the gate a value"):
+    with pytest.raises(cr.SettingError, match="give a return instead"):
         cr.learn_deep(observed, DQN, cr.Gate(most=2000, fraction=0.5))
 
 

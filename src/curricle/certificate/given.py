@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.learn import How, check_potential
+from curricle.learning.learn import check_potential
 from curricle.learning.potential import (
     MappedPotential,
     StateActionPotential,
@@ -17,6 +17,7 @@ from curricle.learning.potential import (
     finite,
 )
 from curricle.learning.schedules import constant
+from curricle.learning.ways import How
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, dynamics
 

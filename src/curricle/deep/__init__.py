@@ -1,1 +1,1 @@
-"""Deep learners: sources of values, mappings of observations, potentials inside networks."""
+"""Deep learners: potentials inside networks and around them, training, checkpoints."""

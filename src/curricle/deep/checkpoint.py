@@ -25,7 +25,7 @@ class Saved(NamedTuple):
 
     words: str
     """What is trained: a checkpoint of something else is refused."""
-    model: tuple[type, dict[str, Any]] | None
+    model: tuple[type, dict[str, Any]]
     """An algorithm's class and attributes: network, optimizer, replay buffer, environments."""
     progress: Any
     """What has been written down so far."""
@@ -84,7 +84,6 @@ def load(path: Path, words: str) -> Saved | None:
 
 def restored(saved: Saved) -> Any:
     """Return the model of a checkpoint, and set the random number generators to where it was."""
-    assert saved.model is not None
     kind, held = saved.model
     model: Any = object.__new__(kind)
     model.__dict__.update(held)

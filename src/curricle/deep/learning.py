@@ -13,15 +13,15 @@ from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.gate import NO_GATE, Gate
-from curricle.learning.learn import How, charges, preludes
+from curricle.learning.learn import charges, preludes
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import Prelude
+from curricle.learning.target import not_solved
+from curricle.learning.ways import BY_NETWORKS, RESIDUAL, How
 from curricle.tasks.observed import ObservedTask
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.playing import longest_episode
 from curricle.transfer.values import ValueSource
-
-WAYS = ("initialise", "look_ahead", "state", "weights", "policy")
 
 
 def learn_deep(
@@ -109,10 +109,7 @@ def learn_deep(
     gate = NO_GATE
     if isinstance(budget, Gate):
         if budget.fraction is not None:
-            raise SettingError(
-                "a fraction of the optimum needs a task that can be solved: got "
-                f"{budget.fraction:g} of {task!r}; give the gate a value"
-            )
+            raise not_solved(budget.fraction, task)
         gate = budget.rule()
     if evaluation.method != "off":
         longest_episode(task, discounted=evaluation.discounted)
@@ -133,7 +130,7 @@ def _potentials(
     task: ObservedTask, given: Any, how: How, n_seeds: int
 ) -> list[ObservationPotential | None]:
     """Return the potential of each seed, checked against the task and the way."""
-    one_of("how of a deep learner", how, WAYS, SettingError)
+    one_of("how of a deep learner", how, BY_NETWORKS, SettingError)
     if given is None:
         return [None] * n_seeds
     each = list(given) if isinstance(given, Sequence) else [given] * n_seeds
@@ -147,7 +144,7 @@ def _potentials(
             raise SettingError(
                 f"a potential must be made for the task it shapes: it belongs to {one.task}"
             )
-        if how in ("initialise", "look_ahead") and not one.of_actions:
+        if how in RESIDUAL and not one.of_actions:
             raise SettingError(
                 f"how={how!r} needs a potential that tells numbered actions apart; "
                 "how='state' does not"

@@ -16,15 +16,10 @@ from curricle.deep.residual import residual_policy
 from curricle.deep.reuse import reusing
 from curricle.deep.shaped import ShapedVecEnv
 from curricle.errors import SettingError
-from curricle.learning.learn import How
+from curricle.learning.ways import OF_NETWORKS, RESIDUAL, How
 from curricle.tasks.observed import ObservedTask
 from curricle.transfer.observed_potential import ObservationPotential
 
-RESIDUAL = ("initialise", "look_ahead")
-"""Ways in that are one for a network: phi is computed with it."""
-WARM = ("weights", "policy")
-"""Ways that carry over a network, or what it does, and no potential."""
-WAYS = (*RESIDUAL, "state", *WARM)
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """What of an actor-critic's parameters is the critic's."""
 
@@ -84,7 +79,7 @@ def model_for(
     model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     if guided:
         model.guide = potential
-    elif potential is not None and how in WARM:
+    elif potential is not None and how in OF_NETWORKS:
         _carry_over(model, potential, everything=how == "weights")
     return model
 
@@ -134,7 +129,7 @@ def network_values(
     >>> bool((again.v(poles) == trained.v(poles)).all())
     True
     """
-    known = None if how in WARM else potential
+    known = None if how in OF_NETWORKS else potential
     with apart(learner.threads):
         model = model_for(task, learner, how, known, steps=1)
     model.env.close()

@@ -68,9 +68,8 @@ class NetworkValues:
             seen = self._seen(observations)
             if self.of_actions:
                 pairs, chosen = self._pairs(seen), np.asarray(actions)
-                columns = chosen if chosen.ndim == 2 else chosen[:, None]
-                found = np.take_along_axis(pairs, columns, axis=1)
-                found = found if chosen.ndim == 2 else found[:, 0]
+                rows = np.arange(len(pairs))
+                found = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
             else:
                 scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
                 found = self._critics(seen, torch.as_tensor(scaled, device=self.policy.device))

@@ -16,8 +16,8 @@ from curricle.errors import SettingError
 from curricle.learning.evaluation import GreedyEvaluation
 from curricle.learning.gate import GateRule, opens
 from curricle.learning.kernels import Record
-from curricle.learning.learn import How
 from curricle.learning.run import NO_PRELUDE, Outcome, Prelude, stream_start
+from curricle.learning.ways import How
 from curricle.tasks.draws import scramble_number
 from curricle.tasks.observed import ObservedTask
 from curricle.transfer.observed_potential import ObservationPotential
@@ -177,8 +177,7 @@ class Scribe(BaseCallback):
             return float("nan")
         seed = scramble_number(self.start ^ (number + 1))
         episodes = self._stage.play(self._greedy, seed)
-        weight = self.run.task.discount if self.run.evaluation.discounted else 1.0
-        return mean_return(episodes, weight)
+        return mean_return(episodes, self.run.evaluation.weight(self.run.task.discount))
 
     def _greedy(self, observations: Any) -> tuple[Any, Any]:
         actions = self.values.act(observations)

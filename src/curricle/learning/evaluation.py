@@ -1,7 +1,7 @@
 """How the greedy policy is judged while learning."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from curricle.learning import kernels
 from curricle.learning.judging import NO_ROOM, NO_STREAM, Exact, Off, Rollouts
 from curricle.tasks.dynamics import table_model
 from curricle.tasks.live import is_live
+from curricle.tasks.observed import is_observed
 from curricle.tasks.task import Task, dynamics, has_tables, tables
 
 Method = Literal["auto", "exact", "rollouts", "off"]
@@ -61,14 +62,19 @@ class GreedyEvaluation:
         if self.method == "off":
             return Off()
         horizon = self.horizon(task)
-        weight = dynamics(task).discount if self.discounted else 1.0
+        weight = self.weight(dynamics(task).discount)
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             return Exact(table_model(tables(task)), weight, horizon, NEGLIGIBLE, *NO_ROOM)
         return Rollouts(self.rollouts(task), weight, horizon, NO_STREAM)
 
-    def rollouts(self, task: Task) -> int:
-        """Return the episodes that a rollout of this task takes the mean of."""
-        return self.episodes or (LIVE_EPISODES if is_live(task) else EPISODES)
+    def weight(self, discount: float) -> float:
+        """Return what a step later counts, of what a step counts: a task's discount, or 1."""
+        return discount if self.discounted else 1.0
+
+    def rollouts(self, task: Any) -> int:
+        """Return the episodes that a rollout takes the mean of, in a task of any kind."""
+        few = is_observed(task) or is_live(task)
+        return self.episodes or (LIVE_EPISODES if few else EPISODES)
 
     def horizon(self, task: Task) -> int:
         """Return the steps after which an episode is cut off, or adds nothing to speak of."""

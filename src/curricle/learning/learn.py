@@ -1,7 +1,7 @@
 """Training one task over many seeds: :func:`learn`."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,18 +30,12 @@ from curricle.learning.schedules import constant
 from curricle.learning.storage import Storage
 from curricle.learning.target import gate_level
 from curricle.learning.threads import over_seeds, threads_for
+from curricle.learning.ways import OF_TABLES, How
 from curricle.tasks.task import Task, dynamics, same_task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-How = Literal[
-    "initialise", "look_ahead", "look_back", "state", "bonus", "advice", "weights", "policy"
-]
-"""The ways a potential enters learning; :func:`learn` says what each does, the last two are
-:func:`learn_deep`'s."""
-OF_NETWORKS = ("weights", "policy")
-OF_TABLES = tuple(way for way in get_args(How) if way not in OF_NETWORKS)
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
 

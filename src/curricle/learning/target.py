@@ -1,7 +1,7 @@
 """A target, solved once where it can be: what its optimum is, and what acting at random earns."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,6 +18,8 @@ LARGEST_SOLVED = 5_000_000
 """Pairs (S x A) up to which a target is solved."""
 LARGEST_FOLLOWED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+ROLLOUTS = 1000
+"""Rollouts where returns are no exact ones."""
 CLOSE = 1e-6
 """Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
 
@@ -55,7 +57,7 @@ class Target:
         task: Task,
         evaluation: GreedyEvaluation | None = None,
         *,
-        episodes: int = 1000,
+        episodes: int = ROLLOUTS,
     ) -> "Target":
         """Return a target, evaluated exactly where it can be, else by so many rollouts."""
         given = GreedyEvaluation() if evaluation is None else evaluation
@@ -93,10 +95,7 @@ class Target:
         SettingError comes from a target that is not solved.
         """
         if self.solution is None:
-            raise SettingError(
-                "a fraction of the optimum needs a task that can be solved: got "
-                f"{fraction:g} of {self.task!r}"
-            )
+            raise not_solved(fraction, self.task)
         return part_of_the_way(self.optimum, self.untaught, fraction)
 
 
@@ -109,6 +108,14 @@ def part_of_the_way(optimum: float, worst: float, fraction: float) -> float:
     -20.0
     """
     return float(optimum - (1 - fraction) * (optimum - worst))
+
+
+def not_solved(fraction: float, task: Any) -> SettingError:
+    """Return the error that nobody knows the optimum which a fraction is of."""
+    return SettingError(
+        f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
+        "give a return instead"
+    )
 
 
 def gate_level(gate: Gate, task: Task, evaluation: GreedyEvaluation) -> float | None:

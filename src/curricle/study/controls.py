@@ -23,9 +23,9 @@ from curricle.checks import one_of
 from curricle.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.following import PairPotential
-from curricle.learning.learn import OF_NETWORKS
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.result import LearningResult
+from curricle.learning.ways import OF_NETWORKS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observed import ObservedTask, is_observed
 from curricle.tasks.task import Task, tables

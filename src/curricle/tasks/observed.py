@@ -147,7 +147,7 @@ def batch_size(observations: Any) -> int:
     >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
     5
     """
-    while isinstance(observations, Mapping | tuple):
+    while isinstance(observations, (tuple, Mapping)):
         parts = observations.values() if isinstance(observations, Mapping) else observations
         observations = next(iter(parts))
     return len(observations)

@@ -215,9 +215,9 @@ class ObservationMapping:
             status = _whole("status", known)
         if not is_observed(self.source):
             there = _whole("states", there)
-            self._check_states(there)
-            status = there if status is None else np.where(there < 0, there, status)
-            there = np.maximum(there, 0)
+            if self._leave(there):
+                status = there if status is None else np.where(there < 0, there, status)
+                there = np.maximum(there, 0)
         if status is None:
             status = np.zeros(n, np.int64)
         if status.shape != (n,) or batch_size(there) != n:
@@ -227,13 +227,16 @@ class ObservationMapping:
             )
         return there, status
 
-    def _check_states(self, states: IntArray) -> None:
-        if states.size and (states.min() < ENDED or states.max() >= self.source.states.size):
+    def _leave(self, states: IntArray) -> bool:
+        """Return whether any of the states is UNMAPPED or ENDED; MappingError if one is none."""
+        lowest = states.min(initial=0)
+        if lowest < ENDED or states.max(initial=0) >= self.source.states.size:
             bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
             raise MappingError(
                 f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
                 f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
             )
+        return bool(lowest < 0)
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""
@@ -283,8 +286,6 @@ def _called(given: Any) -> str:
 
 
 def _whole(what: str, given: Any) -> IntArray:
-    if isinstance(given, np.ndarray) and given.dtype == np.int64:
-        return given
     if isinstance(given, np.ndarray) and given.dtype == np.int64:
         return given
     found = numbers(f"a mapping's {what}", given, MappingError)

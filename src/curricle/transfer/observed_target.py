@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.target import Target
+from curricle.learning.target import ROLLOUTS, Target
 from curricle.tasks.observed import ObservedTask, is_observed
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.playing import (
@@ -57,8 +57,8 @@ class ObservedTarget:
     @cached_property
     def untaught(self) -> float:
         """The mean return of acting at random."""
-        weight = self.task.discount if self.evaluation.discounted else 1.0
-        return mean_return(random_episodes(self.task, episodes=self.episodes), weight)
+        met = random_episodes(self.task, episodes=self.episodes)
+        return mean_return(met, self.evaluation.weight(self.task.discount))
 
     @property
     def episodes(self) -> int:
@@ -104,4 +104,4 @@ def target_of(
         return ObservedTarget(
             task, replace(given, method="rollouts", episodes=episodes or EPISODES)
         )
-    return Target.of(task, given, episodes=1000 if episodes is None else episodes)
+    return Target.of(task, given, episodes=episodes or ROLLOUTS)

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.evaluation import LIVE_EPISODES, NEGLIGIBLE, GreedyEvaluation
+from curricle.learning.evaluation import NEGLIGIBLE, GreedyEvaluation
 from curricle.learning.following import MOST_STEPS, Followed
 from curricle.learning.run import stream_start
 from curricle.tasks.draws import scramble_number
@@ -125,7 +125,7 @@ def stage_for(task: ObservedTask, evaluation: GreedyEvaluation) -> Stage:
     if evaluation.method == "exact":
         raise SettingError("a task seen through observations is judged by rollouts: got 'exact'")
     longest = longest_episode(task, discounted=evaluation.discounted)
-    return Stage(task, evaluation.episodes or LIVE_EPISODES, longest)
+    return Stage(task, evaluation.rollouts(task), longest)
 
 
 def mean_return(episodes: list[Episode], discount: float) -> float:

@@ -6,12 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
+from curricle.learning.ways import BY_NETWORKS, OF_NETWORKS
 from curricle.study.config.settings import DeepLearnerTable, Settings
 from curricle.study.config.tables import Place, whole_number, wrong
-
-BY_NETWORKS = ("initialise", "look_ahead", "state", "weights", "policy")
-OF_NETWORKS = ("weights", "policy")
-"""Ways into learning by a network; those that are of networks alone."""
 
 
 def _time_limit(value: Any) -> int | str:

@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from curricle.learning.evaluation import LIVE_EPISODES
 from curricle.learning.wandering import wander
 from curricle.node import Node
 from curricle.study.runner.arms import Arms
@@ -107,7 +106,7 @@ def _judged(node: Node) -> int:
     checkpoints = node.most_steps // node.every + 1
     if node.deep:
         off = node.evaluation.method == "off"
-        episodes = 0 if off else node.evaluation.episodes or LIVE_EPISODES
+        episodes = 0 if off else node.evaluation.rollouts(node.task)
         horizon = longest_episode(node.task, discounted=node.evaluation.discounted)
     else:
         episodes = getattr(node.evaluation.settings(node.task), "episodes", 0)
