@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import curricle as cr
@@ -88,7 +87,6 @@ class Benchmark:
         axes.set_title(f"{self.title}\nmean of {seeds} seeds, 95 % bootstrap bands", fontsize=10)
         axes.legend(fontsize=8)
         figure.savefig(path, dpi=130)
-        plt.close("all")
         print(f"\n{path}")
 
 

@@ -18,6 +18,7 @@ from curricle.deep.residual_networks import ResidualMlpPolicy, Rows
 from .worlds import one_hot, random_task, table_potential
 
 SGD = {"optimizer_class": torch.optim.SGD, "net_arch": []}
+UNINFORMED = SGD | {"informed": False}
 RATE = 0.25
 
 
@@ -26,7 +27,8 @@ def linear(observed, potential=None, **changed):
     settings = {
         "learning_rate": RATE, "buffer_size": 1, "batch_size": 1, "learning_starts": 0,
         "train_freq": 1, "target_update_interval": 1, "exploration_fraction": 1.0,
-        "exploration_final_eps": 0.5, "policy_kwargs": SGD, **changed,
+        "exploration_final_eps": 0.5,
+        "policy_kwargs": SGD if potential is None else UNINFORMED, **changed,
     }  # fmt: skip
     learner = cr.DeepLearner("DQN", settings=settings)
     model = model_for(observed, learner, potential=potential, seed=3)
@@ -130,7 +132,7 @@ def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
         "learning_rate": lambda left: 0.3 * left, "buffer_size": 8000, "batch_size": 64,
         "train_freq": 4,
         "target_update_interval": 20, "exploration_final_eps": 1.0, "exploration_initial_eps": 1.0,
-        "policy_kwargs": SGD,
+        "policy_kwargs": UNINFORMED,
     }  # fmt: skip
     learner = cr.DeepLearner("DQN", settings=settings)
     result = cr.learn_deep(
@@ -159,6 +161,34 @@ def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
         assert said[live] == pytest.approx(q[live].astype(np.float32))
     actions, _ = model.predict(rows, deterministic=True)
     assert (q[live, actions[live]] == q[live].max(axis=1)).all()
+
+
+def test_an_informed_residual_tells_states_apart_by_phi_alone():
+    rng = np.random.default_rng(11)
+    task = random_task(rng)
+    observed = one_hot(task)
+    phi = 50 + 20 * rng.normal(size=(5, 3))
+    settings = {"learning_starts": 50, "batch_size": 32, "policy_kwargs": {"net_arch": [16]}}
+    learner = cr.DeepLearner("DQN", settings=settings)
+    model = model_for(observed, learner, potential=table_potential(task, observed, phi))
+    model.learn(44)
+    online, target = model.q_net, model.q_net_target
+    assert (online.running_mean, online.running_std) == (0, 1)
+    model.learn(60, reset_num_timesteps=False)
+    met = phi[~task.terminal]
+    assert met.min() < online.running_mean < met.max()
+    assert 0 < online.running_std < np.ptp(met)
+    before = online.running_mean.item(), online.running_std.item()
+    model.learn(100, reset_num_timesteps=False)
+    assert (online.running_mean.item(), online.running_std.item()) == before
+    model.target_update_interval = 1
+    model.learn(4, reset_num_timesteps=False)
+    assert (target.running_mean, target.running_std) == (online.running_mean, online.running_std)
+    online.q_net[0].weight.data[:, :5] = 0.0  # blind to the observation
+    with torch.no_grad():
+        rows = torch.as_tensor(np.eye(5, dtype=np.float32)[~task.terminal])
+        residual = online(rows).numpy() - met.astype(np.float32)
+    assert np.ptp(residual, axis=0).min() > 0
 
 
 @pytest.mark.skipif(find_spec("sb3_contrib") is None, reason="sb3-contrib is not installed")
@@ -219,8 +249,8 @@ def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
     for _ in range(30):
         states = rng.integers(49, size=8)
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-        assert rows.of(seen, "cpu").numpy() == pytest.approx(table[states].astype(np.float32))
+        assert rows.of(seen).numpy() == pytest.approx(table[states].astype(np.float32))
     assert sum(asked) == len(rows.places) <= 49
     monkeypatch.setattr(residual_networks, "MOST_BYTES", 0)
-    assert rows.of(seen, "cpu").numpy() == pytest.approx(table[states].astype(np.float32))
+    assert rows.of(seen).numpy() == pytest.approx(table[states].astype(np.float32))
     assert len(rows.places) == len(set(states.tolist()))

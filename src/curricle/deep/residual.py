@@ -6,9 +6,15 @@ from curricle.errors import SettingError
 def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     """Return the policy class with which a network computes phi(s, a) + residual(s, a).
 
-    It takes ``potential``, an :class:`ObservationPotential`, among the ``policy_kwargs`` of DQN or
-    QR-DQN, acts, bootstraps and is evaluated on the sum, in the online and the target network
-    alike, starts with a residual of 0, and is saved and loaded with its potential.
+    It acts, bootstraps and is evaluated on the sum, in the online and the target network alike,
+    starts with a residual of 0, and is saved and loaded with its potential. Among the
+    ``policy_kwargs`` of DQN or QR-DQN it takes
+
+    - ``potential``, an :class:`ObservationPotential`;
+    - ``informed``, by default true: the residual reads phi(s, .) beside the observation,
+      standardised as in the first batch it learns from. Without, a linear residual learns exactly
+      what Q-learning learns that starts at phi (Wiewiora 2003); but where phi jumps, as tables do
+      between cells, a network of the observation alone cannot follow it, and may diverge.
 
     Parameters
     ----------

@@ -27,30 +27,70 @@ MOST_BYTES = 2**28
 """That remembered values of phi may take, with the observations they are known by."""
 
 
-class ResidualQNetwork(QNetwork):
-    """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0."""
+class _OnPhi:
+    """What makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
 
-    def __init__(self, *args: Any, rows: "Rows", **settings: Any):
-        super().__init__(*args, **settings)
-        self.rows = rows
-        _silence(self.q_net[-1])
+    Informed, it reads phi(s, .) beside its features: where phi jumps, as tables do between cells,
+    a smooth residual of the observation alone cannot follow, and bootstraps from its own errors.
+    """
+
+    rows: "Rows"
+    running_mean: torch.Tensor  # so named, they are copied into the target network
+    running_std: torch.Tensor
+
+    def __init__(
+        self, *args: Any, rows: "Rows", informed: bool, features_dim: int, **settings: Any
+    ):
+        seen = features_dim + (rows.n_actions if informed else 0)
+        super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
+        self.rows, self.informed = rows, informed
+        self.register_buffer("running_mean", torch.zeros(()))  # type: ignore[attr-defined]
+        self.register_buffer("running_std", torch.ones(()))  # type: ignore[attr-defined]
+        torch.nn.init.zeros_(self._last.weight)
+        torch.nn.init.zeros_(self._last.bias)
+
+    @property
+    def _last(self) -> Any:
+        """The layer that is silent at first."""
+        raise NotImplementedError
+
+    def _features(self, obs: Any, phi: torch.Tensor) -> torch.Tensor:
+        """Return what the residual reads, (n, features)."""
+        own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
+        if not self.informed:
+            return own
+        if torch.is_grad_enabled() and not self._last.weight.any():  # the first batch to learn from
+            spread = phi.std(correction=0)
+            self.running_mean.copy_(phi.mean())
+            self.running_std.copy_(spread if spread > 0 else torch.ones(()))
+        return torch.cat([own, (phi - self.running_mean) / self.running_std], dim=1)
+
+
+class ResidualQNetwork(_OnPhi, QNetwork):
+    """Q(s, a) = phi(s, a) + residual(s, a) for DQN."""
+
+    @property
+    def _last(self) -> Any:
+        return self.q_net[-1]
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
-        return super().forward(obs) + self.rows.of(obs, self.device)
+        phi = self.rows.of(obs)
+        return self.q_net(self._features(obs, phi)) + phi
 
 
-class ResidualQuantileNetwork(QuantileNetwork):  # type: ignore[misc, valid-type]
+class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):  # type: ignore[misc, valid-type]
     """The quantiles of the return, each phi(s, a) + residual(s, a), for QR-DQN."""
 
-    def __init__(self, *args: Any, rows: "Rows", **settings: Any):
-        super().__init__(*args, **settings)
-        self.rows = rows
-        _silence(self.quantile_net[-1])
+    @property
+    def _last(self) -> Any:
+        return self.quantile_net[-1]
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return the quantiles, (n, quantiles, A)."""
-        return super().forward(obs) + self.rows.of(obs, self.device)[:, None, :]
+        phi = self.rows.of(obs)
+        residual = self.quantile_net(self._features(obs, phi))
+        return residual.view(len(phi), self.n_quantiles, -1) + phi[:, None, :]
 
 
 class Rows:
@@ -61,22 +101,23 @@ class Rows:
     """
 
     def __init__(self, potential: ObservationPotential):
-        self.potential = potential
+        self.potential, self.n_actions = potential, potential.task.n_actions or 0
         self.places: dict[bytes, int] = {}
-        self.kept = np.empty((0, potential.task.n_actions or 0), dtype=np.float32)
+        self.kept = np.empty((0, self.n_actions), dtype=np.float32)
 
-    def of(self, obs: Any, device: Any) -> torch.Tensor:
+    def of(self, obs: Any) -> torch.Tensor:
         """Return phi of observations held as tensors, (n, A)."""
         found: npt.NDArray[Any]
         if isinstance(obs, dict):
             found = self.potential.pairs({name: part.cpu().numpy() for name, part in obs.items()})
+            device = next(iter(obs.values())).device
         else:
-            found = self._remembered(np.ascontiguousarray(obs.cpu().numpy()))
+            found, device = self._remembered(np.ascontiguousarray(obs.cpu().numpy())), obs.device
         return torch.as_tensor(found, dtype=torch.float32, device=device)
 
     def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         whole, size = seen.tobytes(), seen[0].nbytes
-        if len(self.places) * (size + 4 * self.kept.shape[1]) > MOST_BYTES:
+        if len(self.places) * (size + 4 * self.n_actions) > MOST_BYTES:
             self.places.clear()
         names = [whole[i * size : (i + 1) * size] for i in range(len(seen))]
         new = {name: i for i, name in enumerate(names) if name not in self.places}
@@ -94,44 +135,45 @@ class Rows:
         self.places |= zip(names, range(used, used + len(names)), strict=True)
 
 
-def _silence(last: Any) -> None:
-    """Have a layer say 0."""
-    torch.nn.init.zeros_(last.weight)
-    torch.nn.init.zeros_(last.bias)
-
-
 class _Residual:
     """What makes a policy of DQN or QR-DQN residual; its potential is saved with it."""
 
     potential: ObservationPotential
     rows: Rows
+    informed: bool
 
-    def __init__(self, *args: Any, potential: ObservationPotential, **settings: Any):
+    def __init__(
+        self, *args: Any, potential: ObservationPotential, informed: bool = True, **settings: Any
+    ):
         if not potential.of_actions:
             raise no_actions(potential)
-        self.potential, self.rows = potential, Rows(potential)
+        self.potential, self.rows, self.informed = potential, Rows(potential), informed
         super().__init__(*args, **settings)
 
+    def _made(self, network: Any) -> Any:
+        """Return a network that starts at phi."""
+        given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
+        return network(**given, rows=self.rows, informed=self.informed).to(self.device)  # type: ignore[attr-defined]
+
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        return {**super()._get_constructor_parameters(), "potential": self.potential}  # type: ignore[misc]
+        own = {"potential": self.potential, "informed": self.informed}
+        return {**super()._get_constructor_parameters(), **own}  # type: ignore[misc]
 
 
 class _ResidualDQN(_Residual):
     def make_q_net(self) -> Any:
         """Return a network that starts at phi."""
-        given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        return ResidualQNetwork(**given, rows=self.rows).to(self.device)  # type: ignore[attr-defined]
+        return self._made(ResidualQNetwork)
 
 
 class _ResidualQRDQN(_Residual):
     def make_quantile_net(self) -> Any:
         """Return a network that starts at phi."""
-        given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        return ResidualQuantileNetwork(**given, rows=self.rows).to(self.device)  # type: ignore[attr-defined]
+        return self._made(ResidualQuantileNetwork)
 
 
 class ResidualMlpPolicy(_ResidualDQN, dqn.MlpPolicy):
-    """DQN's ``MlpPolicy`` on phi + residual; takes ``potential`` among ``policy_kwargs``."""
+    """DQN's ``MlpPolicy`` on phi + residual."""
 
 
 class ResidualCnnPolicy(_ResidualDQN, dqn.CnnPolicy):
