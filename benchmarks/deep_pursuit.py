@@ -2,8 +2,8 @@
 
 The source is a table over how far the prey is from a lone predator on a 4x4 grid. Each of the three
 reads it as if it were alone, distances beyond the source's clipped; the three are summed, which
-promises too little rather than too much.
-Weights cannot be carried over: there is no network in the source, and no 125 actions.
+promises too little; one arm has their mean, which promises too much. Weights cannot be carried
+over: there is no network in the source, and no 125 actions.
 
     python benchmarks/deep_pursuit.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
@@ -63,7 +63,7 @@ def as_if_alone(which, vectors, observations):
     return (down + SMALL - 1) * (2 * SMALL - 1) + right + SMALL - 1
 
 
-def curriculum(how, settings):
+def curriculum(how, settings, aggregate=cr.total):
     """Return the plan of learning from the lone predator, within the budget."""
     hunt, chase = cr.observed_pursuit(HUNT), lone_predator()
     vectors, moves = cr.PursuitVectors(HUNT), HUNT.actions.decode()
@@ -75,7 +75,7 @@ def curriculum(how, settings):
                 actions=moves[f"predator_{which}"]))
             for which in (1, 2, 3)
         ],
-        aggregate=cr.total,
+        aggregate=aggregate,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
         how={"hunt": how}, every={"hunt": EVERY}, evaluation={"hunt": JUDGE},
@@ -98,6 +98,7 @@ BENCHMARK = Benchmark(
     arms={
         "from scratch, ten times as long": from_scratch,
         "residual on phi": partial(curriculum, "initialise", GENTLE),
+        "residual on the mean": partial(curriculum, "initialise", GENTLE, cr.mean),
         "shaped by Phi": partial(curriculum, "state", BOLD),
         "policy only": partial(curriculum, "policy", BOLD),
     },

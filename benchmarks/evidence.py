@@ -19,7 +19,7 @@ import numpy as np
 import curricle as cr
 from curricle.report.plotting import draw_curve, new_figure
 
-COLOURS = ["#6c757d", "#1b6ca8", "#c8553d", "#588157", "#8e6c8a", "#d4a017"]
+COLOURS = ["#6c757d", "#1b6ca8", "#c8553d", "#588157", "#8e6c8a", "#d4a017", "#2a9d8f", "#9c2f5c"]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
 
+from curricle.learning.ways import How
 from curricle.study.config.references import load
 from curricle.study.config.tables import (
     Count,
@@ -319,16 +320,9 @@ class Settings(Table):
             description="Steps; { episodes = 800 }; or a gate, { most = 50_000, ... }.",
         )
     )
-    how: Literal[
-        "initialise",
-        "look_ahead",
-        "look_back",
-        "state",
-        "bonus",
-        "advice",
-        "weights",
-        "policy",
-    ] = Field(default="initialise", description="How a potential, or a network, enters learning.")
+    how: How = Field(
+        default="initialise", description="How a potential, or a network, enters learning."
+    )
     guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
         default=False, description="Whether a second learner watches over the potential, and how."
     )

@@ -1,0 +1,97 @@
+"""CartPole from a coarse table, or from a cart with a longer pole: DQN, all steps charged.
+
+The observation is four numbers. Two sources: tabular Q-learning of the same cart, each number cut
+into a few bins; and the DQN that the target uses, on a cart whose pole is twice as long and falls
+more slowly, whose weights can be carried over. The DQN's settings are those that RL Baselines3 Zoo
+tuned for learning from scratch; who starts with something explores less.
+
+    python benchmarks/deep_cart.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
+"""
+
+from functools import partial
+
+import gymnasium as gym
+from evidence import Benchmark
+
+import curricle as cr
+
+DISCOUNT = 0.99
+SOURCE, BUDGET = 20_000, 50_000
+EVERY = 2_500
+LEARN = cr.QLearning(learning_rate=cr.linear(0.5, 0.05, steps=SOURCE), epsilon=0.1)
+JUDGE = cr.GreedyEvaluation("rollouts", episodes=20, discounted=False)
+DQN = {
+    "learning_rate": 2.3e-3, "batch_size": 64, "buffer_size": 100_000, "learning_starts": 1_000,
+    "target_update_interval": 10, "train_freq": 256, "gradient_steps": 128,
+    "exploration_fraction": 0.16, "exploration_final_eps": 0.04,
+    "policy_kwargs": {"net_arch": [256, 256]},
+}  # fmt: skip
+WARM = DQN | {"exploration_initial_eps": 0.2}
+BLIND = WARM | {"policy_kwargs": {"net_arch": [256, 256], "informed": False}}
+BINS = cr.Bins({
+    "place": [-2.4, -0.8, 0.8, 2.4], "speed": [-3, -0.5, 0.5, 3],
+    "angle": [-0.21, -0.1, -0.02, 0, 0.02, 0.1, 0.21], "spin": [-3, -0.87, -0.2, 0.2, 0.87, 3],
+})  # fmt: skip
+
+
+def long_pole():
+    cart = gym.make("CartPole-v1")
+    pole = cart.unwrapped
+    pole.length *= 2
+    pole.polemass_length *= 2
+    return cart
+
+
+def target():
+    return cr.observed("CartPole-v1", discount=DISCOUNT)
+
+
+def from_table(how, settings):
+    cart = target()
+    coarse = cr.from_gymnasium("CartPole-v1", encode=BINS, discount=DISCOUNT)
+    return plan(coarse, LEARN, cr.ObservationMapping(cart, coarse, BINS.many), how, settings)
+
+
+def from_network(how, settings):
+    cart, easier = target(), cr.ObservedTask(long_pole, DISCOUNT)
+    return plan(easier, learner(DQN), cr.ObservationMapping(cart, easier), how, settings)
+
+
+def plan(source, source_learner, mapping, how, settings):
+    return cr.Curriculum(
+        tasks={"source": source, "cart": mapping.target},
+        transfers=[cr.Transfer("source", "cart", mapping)],
+        learner={"source": source_learner, "cart": learner(settings)},
+        budget={"source": SOURCE, "cart": BUDGET - SOURCE}, how={"cart": how},
+        every={"cart": EVERY}, evaluation={"cart": JUDGE},
+    )  # fmt: skip
+
+
+def from_scratch():
+    return cr.Curriculum(
+        {"cart": target()}, learner=learner(DQN), budget=BUDGET, every=EVERY, evaluation=JUDGE
+    )
+
+
+def learner(settings):
+    return cr.DeepLearner("DQN", settings=settings)
+
+
+BENCHMARK = Benchmark(
+    title="CartPole from a coarse table or a longer pole (DQN)",
+    arms={
+        "from scratch": from_scratch,
+        "residual on the table": partial(from_table, "initialise", WARM),
+        "residual that sees no phi": partial(from_table, "initialise", BLIND),
+        "shaped by the table": partial(from_table, "state", DQN),
+        "table's policy only": partial(from_table, "policy", DQN),
+        "residual on the network": partial(from_network, "initialise", WARM),
+        "shaped by the network": partial(from_network, "state", DQN),
+        "weights carried over": partial(from_network, "weights", WARM),
+    },
+    threshold=475.0,
+    best=500.0,
+)
+
+if __name__ == "__main__":
+    BENCHMARK.main("deep_cart", __doc__)
