@@ -159,7 +159,7 @@ BENCHMARK = Benchmark(
         "residual on the table": partial(from_table, "initialise", GENTLE),
         "shaped by the table": partial(from_table, "state", DQN),
         "table's policy only": partial(from_table, "policy", DQN),
-        "residual on the network": partial(from_network, "initialise", GENTLE),
+        "residual on the network": partial(from_network, "initialise", WARM),
         "weights carried over": partial(from_network, "weights", WARM),
     },
     threshold=16.0,
