@@ -101,9 +101,9 @@ def car():
     return task, cr.ObservationPotential.of(task, network)
 
 
-def learning(task, potential, settings, steps):
+def learning(task, potential, envs, settings, steps):
     """Return the rate, steps a second, at which DQN learns."""
-    learner = cr.DeepLearner("DQN", settings={"learning_starts": 100, **settings})
+    learner = cr.DeepLearner("DQN", envs=envs, settings={"learning_starts": 100, **settings})
     model = model_for(task, learner, potential=potential, steps=steps)
     return on_one_thread(lambda: model.learn(steps), steps)
 
@@ -115,20 +115,21 @@ def residual(turns, steps):
         f"\n{'microseconds a step of DQN':<44}{'plain':>12}{'residual':>12}{'ratio':>9}\n{'-' * 77}"
     )
     for name, (task, phi) in {"three tables": hunt(), "a network": car()}.items():
-        for often in 4, 1:
+        for envs, often in (1, 4), (1, 1), (8, 1):
             settings = {
-                "train_freq": often, "batch_size": 64, "policy_kwargs": {"net_arch": [128, 128]}
+                "train_freq": often, "batch_size": 64, "gradient_steps": 1 if envs == 1 else 2,
+                "policy_kwargs": {"net_arch": [128, 128]},
             }  # fmt: skip
             rates = in_turns(
                 {
-                    "plain": partial(learning, task, None, settings, steps),
-                    "residual": partial(learning, task, phi, settings, steps),
+                    "plain": partial(learning, task, None, envs, settings, steps),
+                    "residual": partial(learning, task, phi, envs, settings, steps),
                 },
                 turns,
             )
             ratio = median(a / b for a, b in zip(rates["plain"], rates["residual"], strict=True))
             plain, ours = (1e6 / median(rates[side]) for side in ("plain", "residual"))
-            words = f"{name}, a gradient step every {often}"
+            words = f"{name}, {envs} envs, a gradient step every {4 if envs > 1 else often}"
             print(f"{words:<44}{plain:>12.0f}{ours:>12.0f}{ratio:>9.2f}")
             missed += [words] * (ratio > RESIDUAL_BAR)
     return missed

@@ -43,7 +43,7 @@ class _OnPhi:
     ):
         seen = features_dim + (rows.n_actions if informed else 0)
         super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
-        self.rows, self.informed = rows, informed
+        self.rows, self.informed, self.silent = rows, informed, True
         self.register_buffer("running_mean", torch.zeros(()))  # type: ignore[attr-defined]
         self.register_buffer("running_std", torch.ones(()))  # type: ignore[attr-defined]
         torch.nn.init.zeros_(self._last.weight)
@@ -59,11 +59,18 @@ class _OnPhi:
         own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
         if not self.informed:
             return own
-        if torch.is_grad_enabled() and not self._last.weight.any():  # the first batch to learn from
-            spread = phi.std(correction=0)
-            self.running_mean.copy_(phi.mean())
-            self.running_std.copy_(spread if spread > 0 else torch.ones(()))
+        if self.silent and torch.is_grad_enabled():  # nothing learnt before, perhaps
+            self._look_at(phi)
         return torch.cat([own, (phi - self.running_mean) / self.running_std], dim=1)
+
+    def _look_at(self, phi: torch.Tensor) -> None:
+        """Take mean and spread of phi from a batch, as long as nothing has been learnt."""
+        if self._last.weight.any():
+            self.silent = False
+            return
+        spread = phi.std(correction=0)
+        self.running_mean.copy_(phi.mean())
+        self.running_std.copy_(spread if spread > 0 else torch.ones(()))
 
 
 class ResidualQNetwork(_OnPhi, QNetwork):
@@ -113,10 +120,10 @@ class Rows:
             device = next(iter(obs.values())).device
         else:
             found, device = self._remembered(np.ascontiguousarray(obs.cpu().numpy())), obs.device
-        return torch.as_tensor(found, dtype=torch.float32, device=device)
+        return torch.from_numpy(found.astype(np.float32, copy=False)).to(device)
 
     def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        whole, size = seen.tobytes(), seen[0].nbytes
+        whole, size = seen.tobytes(), seen.nbytes // len(seen)
         if len(self.places) * (size + 4 * self.n_actions) > MOST_BYTES:
             self.places.clear()
         names = [whole[i * size : (i + 1) * size] for i in range(len(seen))]
