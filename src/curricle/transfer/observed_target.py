@@ -101,7 +101,6 @@ def target_of(
     """
     given = GreedyEvaluation() if evaluation is None else evaluation
     if is_observed(task):
-        return ObservedTarget(
-            task, replace(given, method="rollouts", episodes=episodes or EPISODES)
-        )
-    return Target.of(task, given, episodes=episodes or ROLLOUTS)
+        played = EPISODES if episodes is None else episodes
+        return ObservedTarget(task, replace(given, method="rollouts", episodes=played))
+    return Target.of(task, given, episodes=ROLLOUTS if episodes is None else episodes)
