@@ -1,9 +1,9 @@
 """Two predators on 5x5, learnt by a network, from one predator, learnt as a table.
 
 DQN sees where everybody is as numbers in [-1, 1] and chooses among 25 joint actions. What one
-predator valued alone is read once for each of the two; the less hopeful of the two counts. The
-network computes that plus a residual, which is 0 at first. Learning directly gets as many steps as
-the transfer, its source included.
+predator valued alone is read once for each of the two and summed, which promises too little rather
+than too much. The network computes that plus a residual, which is 0 at first. Learning directly
+gets as many steps as the transfer, its source included.
 
 Needs `pip install "curricle[deep]"`; a minute or two on two cores.
 
@@ -37,7 +37,7 @@ def main():
             cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, CHASE, predator=name))
             for name in HUNT.predator_names
         ],
-        aggregate=cr.minimum,
+        aggregate=cr.total,
         learner={
             "chase": cr.QLearning(learning_rate=cr.linear(0.9, 0.1, steps=SOURCE), epsilon=0.2),
             "hunt": learner(rate=1e-4, epsilon=0.2),
