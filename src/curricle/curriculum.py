@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of
 from curricle.errors import CurriculumError
+from curricle.files import file_name
 from curricle.graph import TaskGraph
 from curricle.knowledge import calibrated, source_potentials, warn_of_refusals
 from curricle.learning.budget import Budget, seed_tuple
@@ -239,7 +240,7 @@ class Curriculum(TaskGraph):
                 charged=spent,
                 frames=frames,
                 workers=workers,
-                saves=None if saves is None else Path(saves) / name,
+                saves=None if saves is None else Path(saves) / file_name(name),
             )
             if goes_back:
                 courses[name] = self._course(name, results, spent)

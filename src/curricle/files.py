@@ -3,9 +3,21 @@
 import os
 import tempfile
 from pathlib import Path
+from urllib.parse import quote
 
 PART = ".part"
 """Ending of a file being written; a killed run may leave one, which means nothing."""
+
+
+def file_name(text: str) -> str:
+    """Return a file name that no other text has, whatever characters there are in it.
+
+    Examples
+    --------
+    >>> file_name("hunt 2"), file_name("../a")
+    ('hunt 2', '%2E%2E%2Fa')
+    """
+    return quote(text, safe=" ").replace(".", "%2E")
 
 
 def write_whole(path: Path, content: bytes) -> None:

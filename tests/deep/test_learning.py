@@ -120,6 +120,12 @@ def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
         cr.learn_deep(observed, DQN, 100, saves=tmp_path)
 
 
+def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
+    cr.Curriculum({"../far/maze": observed}, learner=DQN, budget=100).train(saves=tmp_path / "in")
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+    assert len(list((tmp_path / "in").glob("*/seed-0.checkpoint"))) == 1
+
+
 def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch):
     class Shy(cr.TaskEnvironment):
         def __reduce__(self):

@@ -90,7 +90,7 @@ def test_there_are_examples_of_each_kind_of_task():
         for name in EXAMPLES
         for task in tomllib.loads((FOLDER / name).read_text("utf-8"))["tasks"].values()
     }
-    assert found == {"maze", "crop", "pursuit", "gymnasium", "factory"}
+    assert found == {"maze", "crop", "pursuit", "gymnasium", "factory", "vector_pursuit"}
 
 
 # The schema that editors check files by says the same. This much of JSON Schema it uses:

@@ -52,6 +52,7 @@ class NetworkValues:
                 f"{type(policy).__name__}"
             )
         self.kind = found[0]
+        self._held = next(iter(policy.parameters()))  # asking a policy for its device is slow
 
     @property
     def of_actions(self) -> bool:
@@ -107,8 +108,14 @@ class NetworkValues:
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:
+        """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
+        shape = self.policy.observation_space.shape
+        if isinstance(observations, np.ndarray) and observations.shape[1:] == shape:
+            import torch
+
+            return torch.as_tensor(observations, device=self._held.device)
         return self.policy.obs_to_tensor(observations)[0]
 
     def _pairs(self, seen: Any) -> FloatArray:

@@ -11,10 +11,11 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     ``policy_kwargs`` of DQN or QR-DQN it takes
 
     - ``potential``, an :class:`ObservationPotential`;
-    - ``informed``, by default true: the residual reads phi(s, .) beside the observation,
-      standardised as in the first batch it learns from. Without, a linear residual learns exactly
-      what Q-learning learns that starts at phi (Wiewiora 2003); but where phi jumps, as tables do
-      between cells, a network of the observation alone cannot follow it, and may diverge.
+    - ``informed``, by default true: the residual reads Phi(s) = max_a phi(s, a) beside the
+      observation, standardised as in the first batch it learns from. Without, a linear residual
+      learns exactly what Q-learning learns that starts at phi (Wiewiora 2003); but where phi jumps,
+      as tables do between cells, a network of the observation alone cannot follow it, and may
+      diverge.
 
     Parameters
     ----------

@@ -30,8 +30,9 @@ MOST_BYTES = 2**28
 class _OnPhi:
     """What makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
 
-    Informed, it reads phi(s, .) beside its features: where phi jumps, as tables do between cells,
-    a smooth residual of the observation alone cannot follow, and bootstraps from its own errors.
+    Informed, it reads Phi(s) = max_a phi(s, a) beside its features: where phi jumps, as tables do
+    between cells, a smooth residual of the observation alone cannot follow, and bootstraps from its
+    own errors. All of phi(s, .) would tell it more, and have it learn each action for itself.
     """
 
     rows: "Rows"
@@ -41,7 +42,7 @@ class _OnPhi:
     def __init__(
         self, *args: Any, rows: "Rows", informed: bool, features_dim: int, **settings: Any
     ):
-        seen = features_dim + (rows.n_actions if informed else 0)
+        seen = features_dim + (1 if informed else 0)
         super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
         self.rows, self.informed, self.silent = rows, informed, True
         self.register_buffer("running_mean", torch.zeros(()))  # type: ignore[attr-defined]
@@ -59,17 +60,18 @@ class _OnPhi:
         own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
         if not self.informed:
             return own
+        best = phi.amax(dim=1, keepdim=True)
         if self.silent and torch.is_grad_enabled():  # nothing learnt before, perhaps
-            self._look_at(phi)
-        return torch.cat([own, (phi - self.running_mean) / self.running_std], dim=1)
+            self._look_at(best)
+        return torch.cat([own, (best - self.running_mean) / self.running_std], dim=1)
 
-    def _look_at(self, phi: torch.Tensor) -> None:
-        """Take mean and spread of phi from a batch, as long as nothing has been learnt."""
+    def _look_at(self, best: torch.Tensor) -> None:
+        """Take mean and spread of Phi from a batch, as long as nothing has been learnt."""
         if self._last.weight.any():
             self.silent = False
             return
-        spread = phi.std(correction=0)
-        self.running_mean.copy_(phi.mean())
+        spread = best.std(correction=0)
+        self.running_mean.copy_(best.mean())
         self.running_std.copy_(spread if spread > 0 else torch.ones(()))
 
 
@@ -123,23 +125,23 @@ class Rows:
         return torch.from_numpy(found.astype(np.float32, copy=False)).to(device)
 
     def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        whole, size = seen.tobytes(), seen.nbytes // len(seen)
-        if len(self.places) * (size + 4 * self.n_actions) > MOST_BYTES:
-            self.places.clear()
-        names = [whole[i * size : (i + 1) * size] for i in range(len(seen))]
-        new = {name: i for i, name in enumerate(names) if name not in self.places}
-        if new:
-            self._learn(list(new), self.potential.pairs(seen[list(new.values())]))
-        return self.kept[[self.places[name] for name in names]]
+        names = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
+        if not all(map(self.places.__contains__, names)):
+            self._learn(names, seen)
+        return self.kept[list(map(self.places.__getitem__, names))]
 
-    def _learn(self, names: list[bytes], rows: npt.NDArray[np.float64]) -> None:
-        used = len(self.places)
-        if used + len(names) > len(self.kept):
-            room = np.empty((max(2 * used, 1024, len(names)) + used, rows.shape[1]), np.float32)
+    def _learn(self, names: list[bytes], seen: npt.NDArray[Any]) -> None:
+        """Remember phi of what is new among some observations."""
+        if len(self.places) * (len(names[0]) + 4 * self.n_actions) > MOST_BYTES:
+            self.places.clear()
+        new = {name: i for i, name in enumerate(names) if name not in self.places}
+        used, needed = len(self.places), len(self.places) + len(new)
+        if needed > len(self.kept):
+            room = np.empty((max(2 * needed, 1024), self.n_actions), np.float32)
             room[:used] = self.kept[:used]
             self.kept = room
-        self.kept[used : used + len(names)] = rows
-        self.places |= zip(names, range(used, used + len(names)), strict=True)
+        self.kept[used:needed] = self.potential.pairs(seen[list(new.values())])
+        self.places |= zip(new, range(used, needed), strict=True)
 
 
 class _Residual:
@@ -156,6 +158,11 @@ class _Residual:
             raise no_actions(potential)
         self.potential, self.rows, self.informed = potential, Rows(potential), informed
         super().__init__(*args, **settings)
+
+    def set_training_mode(self, mode: bool) -> None:
+        """Switch between learning and acting, which SB3 asks for anew before every action."""
+        if mode != self.training:  # type: ignore[attr-defined, has-type]
+            super().set_training_mode(mode)  # type: ignore[misc]
 
     def _made(self, network: Any) -> Any:
         """Return a network that starts at phi."""

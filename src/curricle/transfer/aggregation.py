@@ -32,7 +32,7 @@ def mean(potentials: FloatArray) -> FloatArray:
     >>> mean(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
     array([[2. , 3.5]])
     """
-    return np.asarray(potentials.mean(axis=0))
+    return np.asarray(potentials.sum(axis=0) / len(potentials))  # quicker than mean(axis=0)
 
 
 def minimum(potentials: FloatArray) -> FloatArray:

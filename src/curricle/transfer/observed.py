@@ -149,7 +149,7 @@ class ObservationMapping:
         if not values.of_actions:
             raise no_actions(values)
         there, status = self._there(observations)
-        n = len(status)
+        n = batch_size(observations)
         if callable(self.actions):
             table = self._actions(observations, n)
             read, place, missing = np.maximum(table, 0), None, table == UNMAPPED
@@ -159,7 +159,7 @@ class ObservationMapping:
             read = asked[None].repeat(n, axis=0)
         q = values.q(there, read)
         self._check_finite(q, "Q")
-        found = self._completed(q, status[:, None], scale, shift)
+        found = self._completed(q, status, scale, shift)
         if place is not None:
             found = found.take(place, axis=1)
         return np.where(missing, self.unmapped_value, found) if lacking else found
@@ -183,8 +183,10 @@ class ObservationMapping:
 
     def coverage(self, observations: Any) -> ObservedCoverage:
         """Return how much of some observations, n stacked, is reached."""
-        there, status = self._there(observations)
-        n, mapped = len(status), status >= 0
+        there, said = self._there(observations)
+        n = batch_size(observations)
+        status = np.zeros(n, np.int64) if said is None else said
+        mapped = status >= 0
         kinds = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
         if self.target.n_actions is not None:
             lost = self._actions(observations, n) == UNMAPPED
@@ -204,8 +206,8 @@ class ObservationMapping:
             outside=outside,
         )
 
-    def _there(self, observations: Any) -> tuple[Any, IntArray]:
-        """Return the counterparts, readable all, and the status of each, (n,)."""
+    def _there(self, observations: Any) -> tuple[Any, IntArray | None]:
+        """Return the counterparts, readable all, and the status of each, (n,): None if all map."""
         n = batch_size(observations)
         there = observations if self.observations is None else self.observations(observations)
         status = None
@@ -218,25 +220,25 @@ class ObservationMapping:
             if self._leave(there):
                 status = there if status is None else np.where(there < 0, there, status)
                 there = np.maximum(there, 0)
-        if status is None:
-            status = np.zeros(n, np.int64)
-        if status.shape != (n,) or batch_size(there) != n:
+        if batch_size(there) != n or (status is not None and status.shape != (n,)):
+            shape = (n,) if status is None else status.shape
             raise MappingError(
                 f"a mapping must return as many as it was given, {n}: got {batch_size(there)} "
-                f"counterparts and status of shape {status.shape}"
+                f"counterparts and status of shape {shape}"
             )
         return there, status
 
     def _leave(self, states: IntArray) -> bool:
         """Return whether any of the states is UNMAPPED or ENDED; MappingError if one is none."""
-        lowest = states.min(initial=0)
-        if lowest < ENDED or states.max(initial=0) >= self.source.states.size:
-            bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
+        if (states.view(np.uint64) < self.source.states.size).all():  # both bounds at once
+            return False
+        bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
+        if bad.size:
             raise MappingError(
                 f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
                 f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
             )
-        return bool(lowest < 0)
+        return True
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""
@@ -258,12 +260,14 @@ class ObservationMapping:
         return table
 
     def _completed(
-        self, values: FloatArray, status: IntArray, scale: float, shift: float
+        self, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
+        """Return what values (n,) or (n, A) are worth, with what stands in for those not there."""
         if scale != 1 or shift != 0:
             values = scale * values + shift
-        if not status.size or status.min() >= 0:
+        if status is None:
             return values
+        status = status.reshape(-1, *[1] * (values.ndim - 1))
         fixed = np.where(status == UNMAPPED, self.unmapped_value, shift)
         return np.asarray(np.where(status >= 0, values, fixed))
 
