@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 
 import curricle as cr
-from curricle.report.plotting import draw_curve, new_figure
-
-COLOURS = ["#6c757d", "#1b6ca8", "#c8553d", "#588157", "#8e6c8a", "#d4a017", "#2a9d8f", "#9c2f5c"]
+from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,6 @@ class Benchmark:
     title: str
     arms: Mapping[str, Callable[[], cr.Curriculum]]
     threshold: float  # return of the target's greedy policy
-    best: float | None = None  # the optimum, where it is known
-    window: int = 1  # checkpoints over which curves are smoothed
 
     def main(self, module: str, description: str) -> None:
         given = argparse.ArgumentParser(description=description)
@@ -60,7 +57,7 @@ class Benchmark:
         print(f"{'arm':<34}{'sources':>9}{'target':>9}{'start':>9}{'end':>24}{'learnt':>34}")
         for arm, curve in curves.items():
             end = cr.bootstrap(cr.asymptotic_performance(curve))
-            times = cr.time_to_threshold(curve, self.threshold, window=self.window, strong=True)
+            times = cr.time_to_threshold(curve, self.threshold, strong=True)
             time = cr.median_time(times)
             learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
             learnt += f" {int(times.reached.sum())}/{seeds}"
@@ -70,22 +67,30 @@ class Benchmark:
                 f"{f'{end.estimate:.1f} [{end.low:.1f}, {end.high:.1f}]':>24}{learnt:>34}"
             )
 
+    @matplotlib.rc_context(STYLE)
     def draw(self, curves: Mapping[str, cr.Curve], path: Path) -> None:
-        """Draw the curves, each from where its sources had been paid for."""
-        figure, ((axes,),) = new_figure(1, 1, width=8.0, height=4.5)
-        for (arm, curve), colour in zip(curves.items(), COLOURS, strict=False):
-            draw_curve(axes, curve, label=arm, colour=colour, window=self.window, strong=True)
-        axes.axhline(self.threshold, color="#999999", lw=0.8, ls=":", label="counts as learnt")
-        if self.best is not None:
-            axes.axhline(self.best, color="#999999", lw=0.8, ls="--", label="optimum")
-        seeds = len(next(iter(curves.values())).values)
-        ends = [curve.steps[-1] for curve in curves.values()]
-        if max(ends) > 5 * min(ends):
-            axes.set_xscale("log")
-        axes.set_xlabel("steps, those of the sources included")
-        axes.set_ylabel("return of the greedy policy")
-        axes.set_title(f"{self.title}\nmean of {seeds} seeds, 95 % bootstrap bands", fontsize=10)
-        axes.legend(fontsize=8)
+        """Draw each arm beside the first, from where its sources had been paid for."""
+        (base, first), *others = curves.items()
+        columns = max(len(others) if len(others) < 5 else -(-len(others) // 2), 1)
+        rows = max(-(-len(others) // columns), 1)
+        figure, panels = new_figure(rows, columns, width=0.8 + 2.4 * columns, height=0.9 + 2 * rows)
+        for axes, arm in zip(panels.flat, others or [(base, first)], strict=False):
+            draw_curve(axes, first, label=base, colour=COLOURS["grey"], strong=True)
+            draw_curve(axes, arm[1], label=arm[0], colour=COLOURS["blue"], strong=True)
+            axes.axhline(self.threshold, color=COLOURS["black"], lw=0.8, ls=":")
+            axes.sharey(panels[0, 0])
+            axes.set_title(arm[0], color=COLOURS["blue"])
+            if first.steps[-1] > 5 * arm[1].steps[-1]:
+                axes.set_xscale("log")
+        for axes in panels.flat[len(others) :]:
+            axes.remove()
+        figure.supxlabel("steps, those of the sources included", fontsize=9)
+        figure.supylabel("return of the greedy policy", fontsize=9)
+        figure.suptitle(
+            f"{self.title}\nmean of {len(first.values)} seeds, 95 % bootstrap bands; "
+            f"grey: {base}; dotted: counts as learnt",
+            fontsize=9.5,
+        )
         figure.savefig(path, dpi=130)
         print(f"\n{path}")
 
