@@ -173,17 +173,18 @@ def test_an_informed_residual_tells_states_apart_by_phi_alone():
     model = model_for(observed, learner, potential=table_potential(task, observed, phi))
     model.learn(44)
     online, target = model.q_net, model.q_net_target
-    assert (online.running_mean, online.running_std) == (0, 1)
+    assert (online.running_shift, online.running_scale) == (0, 1)
     model.learn(60, reset_num_timesteps=False)
     met = phi[~task.terminal]
-    assert met.min() < online.running_mean < met.max()
-    assert 0 < online.running_std < np.ptp(met)
-    before = online.running_mean.item(), online.running_std.item()
+    best, scale = met.max(axis=1), online.running_scale.item()
+    assert best.min() < -online.running_shift.item() / scale < best.max()  # a batch's mean
+    assert 0 < 1 / scale < np.ptp(best)  # and spread
+    before = online.running_shift.item(), scale
     model.learn(100, reset_num_timesteps=False)
-    assert (online.running_mean.item(), online.running_std.item()) == before
+    assert (online.running_shift.item(), online.running_scale.item()) == before
     model.target_update_interval = 1
     model.learn(4, reset_num_timesteps=False)
-    assert (target.running_mean, target.running_std) == (online.running_mean, online.running_std)
+    assert (target.running_shift.item(), target.running_scale.item()) == before
     online.q_net[0].weight.data[:, :5] = 0.0  # blind to the observation
     with torch.no_grad():
         rows = torch.as_tensor(np.eye(5, dtype=np.float32)[~task.terminal])
@@ -249,10 +250,10 @@ def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
     for _ in range(30):
         states = rng.integers(49, size=8)
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-        assert rows.of(seen).numpy() == pytest.approx(table[states].astype(np.float32))
+        assert rows.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert sum(asked) == len(rows.places) <= 49
     monkeypatch.setattr(residual_networks, "MOST_BYTES", 0)
     states[0] = 49  # never seen: it is for what is new that room is made
     seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-    assert rows.of(seen).numpy() == pytest.approx(table[states].astype(np.float32))
+    assert rows.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert len(rows.places) == len(set(states.tolist()))

@@ -51,7 +51,10 @@ class NetworkValues:
                 f"a source's policy must value something ({', '.join(kinds)}): got a "
                 f"{type(policy).__name__}"
             )
+        from curricle.deep.plain_networks import plain_layers
+
         self.kind = found[0]
+        self._layers = plain_layers(policy, self.kind)
         self._held = next(iter(policy.parameters()))  # asking a policy for its device is slow
 
     @property
@@ -63,32 +66,29 @@ class NetworkValues:
         """Return Q(s, a), of the shape of `actions`; of SAC's kind for one action each."""
         if self.kind == "value_net":
             raise no_actions(self)
-        import torch
+        if self.of_actions:
+            pairs, chosen = self._outputs(observations), np.asarray(actions)
+            rows = np.arange(len(pairs))
+            found = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
+        else:
+            import torch
 
-        with torch.no_grad():
-            seen = self._seen(observations)
-            if self.of_actions:
-                pairs, chosen = self._pairs(seen), np.asarray(actions)
-                rows = np.arange(len(pairs))
-                found = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
-            else:
-                scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
-                found = self._critics(seen, torch.as_tensor(scaled, device=self.policy.device))
+            scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
+            with torch.no_grad():
+                taken = torch.as_tensor(scaled, device=self.policy.device)
+                found = self._critics(self._seen(observations), taken)
         return self._put_back(found, observations)
 
     def v(self, observations: Any) -> FloatArray:
         """Return V(s), (n,) float64."""
-        import torch
+        if self.kind != "critic":
+            found = self._outputs(observations).max(axis=1)
+        else:
+            import torch
 
-        with torch.no_grad():
-            seen = self._seen(observations)
-            if self.of_actions:
-                found = self._pairs(seen).max(axis=1)
-            elif self.kind == "value_net":
-                found = _array(self.policy.predict_values(seen))[:, 0]
-            else:
-                acted = self.policy._predict(seen, deterministic=True)
-                found = self._critics(seen, acted)
+            with torch.no_grad():
+                seen = self._seen(observations)
+                found = self._critics(seen, self.policy._predict(seen, deterministic=True))
         return self._put_back(found, observations)
 
     def act(self, observations: Any) -> npt.NDArray[Any]:
@@ -111,18 +111,38 @@ class NetworkValues:
         """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
-        shape = self.policy.observation_space.shape
-        if isinstance(observations, np.ndarray) and observations.shape[1:] == shape:
+        if self._is_stack(observations):
             import torch
 
             return torch.as_tensor(observations, device=self._held.device)
         return self.policy.obs_to_tensor(observations)[0]
 
-    def _pairs(self, seen: Any) -> FloatArray:
-        """Return Q of every action, (n, A)."""
-        if self.kind == "q_net":
-            return _array(self.policy.q_net(seen))
-        return _array(self.policy.quantile_net(seen).mean(dim=1))
+    def _is_stack(self, observations: Any) -> bool:
+        """Return whether observations are one array, stacked as the policy wants them."""
+        shape = self.policy.observation_space.shape
+        return isinstance(observations, np.ndarray) and observations.shape[1:] == shape
+
+    def _outputs(self, observations: Any) -> FloatArray:
+        """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
+        from curricle.deep.plain_networks import FEW, read
+
+        few = self._is_stack(observations) and len(observations) <= FEW
+        if self._layers is not None and few and self._held.device.type == "cpu":
+            found = read(self._layers, observations).astype(np.float64)
+        else:
+            found = self._by_torch(observations)
+        if self.kind == "quantile_net":
+            found = found.reshape(len(found), -1, int(self.policy.action_space.n)).mean(axis=1)
+        return found
+
+    def _by_torch(self, observations: Any) -> FloatArray:
+        """Return what the network says, (n, ...)."""
+        import torch
+
+        heads = self.kind == "value_net"
+        network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
+        with torch.no_grad():
+            return _array(network(self._seen(observations)))
 
     def _critics(self, seen: Any, actions: Any) -> FloatArray:
         each = np.stack([_array(values)[:, 0] for values in self.policy.critic(seen, actions)])

@@ -36,8 +36,8 @@ class _OnPhi:
     """
 
     rows: "Rows"
-    running_mean: torch.Tensor  # so named, they are copied into the target network
-    running_std: torch.Tensor
+    running_shift: torch.Tensor  # so named, they are copied into the target network
+    running_scale: torch.Tensor
 
     def __init__(
         self, *args: Any, rows: "Rows", informed: bool, features_dim: int, **settings: Any
@@ -45,8 +45,8 @@ class _OnPhi:
         seen = features_dim + (1 if informed else 0)
         super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
         self.rows, self.informed, self.silent = rows, informed, True
-        self.register_buffer("running_mean", torch.zeros(()))  # type: ignore[attr-defined]
-        self.register_buffer("running_std", torch.ones(()))  # type: ignore[attr-defined]
+        self.register_buffer("running_shift", torch.zeros(()))  # type: ignore[attr-defined]
+        self.register_buffer("running_scale", torch.ones(()))  # type: ignore[attr-defined]
         torch.nn.init.zeros_(self._last.weight)
         torch.nn.init.zeros_(self._last.bias)
 
@@ -55,24 +55,24 @@ class _OnPhi:
         """The layer that is silent at first."""
         raise NotImplementedError
 
-    def _features(self, obs: Any, phi: torch.Tensor) -> torch.Tensor:
-        """Return what the residual reads, (n, features)."""
+    def _features(self, obs: Any, best: torch.Tensor) -> torch.Tensor:
+        """Return what the residual reads, (n, features); best is Phi(s), (n, 1)."""
         own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
         if not self.informed:
             return own
-        best = phi.amax(dim=1, keepdim=True)
         if self.silent and torch.is_grad_enabled():  # nothing learnt before, perhaps
             self._look_at(best)
-        return torch.cat([own, (best - self.running_mean) / self.running_std], dim=1)
+        scaled = torch.addcmul(self.running_shift, best, self.running_scale)
+        return torch.cat([own, scaled], dim=1)
 
     def _look_at(self, best: torch.Tensor) -> None:
-        """Take mean and spread of Phi from a batch, as long as nothing has been learnt."""
+        """Standardise Phi by its mean and spread in a batch, as long as nothing has been learnt."""
         if self._last.weight.any():
             self.silent = False
             return
         spread = best.std(correction=0)
-        self.running_mean.copy_(best.mean())
-        self.running_std.copy_(spread if spread > 0 else torch.ones(()))
+        self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
+        self.running_shift.copy_(-best.mean() * self.running_scale)
 
 
 class ResidualQNetwork(_OnPhi, QNetwork):
@@ -84,8 +84,8 @@ class ResidualQNetwork(_OnPhi, QNetwork):
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
-        phi = self.rows.of(obs)
-        return self.q_net(self._features(obs, phi)) + phi
+        phi, best = self.rows.of(obs)
+        return self.q_net(self._features(obs, best)) + phi
 
 
 class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):  # type: ignore[misc, valid-type]
@@ -97,8 +97,8 @@ class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):  # type: ignore[misc, va
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return the quantiles, (n, quantiles, A)."""
-        phi = self.rows.of(obs)
-        residual = self.quantile_net(self._features(obs, phi))
+        phi, best = self.rows.of(obs)
+        residual = self.quantile_net(self._features(obs, best))
         return residual.view(len(phi), self.n_quantiles, -1) + phi[:, None, :]
 
 
@@ -112,17 +112,23 @@ class Rows:
     def __init__(self, potential: ObservationPotential):
         self.potential, self.n_actions = potential, potential.task.n_actions or 0
         self.places: dict[bytes, int] = {}
-        self.kept = np.empty((0, self.n_actions), dtype=np.float32)
+        self.kept = np.empty((0, 1 + self.n_actions), dtype=np.float32)
 
-    def of(self, obs: Any) -> torch.Tensor:
-        """Return phi of observations held as tensors, (n, A)."""
-        found: npt.NDArray[Any]
+    def of(self, obs: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return phi(s, a), (n, A), and Phi(s) = max_a phi(s, a), (n, 1), of tensors."""
         if isinstance(obs, dict):
-            found = self.potential.pairs({name: part.cpu().numpy() for name, part in obs.items()})
             device = next(iter(obs.values())).device
+            found = self._asked({name: part.cpu().numpy() for name, part in obs.items()})
         else:
-            found, device = self._remembered(np.ascontiguousarray(obs.cpu().numpy())), obs.device
-        return torch.from_numpy(found.astype(np.float32, copy=False)).to(device)
+            device = obs.device
+            found = self._remembered(np.ascontiguousarray(obs.cpu().numpy()))
+        phi, best = torch.from_numpy(found[:, 1:]), torch.from_numpy(found[:, :1])
+        return phi.to(device), best.to(device)
+
+    def _asked(self, seen: Any) -> npt.NDArray[np.float32]:
+        """Return Phi(s) and phi(s, a), (n, 1 + A)."""
+        phi = self.potential.pairs(seen)
+        return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
     def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         names = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
@@ -132,15 +138,15 @@ class Rows:
 
     def _learn(self, names: list[bytes], seen: npt.NDArray[Any]) -> None:
         """Remember phi of what is new among some observations."""
-        if len(self.places) * (len(names[0]) + 4 * self.n_actions) > MOST_BYTES:
+        if len(self.places) * (len(names[0]) + 4 * (1 + self.n_actions)) > MOST_BYTES:
             self.places.clear()
         new = {name: i for i, name in enumerate(names) if name not in self.places}
         used, needed = len(self.places), len(self.places) + len(new)
         if needed > len(self.kept):
-            room = np.empty((max(2 * needed, 1024), self.n_actions), np.float32)
+            room = np.empty((max(2 * needed, 1024), 1 + self.n_actions), np.float32)
             room[:used] = self.kept[:used]
             self.kept = room
-        self.kept[used:needed] = self.potential.pairs(seen[list(new.values())])
+        self.kept[used:needed] = self._asked(seen[list(new.values())])
         self.places |= zip(new, range(used, needed), strict=True)
 
 
@@ -158,6 +164,14 @@ class _Residual:
             raise no_actions(potential)
         self.potential, self.rows, self.informed = potential, Rows(potential), informed
         super().__init__(*args, **settings)
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is, read off a network: SB3 searches all parameters for it, at every action."""
+        for network in self._modules.values():  # type: ignore[attr-defined]
+            if isinstance(network, _OnPhi):
+                return network.running_shift.device
+        return super().device  # type: ignore[misc, no-any-return]
 
     def set_training_mode(self, mode: bool) -> None:
         """Switch between learning and acting, which SB3 asks for anew before every action."""

@@ -115,6 +115,8 @@ def _mean_of_numbers(numbers: Sequence[float]) -> float:
     return sum(numbers) / len(numbers)
 
 
+OF_ONE = (mean, maximum, minimum, total)
+"""Aggregates that leave a single potential as it is."""
 _OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = (
     (mean, _mean_of_numbers),
     (maximum, max),

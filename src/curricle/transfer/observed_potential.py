@@ -11,7 +11,7 @@ import numpy.typing as npt
 from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.tasks.observed import ObservedTask
-from curricle.transfer.aggregation import Aggregate, aggregate, mean
+from curricle.transfer.aggregation import OF_ONE, Aggregate, aggregate, mean
 from curricle.transfer.edge import Transfer
 from curricle.transfer.observed import ObservationMapping
 from curricle.transfer.values import ValueSource, no_actions
@@ -126,7 +126,9 @@ class ObservationPotential:
 
     def _together(self, each: Iterable[FloatArray]) -> FloatArray:
         """Return the aggregate of what each source says, (N of (n, A)) -> (n, A)."""
-        together = aggregate(self.function, np.array(list(each)))
+        found = list(each)
+        alone = len(found) == 1 and self.function in OF_ONE
+        together = found[0] if alone else aggregate(self.function, np.array(found))
         if self.scale == 1 and self.shift == 0:
             return together
         return self.scale * together + self.shift

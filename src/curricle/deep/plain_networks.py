@@ -1,0 +1,91 @@
+"""Networks of plain layers, read by NumPy: of few observations PyTorch takes longer to begin."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium.spaces import Box
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import FlattenExtractor, MlpExtractor
+from torch.nn import Linear, ReLU, Tanh
+
+FEW = 64
+"""Observations up to which NumPy is the quicker one."""
+
+
+def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.asarray(np.maximum(values, 0))
+
+
+ACTIVATIONS: dict[type, Any] = {ReLU: _relu, Tanh: np.tanh}
+
+
+class Layer(NamedTuple):
+    """What comes of x: activation(W x + b)."""
+
+    weight: torch.nn.Parameter  # as it is when read, learning or not
+    bias: torch.nn.Parameter
+    activation: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
+
+
+def plain_layers(policy: Any, kind: str) -> list[Layer] | None:
+    """Return what lies between vectors and what a policy values; None if it is anything unusual.
+
+    That is Q(s, a) of DQN (of kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
+    actor-critic ("value_net"), each of ``MlpPolicy``.
+
+    Examples
+    --------
+    >>> from stable_baselines3 import DQN
+    >>> model = DQN("MlpPolicy", "MountainCar-v0", policy_kwargs={"net_arch": [8]})
+    >>> [tuple(layer.weight.shape) for layer in plain_layers(model.policy, "q_net")]
+    [(8, 2), (3, 8)]
+    """
+    if kind == "value_net":
+        usual = type(policy).predict_values is ActorCriticPolicy.predict_values
+        usual = usual and type(policy.mlp_extractor) is MlpExtractor
+        extractor = policy.vf_features_extractor
+        modules = [*policy.mlp_extractor.value_net, policy.value_net] if usual else []
+    elif kind in ("q_net", "quantile_net"):
+        network = getattr(policy, kind)
+        usual = type(network).__module__.startswith(("stable_baselines3.", "sb3_contrib."))
+        extractor = network.features_extractor
+        modules = [*getattr(network, kind)] if usual else []
+    else:
+        return None
+    vectors = isinstance(policy.observation_space, Box) and policy.observation_space.shape[1:] == ()
+    return _layers(modules) if vectors and type(extractor) is FlattenExtractor else None
+
+
+def _layers(modules: Sequence[torch.nn.Module]) -> list[Layer] | None:
+    """Return modules in a row as layers; None if they are none, or others."""
+    layers: list[Layer] = []
+    for module in modules:
+        if type(module) is Linear and module.bias is not None:
+            layers.append(Layer(module.weight, module.bias, None))
+        elif type(module) in ACTIVATIONS and layers and layers[-1].activation is None:
+            layers[-1] = layers[-1]._replace(activation=ACTIVATIONS[type(module)])
+        else:
+            return None
+    return layers or None
+
+
+def read(layers: Sequence[Layer], observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Return what plain layers make of n observations, (n, outputs).
+
+    Examples
+    --------
+    >>> layer = Linear(2, 1)
+    >>> _ = torch.nn.init.ones_(layer.weight), torch.nn.init.zeros_(layer.bias)
+    >>> read([Layer(layer.weight, layer.bias, np.abs)], np.array([[1.0, 2.0], [-3.0, 1.0]]))
+    array([[3.],
+           [2.]], dtype=float32)
+    """
+    found = observations.astype(np.float32, copy=False)
+    for weight, bias, activation in layers:
+        found = found @ weight.detach().numpy().T + bias.detach().numpy()
+        if activation is not None:
+            found = activation(found)
+    return found

@@ -1,0 +1,99 @@
+"""What networks value is what PyTorch says, whoever reads it."""
+
+from importlib.util import find_spec
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import curricle as cr
+from curricle.deep.models import model_for
+from curricle.deep.networks import NetworkValues
+from curricle.deep.plain_networks import FEW, plain_layers
+
+CART = cr.observed("CartPole-v1", discount=0.99)
+SETTINGS = {
+    "DQN": {"policy_kwargs": {"net_arch": [16, 16]}},
+    "QRDQN": {"policy_kwargs": {"net_arch": [16], "n_quantiles": 7}},
+    "PPO": {"policy_kwargs": {"net_arch": {"pi": [8], "vf": [16, 16]}}, "n_steps": 64},
+    "A2C": {"policy_kwargs": {"net_arch": [8], "activation_fn": torch.nn.ReLU}},
+}
+
+
+def policy_of(algorithm, potential=None, **policy_kwargs):
+    if algorithm == "QRDQN" and find_spec("sb3_contrib") is None:
+        pytest.skip("sb3-contrib is not installed")
+    settings = SETTINGS[algorithm]
+    settings = settings | {"policy_kwargs": settings["policy_kwargs"] | policy_kwargs}
+    learner = cr.DeepLearner(algorithm, settings=settings)
+    return model_for(CART, learner, potential=potential, steps=100, seed=3).policy
+
+
+def said_by_torch(policy, kind, rows):
+    """What the network says, by its own forward pass, (n, A) or (n, 1)."""
+    with torch.no_grad():
+        seen = torch.as_tensor(rows)
+        if kind == "value_net":
+            return policy.predict_values(seen).numpy()
+        said = getattr(policy, kind)(seen)
+        return (said.mean(dim=1) if kind == "quantile_net" else said).numpy()
+
+
+@pytest.mark.parametrize("algorithm", sorted(SETTINGS))
+@pytest.mark.parametrize("n", [1, FEW, FEW + 1])
+def test_values_are_what_the_network_says_however_many_are_asked(algorithm, n):
+    policy = policy_of(algorithm)
+    values = NetworkValues(policy)
+    assert plain_layers(policy, values.kind) is not None
+    rows = np.random.default_rng(n).normal(size=(n, 4)).astype(np.float32)
+    for _ in range(2):
+        said = said_by_torch(policy, values.kind, rows)
+        assert values.v(rows) == pytest.approx(said.max(axis=1), rel=1e-5, abs=1e-6)
+        if values.of_actions:
+            every = np.tile(np.arange(2), (n, 1))
+            assert values.q(rows, every) == pytest.approx(said, rel=1e-5, abs=1e-6)
+            assert values.q(rows, every[:, 1]) == pytest.approx(said[:, 1], rel=1e-5, abs=1e-6)
+        with torch.no_grad():  # as learning does it: in place
+            for parameter in policy.parameters():
+                parameter.mul_(-1.5)
+
+
+class Doubled(torch.nn.Module):
+    def forward(self, given):
+        return 2 * given
+
+
+def test_what_is_not_plain_is_left_to_torch():
+    from stable_baselines3.common.torch_layers import FlattenExtractor
+
+    class Halved(FlattenExtractor):
+        def forward(self, observations):
+            return super().forward(observations) / 2
+
+    height = cr.FunctionValues(lambda rows, actions: actions + rows[:, :1], actions=2)
+    potential = cr.ObservationPotential.of(CART, height)
+    rows = np.random.default_rng(0).normal(size=(3, 4)).astype(np.float32)
+    for policy in (
+        policy_of("DQN", potential),
+        policy_of("DQN", features_extractor_class=Halved),
+        policy_of("DQN", activation_fn=Doubled),
+        policy_of("PPO", features_extractor_class=Halved),
+    ):
+        values = NetworkValues(policy)
+        assert plain_layers(policy, values.kind) is None
+        said = said_by_torch(policy, values.kind, rows)
+        assert values.v(rows) == pytest.approx(said.max(axis=1))
+
+
+def test_pictures_and_dicts_are_left_to_torch():
+    from stable_baselines3 import DQN
+
+    class Looking(gym.Env):
+        observation_space = gym.spaces.Dict({"a": gym.spaces.Box(-1, 1, (2,))})
+        action_space = gym.spaces.Discrete(2)
+
+    policy = DQN("MultiInputPolicy", Looking(), buffer_size=1).policy
+    assert plain_layers(policy, "q_net") is None
+    seen = {"a": np.zeros((3, 2), np.float32)}
+    assert NetworkValues(policy).v(seen).shape == (3,)
