@@ -55,7 +55,8 @@ def plain_layers(policy: Any, kind: str) -> list[Layer] | None:
         modules = [*getattr(network, kind)] if usual else []
     else:
         return None
-    vectors = isinstance(policy.observation_space, Box) and policy.observation_space.shape[1:] == ()
+    space = policy.observation_space
+    vectors = isinstance(space, Box) and len(space.shape) == 1
     return _layers(modules) if vectors and type(extractor) is FlattenExtractor else None
 
 

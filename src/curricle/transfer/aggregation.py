@@ -115,11 +115,11 @@ def _mean_of_numbers(numbers: Sequence[float]) -> float:
     return sum(numbers) / len(numbers)
 
 
-OF_ONE = (mean, maximum, minimum, total)
-"""Aggregates that leave a single potential as it is."""
 _OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = (
     (mean, _mean_of_numbers),
     (maximum, max),
     (minimum, min),
     (total, sum),
 )
+OF_ONE = tuple(known for known, _ in _OF_NUMBERS)
+"""Aggregates that leave a single potential as it is."""
