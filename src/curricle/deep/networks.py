@@ -111,22 +111,17 @@ class NetworkValues:
         """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
-        if self._is_stack(observations):
+        if is_stack(self.policy, observations):
             import torch
 
             return torch.as_tensor(observations, device=self._held.device)
         return self.policy.obs_to_tensor(observations)[0]
 
-    def _is_stack(self, observations: Any) -> bool:
-        """Return whether observations are one array, stacked as the policy wants them."""
-        shape = self.policy.observation_space.shape
-        return isinstance(observations, np.ndarray) and observations.shape[1:] == shape
-
     def _outputs(self, observations: Any) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
         from curricle.deep.plain_networks import FEW, read
 
-        few = self._is_stack(observations) and len(observations) <= FEW
+        few = is_stack(self.policy, observations) and len(observations) <= FEW
         if self._layers is not None and few and self._held.device.type == "cpu":
             found = read(self._layers, observations).astype(np.float64)
         else:
@@ -153,6 +148,13 @@ class NetworkValues:
             return found
         phi = self.taken_off.v(observations)
         return found + (phi[:, None] if found.ndim == 2 else phi)
+
+
+def is_stack(policy: Any, observations: Any) -> bool:
+    """Return whether observations are one array, stacked as a policy wants them."""
+    wanted = policy.observation_space.shape
+    several = isinstance(observations, np.ndarray) and observations.ndim > 0
+    return several and observations.shape[1:] == wanted
 
 
 def _array(tensor: Any) -> FloatArray:

@@ -13,6 +13,7 @@ import torch
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
+from curricle.deep.networks import is_stack
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.values import no_actions
 
@@ -172,6 +173,12 @@ class _Residual:
             if isinstance(network, _OnPhi):
                 return network.running_shift.device
         return super().device  # type: ignore[misc, no-any-return]
+
+    def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
+        """Return observations as tensors and whether they are several, the usual stack at once."""
+        if is_stack(self, observation):
+            return torch.as_tensor(observation, device=self.device), True
+        return super().obs_to_tensor(observation)  # type: ignore[misc, no-any-return]
 
     def set_training_mode(self, mode: bool) -> None:
         """Switch between learning and acting, which SB3 asks for anew before every action."""
