@@ -16,17 +16,13 @@ SOURCE, TARGET, SEEDS = 40_000, 10_000, 3
 HUNT = cr.Pursuit(size=5, predators=2, discount=0.95)
 CHASE = cr.Pursuit(size=5, predators=1, discount=0.95)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=30, discounted=False)
-SETTINGS = {
-    "batch_size": 256, "learning_starts": 500, "gradient_steps": 1, "train_freq": 1,
-    "target_update_interval": 500, "exploration_fraction": 0.5, "exploration_final_eps": 0.05,
-}  # fmt: skip
-
-
-def learner(rate, epsilon):
-    """Return a DQN; Adam's eps is large, so that next to no error makes next to no step."""
-    network = {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}}
-    own = {"learning_rate": rate, "exploration_initial_eps": epsilon, "policy_kwargs": network}
-    return cr.DeepLearner("DQN", envs=8, settings=SETTINGS | own)
+# Small steps: Adam's eps is large, so that next to no error makes next to no step.
+DQN = cr.DeepLearner("DQN", envs=8, settings={
+    "learning_rate": 1e-4, "batch_size": 256, "learning_starts": 500, "gradient_steps": 1,
+    "train_freq": 1, "target_update_interval": 500, "exploration_fraction": 0.5,
+    "exploration_initial_eps": 0.2, "exploration_final_eps": 0.05,
+    "policy_kwargs": {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}},
+})  # fmt: skip
 
 
 def main():
@@ -40,7 +36,7 @@ def main():
         aggregate=cr.total,
         learner={
             "chase": cr.QLearning(learning_rate=cr.linear(0.9, 0.1, steps=SOURCE), epsilon=0.2),
-            "hunt": learner(rate=1e-4, epsilon=0.2),
+            "hunt": DQN,
         },
         budget={"chase": SOURCE, "hunt": TARGET},
         every={"hunt": TARGET // 5},
@@ -48,8 +44,7 @@ def main():
     )
     transfer = plan.train(seeds=SEEDS)
     direct = cr.learn_deep(
-        hunt, learner(rate=5e-4, epsilon=1.0), SOURCE + TARGET, seeds=SEEDS,
-        every=(SOURCE + TARGET) // 5, evaluation=JUDGE,
+        hunt, DQN, SOURCE + TARGET, seeds=SEEDS, every=(SOURCE + TARGET) // 5, evaluation=JUDGE,
     )  # fmt: skip
     for name, result, spent in (
         ("from one predator", transfer["hunt"], SOURCE),
