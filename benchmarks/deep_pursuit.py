@@ -82,9 +82,9 @@ def curriculum(how, settings, aggregate=cr.total):
     )  # fmt: skip
 
 
-def from_scratch():
+def from_scratch(settings):
     return cr.Curriculum(
-        tasks={"hunt": cr.observed_pursuit(HUNT)}, learner=learner(BOLD), budget=10 * BUDGET,
+        tasks={"hunt": cr.observed_pursuit(HUNT)}, learner=learner(settings), budget=10 * BUDGET,
         every=10 * EVERY, evaluation=JUDGE,
     )  # fmt: skip
 
@@ -96,7 +96,10 @@ def learner(settings):
 BENCHMARK = Benchmark(
     title="Pursuit, 3 predators on 7x7, from 1 on 4x4 (DQN)",
     arms={
-        "from scratch, ten times as long": from_scratch,
+        "from scratch, ten times as long": partial(from_scratch, BOLD),
+        "from scratch, small steps": partial(
+            from_scratch, GENTLE | {"exploration_initial_eps": 1.0}
+        ),
         "residual on phi": partial(curriculum, "initialise", GENTLE),
         "residual on the mean": partial(curriculum, "initialise", GENTLE, cr.mean),
         "shaped by Phi": partial(curriculum, "state", BOLD),
