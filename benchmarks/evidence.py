@@ -18,6 +18,7 @@ import matplotlib
 import numpy as np
 
 import curricle as cr
+from curricle.files import write_whole
 from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
 
 
@@ -108,9 +109,7 @@ def train(module: str, arm: str, seed: int, out: Path) -> dict:
         "greedy": learnt.greedy_return[0].tolist(),
         "source_steps": int(result.source_steps(target)[0]),
     }
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(found))
-    part.replace(path)
+    write_whole(path, json.dumps(found).encode())
     return found
 
 

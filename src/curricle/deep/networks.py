@@ -55,7 +55,6 @@ class NetworkValues:
 
         self.kind = found[0]
         self._layers = plain_layers(policy, self.kind)
-        self._held = next(iter(policy.parameters()))  # asking a policy for its device is slow
 
     @property
     def of_actions(self) -> bool:
@@ -111,10 +110,6 @@ class NetworkValues:
         """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
-        if is_stack(self.policy, observations):
-            import torch
-
-            return torch.as_tensor(observations, device=self._held.device)
         return self.policy.obs_to_tensor(observations)[0]
 
     def _outputs(self, observations: Any) -> FloatArray:
@@ -122,7 +117,7 @@ class NetworkValues:
         from curricle.deep.plain_networks import FEW, read
 
         few = is_stack(self.policy, observations) and len(observations) <= FEW
-        if self._layers is not None and few and self._held.device.type == "cpu":
+        if few and self._layers is not None and self._layers[0].weight.device.type == "cpu":
             found = read(self._layers, observations).astype(np.float64)
         else:
             found = self._by_torch(observations)
