@@ -10,7 +10,7 @@ import torch
 import curricle as cr
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
-from curricle.deep.plain_networks import FEW, plain_layers
+from curricle.deep.plain_networks import FEW, plain_network
 
 CART = cr.observed("CartPole-v1", discount=0.99)
 SETTINGS = {
@@ -45,7 +45,7 @@ def said_by_torch(policy, kind, rows):
 def test_values_are_what_the_network_says_however_many_are_asked(algorithm, n):
     policy = policy_of(algorithm)
     values = NetworkValues(policy)
-    assert plain_layers(policy, values.kind) is not None
+    assert plain_network(policy, values.kind) is not None
     rows = np.random.default_rng(n).normal(size=(n, 4)).astype(np.float32)
     for _ in range(2):
         said = said_by_torch(policy, values.kind, rows)
@@ -81,7 +81,7 @@ def test_what_is_not_plain_is_left_to_torch():
         policy_of("PPO", features_extractor_class=Halved),
     ):
         values = NetworkValues(policy)
-        assert plain_layers(policy, values.kind) is None
+        assert plain_network(policy, values.kind) is None
         said = said_by_torch(policy, values.kind, rows)
         assert values.v(rows) == pytest.approx(said.max(axis=1))
 
@@ -94,6 +94,6 @@ def test_pictures_and_dicts_are_left_to_torch():
         action_space = gym.spaces.Discrete(2)
 
     policy = DQN("MultiInputPolicy", Looking(), buffer_size=1).policy
-    assert plain_layers(policy, "q_net") is None
+    assert plain_network(policy, "q_net") is None
     seen = {"a": np.zeros((3, 2), np.float32)}
     assert NetworkValues(policy).v(seen).shape == (3,)

@@ -66,11 +66,12 @@ def _budget(budget: object) -> str:
 
 
 def _bill(each: list[Cost]) -> Iterator[str]:
-    yield f"{'cost at most':<24}{'seeds':>7}{'steps a seed':>14}{'tables':>10}{'time':>12}"
-    for one in each:
-        words = f"{one.arm}: {one.node}"
+    names = [f"{one.arm}: {one.node}" for one in each]
+    wide = max([24, *map(len, names)])
+    yield f"{'cost at most':<{wide}}{'seeds':>7}{'steps a seed':>14}{'tables':>10}{'time':>12}"
+    for words, one in zip(names, each, strict=True):
         size, spent = f"{one.table_bytes / 1e6:,.1f} MB", duration(one.seconds)
-        yield f"{words:<24}{one.seeds:>7}{one.steps:>14,}{size:>10}{spent:>12}"
+        yield f"{words:<{wide}}{one.seeds:>7}{one.steps:>14,}{size:>10}{spent:>12}"
     seconds = sum(one.seconds for one in each)
     yield f"about {duration(seconds)} on one processor, compilation aside"
 

@@ -19,7 +19,7 @@ except ModuleNotFoundError:  # the extra is not installed; making one says so
 Indices = int | Iterable[int] | None
 
 
-class AgentsVecEnv(VecEnv):  # type: ignore[misc]  # absent where types are checked
+class AgentsVecEnv(VecEnv):
     """A PettingZoo environment in which one model of Stable-Baselines3 learns for every agent.
 
     Each agent is one sub-environment, in the order of ``possible_agents``. What they learn from is

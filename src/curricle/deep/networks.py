@@ -51,10 +51,10 @@ class NetworkValues:
                 f"a source's policy must value something ({', '.join(kinds)}): got a "
                 f"{type(policy).__name__}"
             )
-        from curricle.deep.plain_networks import plain_layers
+        from curricle.deep.plain_networks import plain_network
 
         self.kind = found[0]
-        self._layers = plain_layers(policy, self.kind)
+        self._plain = plain_network(policy, self.kind)
 
     @property
     def of_actions(self) -> bool:
@@ -114,11 +114,8 @@ class NetworkValues:
 
     def _outputs(self, observations: Any) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
-        from curricle.deep.plain_networks import FEW, read
-
-        few = is_stack(self.policy, observations) and len(observations) <= FEW
-        if few and self._layers is not None and self._layers[0].weight.device.type == "cpu":
-            found = read(self._layers, observations).astype(np.float64)
+        if self._plain is not None and self._plain.takes(observations):
+            found = self._plain.read(observations).astype(np.float64)
         else:
             found = self._by_torch(observations)
         if self.kind == "quantile_net":
@@ -143,13 +140,6 @@ class NetworkValues:
             return found
         phi = self.taken_off.v(observations)
         return found + (phi[:, None] if found.ndim == 2 else phi)
-
-
-def is_stack(policy: Any, observations: Any) -> bool:
-    """Return whether observations are one array, stacked as a policy wants them."""
-    wanted = policy.observation_space.shape
-    several = isinstance(observations, np.ndarray) and observations.ndim > 0
-    return several and observations.shape[1:] == wanted
 
 
 def _array(tensor: Any) -> FloatArray:

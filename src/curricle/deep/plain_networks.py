@@ -1,6 +1,7 @@
 """Networks of plain layers, read by NumPy: of few observations PyTorch takes longer to begin."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,40 @@ class Layer(NamedTuple):
     activation: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
 
 
-def plain_layers(policy: Any, kind: str) -> list[Layer] | None:
+@dataclass(frozen=True)
+class PlainNetwork:
+    """Layers one after the other, read by NumPy.
+
+    Examples
+    --------
+    >>> layer = Linear(2, 1)
+    >>> _ = torch.nn.init.ones_(layer.weight), torch.nn.init.zeros_(layer.bias)
+    >>> network = PlainNetwork((Layer(layer.weight, layer.bias, np.abs),))
+    >>> network.read(np.array([[1.0, 2.0], [-3.0, 1.0]]))
+    array([[3.],
+           [2.]], dtype=float32)
+    """
+
+    layers: tuple[Layer, ...]
+
+    def takes(self, observations: Any) -> bool:
+        """Return whether these are vectors, (n, D), few enough, of a network at NumPy's reach."""
+        weight = self.layers[0].weight
+        vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
+        few = vectors and len(observations) <= FEW and observations.shape[1] == weight.shape[1]
+        return few and weight.device.type == "cpu"
+
+    def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+        """Return what the network makes of n vectors, (n, outputs)."""
+        found = observations.astype(np.float32, copy=False)
+        for weight, bias, activation in self.layers:
+            found = found @ weight.detach().numpy().T + bias.detach().numpy()
+            if activation is not None:
+                found = activation(found)
+        return found
+
+
+def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
     """Return what lies between vectors and what a policy values; None if it is anything unusual.
 
     That is Q(s, a) of DQN (of kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
@@ -40,7 +74,7 @@ def plain_layers(policy: Any, kind: str) -> list[Layer] | None:
     --------
     >>> from stable_baselines3 import DQN
     >>> model = DQN("MlpPolicy", "MountainCar-v0", policy_kwargs={"net_arch": [8]})
-    >>> [tuple(layer.weight.shape) for layer in plain_layers(model.policy, "q_net")]
+    >>> [tuple(layer.weight.shape) for layer in plain_network(model.policy, "q_net").layers]
     [(8, 2), (3, 8)]
     """
     if kind == "value_net":
@@ -57,10 +91,11 @@ def plain_layers(policy: Any, kind: str) -> list[Layer] | None:
         return None
     space = policy.observation_space
     vectors = isinstance(space, Box) and len(space.shape) == 1
-    return _layers(modules) if vectors and type(extractor) is FlattenExtractor else None
+    layers = _layers(modules) if vectors and type(extractor) is FlattenExtractor else None
+    return PlainNetwork(layers) if layers else None
 
 
-def _layers(modules: Sequence[torch.nn.Module]) -> list[Layer] | None:
+def _layers(modules: Sequence[torch.nn.Module]) -> tuple[Layer, ...] | None:
     """Return modules in a row as layers; None if they are none, or others."""
     layers: list[Layer] = []
     for module in modules:
@@ -70,23 +105,4 @@ def _layers(modules: Sequence[torch.nn.Module]) -> list[Layer] | None:
             layers[-1] = layers[-1]._replace(activation=ACTIVATIONS[type(module)])
         else:
             return None
-    return layers or None
-
-
-def read(layers: Sequence[Layer], observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-    """Return what plain layers make of n observations, (n, outputs).
-
-    Examples
-    --------
-    >>> layer = Linear(2, 1)
-    >>> _ = torch.nn.init.ones_(layer.weight), torch.nn.init.zeros_(layer.bias)
-    >>> read([Layer(layer.weight, layer.bias, np.abs)], np.array([[1.0, 2.0], [-3.0, 1.0]]))
-    array([[3.],
-           [2.]], dtype=float32)
-    """
-    found = observations.astype(np.float32, copy=False)
-    for weight, bias, activation in layers:
-        found = found @ weight.detach().numpy().T + bias.detach().numpy()
-        if activation is not None:
-            found = activation(found)
-    return found
+    return tuple(layers)

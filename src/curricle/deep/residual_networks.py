@@ -13,7 +13,6 @@ import torch
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
-from curricle.deep.networks import is_stack
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.values import no_actions
 
@@ -89,7 +88,7 @@ class ResidualQNetwork(_OnPhi, QNetwork):
         return self.q_net(self._features(obs, best)) + phi
 
 
-class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):  # type: ignore[misc, valid-type]
+class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
     """The quantiles of the return, each phi(s, a) + residual(s, a), for QR-DQN."""
 
     @property
@@ -172,27 +171,34 @@ class _Residual:
         for network in self._modules.values():  # type: ignore[attr-defined]
             if isinstance(network, _OnPhi):
                 return network.running_shift.device
-        return super().device  # type: ignore[misc, no-any-return]
+        return super().device  # type: ignore[misc]
 
     def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
         """Return observations as tensors and whether they are several, the usual stack at once."""
-        if is_stack(self, observation):
+        if _is_stack(self, observation):
             return torch.as_tensor(observation, device=self.device), True
         return super().obs_to_tensor(observation)  # type: ignore[misc, no-any-return]
 
     def set_training_mode(self, mode: bool) -> None:
         """Switch between learning and acting, which SB3 asks for anew before every action."""
-        if mode != self.training:  # type: ignore[attr-defined, has-type]
+        if mode != self.training:  # type: ignore[attr-defined]
             super().set_training_mode(mode)  # type: ignore[misc]
 
     def _made(self, network: Any) -> Any:
         """Return a network that starts at phi."""
         given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        return network(**given, rows=self.rows, informed=self.informed).to(self.device)  # type: ignore[attr-defined]
+        return network(**given, rows=self.rows, informed=self.informed).to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         own = {"potential": self.potential, "informed": self.informed}
         return {**super()._get_constructor_parameters(), **own}  # type: ignore[misc]
+
+
+def _is_stack(policy: Any, observations: Any) -> bool:
+    """Return whether observations are one array, stacked as a policy wants them."""
+    wanted = policy.observation_space.shape
+    several = isinstance(observations, np.ndarray) and observations.ndim > 0
+    return several and observations.shape[1:] == wanted
 
 
 class _ResidualDQN(_Residual):
@@ -227,16 +233,13 @@ POLICIES: dict[tuple[str, str], type] = {
 
 if qrdqn is not None:
 
-    class ResidualQuantileMlpPolicy(_ResidualQRDQN, qrdqn.MlpPolicy):  # type: ignore[name-defined, misc]
+    class ResidualQuantileMlpPolicy(_ResidualQRDQN, qrdqn.MlpPolicy):
         """QR-DQN's ``MlpPolicy`` on phi + residual."""
 
-    class ResidualQuantileCnnPolicy(_ResidualQRDQN, qrdqn.CnnPolicy):  # type: ignore[name-defined, misc]
+    class ResidualQuantileCnnPolicy(_ResidualQRDQN, qrdqn.CnnPolicy):
         """QR-DQN's ``CnnPolicy`` on phi + residual."""
 
-    class ResidualQuantileMultiInputPolicy(  # type: ignore[misc]
-        _ResidualQRDQN,
-        qrdqn.MultiInputPolicy,  # type: ignore[name-defined]
-    ):
+    class ResidualQuantileMultiInputPolicy(_ResidualQRDQN, qrdqn.MultiInputPolicy):
         """QR-DQN's ``MultiInputPolicy`` on phi + residual."""
 
     POLICIES |= {

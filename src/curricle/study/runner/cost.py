@@ -4,6 +4,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
+
 from curricle.learning.wandering import wander
 from curricle.node import Node
 from curricle.study.runner.arms import Arms
@@ -89,16 +91,22 @@ def pace(task: Any) -> float:
 
 def _observed_pace(task: ObservedTask) -> float:
     environment = task.environment()
-    environment.reset(seed=0)
     environment.action_space.seed(0)
+    environment.reset(seed=0)
+    _walk(environment, 1)  # compiles
     started = time.perf_counter()
-    for _ in range(STEPS):
-        *_, ended, cut, _ = environment.step(environment.action_space.sample())
-        if ended or cut:
-            environment.reset()
+    _walk(environment, STEPS)
     taken = (time.perf_counter() - started) / STEPS
     environment.close()
     return taken
+
+
+def _walk(environment: gym.Env[Any, Any], steps: int) -> None:
+    """Take random steps in an environment that was reset."""
+    for _ in range(steps):
+        *_, ended, cut, _ = environment.step(environment.action_space.sample())
+        if ended or cut:
+            environment.reset()
 
 
 def _judged(node: Node) -> int:
