@@ -24,6 +24,7 @@ SOURCE, BUDGET = 40_000, 80_000
 EVERY = 5_000
 SCALE = 20  # of rewards: 20 for the goal, less what the way there took
 REACH = 2  # cells; what is farther counts as so far
+COLUMNS = np.array([1, 2, 2])  # the same by errand: in the small room no key is two columns away
 ACTIONS = 0, 1, 2, 3, 5  # left, right, forward, pick up, toggle
 LEARN = cr.QLearning(learning_rate=cr.linear(0.5, 0.05, steps=SOURCE), epsilon=0.2)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=50, discounted=False)
@@ -100,7 +101,8 @@ def errands(seen):
     seen = np.atleast_2d(seen)
     errand = np.where(seen[:, 14] > 0, 2, np.where(seen[:, 13] > 0, 1, 0))
     offsets = np.rint(8 * seen[:, :6]).astype(int).reshape(-1, 3, 2)
-    right, down = np.clip(offsets[np.arange(len(seen)), errand], -REACH, REACH).T
+    right, down = offsets[np.arange(len(seen)), errand].T
+    right, down = np.clip(right, -COLUMNS[errand], COLUMNS[errand]), np.clip(down, -REACH, REACH)
     ahead = np.where(seen[:, 11] + seen[:, 12] > 0, 2, (seen[:, 10] > 0).astype(int))
     return ERRANDS.encode(
         errand=errand, right=right, down=down, facing=seen[:, 6:10].argmax(axis=1), ahead=ahead

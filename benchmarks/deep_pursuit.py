@@ -96,10 +96,8 @@ def learner(settings):
 BENCHMARK = Benchmark(
     title="Pursuit, 3 predators on 7x7, from 1 on 4x4 (DQN)",
     arms={
-        "from scratch, ten times as long": partial(from_scratch, BOLD),
-        "from scratch, small steps": partial(
-            from_scratch, GENTLE | {"exploration_initial_eps": 1.0}
-        ),
+        "from scratch": partial(from_scratch, GENTLE | {"exploration_initial_eps": 1.0}),
+        "from scratch, bold steps": partial(from_scratch, BOLD),
         "residual on phi": partial(curriculum, "initialise", GENTLE),
         "residual on the mean": partial(curriculum, "initialise", GENTLE, cr.mean),
         "shaped by Phi": partial(curriculum, "state", BOLD),
