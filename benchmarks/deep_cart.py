@@ -27,7 +27,7 @@ DQN = {
     "policy_kwargs": {"net_arch": [256, 256]},
 }  # fmt: skip
 WARM = DQN | {"exploration_initial_eps": 0.2}
-BLIND = WARM | {"policy_kwargs": {"net_arch": [256, 256], "informed": False}}
+BLIND = WARM | {"policy_kwargs": {"net_arch": [256, 256], "reads": "nothing"}}
 BINS = cr.Bins({
     "place": [-2.4, -0.8, 0.8, 2.4], "speed": [-3, -0.5, 0.5, 3],
     "angle": [-0.21, -0.1, -0.02, 0, 0.02, 0.1, 0.21], "spin": [-3, -0.87, -0.2, 0.2, 0.87, 3],

@@ -35,6 +35,8 @@ GENTLE = {
 """Who starts with something to lose explores less and steps more gently: where nearly nothing is
 wrong yet, Adam would make as large a step of next to no gradient."""
 
+ALL = {"policy_kwargs": GENTLE["policy_kwargs"] | {"reads": "actions"}}
+
 
 def apart(cells, size):
     """Return how far the prey is from a predator, down and right, (2, n)."""
@@ -99,7 +101,9 @@ BENCHMARK = Benchmark(
         "from scratch": partial(from_scratch, GENTLE | {"exploration_initial_eps": 1.0}),
         "from scratch, bold steps": partial(from_scratch, BOLD),
         "residual on phi": partial(curriculum, "initialise", GENTLE),
+        "residual reading all of phi": partial(curriculum, "initialise", GENTLE | ALL),
         "residual on the mean": partial(curriculum, "initialise", GENTLE, cr.mean),
+        "on the mean, reading all": partial(curriculum, "initialise", GENTLE | ALL, cr.mean),
         "shaped by Phi": partial(curriculum, "state", BOLD),
         "policy only": partial(curriculum, "policy", BOLD),
     },

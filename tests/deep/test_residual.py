@@ -18,7 +18,7 @@ from curricle.deep.residual_networks import ResidualMlpPolicy, Rows
 from .worlds import one_hot, random_task, table_potential
 
 SGD = {"optimizer_class": torch.optim.SGD, "net_arch": []}
-UNINFORMED = SGD | {"informed": False}
+OBSERVING = SGD | {"reads": "nothing"}
 RATE = 0.25
 
 
@@ -28,7 +28,7 @@ def linear(observed, potential=None, **changed):
         "learning_rate": RATE, "buffer_size": 1, "batch_size": 1, "learning_starts": 0,
         "train_freq": 1, "target_update_interval": 1, "exploration_fraction": 1.0,
         "exploration_final_eps": 0.5,
-        "policy_kwargs": SGD if potential is None else UNINFORMED, **changed,
+        "policy_kwargs": SGD if potential is None else OBSERVING, **changed,
     }  # fmt: skip
     learner = cr.DeepLearner("DQN", settings=settings)
     model = model_for(observed, learner, potential=potential, seed=3)
@@ -132,7 +132,7 @@ def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
         "learning_rate": lambda left: 0.3 * left, "buffer_size": 8000, "batch_size": 64,
         "train_freq": 4,
         "target_update_interval": 20, "exploration_final_eps": 1.0, "exploration_initial_eps": 1.0,
-        "policy_kwargs": UNINFORMED,
+        "policy_kwargs": OBSERVING,
     }  # fmt: skip
     learner = cr.DeepLearner("DQN", settings=settings)
     result = cr.learn_deep(
@@ -163,12 +163,14 @@ def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
     assert (q[live, actions[live]] == q[live].max(axis=1)).all()
 
 
-def test_an_informed_residual_tells_states_apart_by_phi_alone():
+@pytest.mark.parametrize("reads", ["actions", "state"])
+def test_a_residual_tells_states_apart_by_phi_alone(reads):
     rng = np.random.default_rng(11)
     task = random_task(rng)
     observed = one_hot(task)
     phi = 50 + 20 * rng.normal(size=(5, 3))
-    settings = {"learning_starts": 50, "batch_size": 32, "policy_kwargs": {"net_arch": [16]}}
+    how = {"net_arch": [16], "reads": reads}
+    settings = {"learning_starts": 50, "batch_size": 32, "policy_kwargs": how}
     learner = cr.DeepLearner("DQN", settings=settings)
     model = model_for(observed, learner, potential=table_potential(task, observed, phi))
     model.learn(44)
@@ -176,9 +178,9 @@ def test_an_informed_residual_tells_states_apart_by_phi_alone():
     assert (online.running_shift, online.running_scale) == (0, 1)
     model.learn(60, reset_num_timesteps=False)
     met = phi[~task.terminal]
-    best, scale = met.max(axis=1), online.running_scale.item()
-    assert best.min() < -online.running_shift.item() / scale < best.max()  # a batch's mean
-    assert 0 < 1 / scale < np.ptp(best)  # and spread
+    told, scale = met if reads == "actions" else met.max(axis=1), online.running_scale.item()
+    assert told.min() < -online.running_shift.item() / scale < told.max()  # a batch's mean
+    assert 0 < 1 / scale < np.ptp(told)  # and spread
     before = online.running_shift.item(), scale
     model.learn(100, reset_num_timesteps=False)
     assert (online.running_shift.item(), online.running_scale.item()) == before
@@ -190,6 +192,16 @@ def test_an_informed_residual_tells_states_apart_by_phi_alone():
         rows = torch.as_tensor(np.eye(5, dtype=np.float32)[~task.terminal])
         residual = online(rows).numpy() - met.astype(np.float32)
     assert np.ptp(residual, axis=0).min() > 0
+
+
+@pytest.mark.parametrize(("predators", "extra"), [(1, 5), (3, 1)])
+def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
+    hunt = cr.observed_pursuit(cr.Pursuit(3, predators=predators))
+    height = cr.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
+    phi = cr.ObservationPotential.of(hunt, height)
+    network = model_for(hunt, cr.DeepLearner("DQN"), potential=phi).q_net
+    width = hunt.observations.shape[0] + extra
+    assert network.q_net[0].in_features == width
 
 
 @pytest.mark.skipif(find_spec("sb3_contrib") is None, reason="sb3-contrib is not installed")
@@ -232,6 +244,10 @@ def test_what_cannot_be_a_residual_is_refused():
     height = cr.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
     with pytest.raises(cr.SettingError, match="how='state' does not"):
         cr.learn_deep(observed, cr.DeepLearner("DQN"), 100, potential=height)
+    actions = cr.FunctionValues(lambda rows, actions: 1.0 * actions, actions=4)
+    blind = cr.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
+    with pytest.raises(cr.SettingError, match="actions, state, nothing: got 'none'"):
+        cr.learn_deep(observed, blind, 100, potential=actions)
 
 
 def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):

@@ -11,11 +11,12 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     ``policy_kwargs`` of DQN or QR-DQN it takes
 
     - ``potential``, an :class:`ObservationPotential`;
-    - ``informed``, by default true: the residual reads Phi(s) = max_a phi(s, a) beside the
-      observation, standardised as in the first batch it learns from. Without, a linear residual
-      learns exactly what Q-learning learns that starts at phi (Wiewiora 2003); but where phi jumps,
-      as tables do between cells, a network of the observation alone cannot follow it, and may
-      diverge.
+    - ``reads``, what the residual sees of phi beside the observation, standardised as in the first
+      batch it learns from: "actions", phi(s, .), by default of fewer than 32 actions; "state",
+      Phi(s) = max_a phi(s, a), by default of more; or "nothing". A linear residual that reads
+      nothing learns exactly what Q-learning learns that starts at phi (Wiewiora 2003); but where
+      phi jumps, as tables do between cells, a network of the observation alone cannot follow it,
+      and may diverge.
 
     Parameters
     ----------

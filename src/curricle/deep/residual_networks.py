@@ -13,6 +13,8 @@ import torch
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
+from curricle.checks import one_of
+from curricle.errors import SettingError
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.values import no_actions
 
@@ -23,6 +25,10 @@ except ModuleNotFoundError:  # sb3-contrib is not installed; asking for QR-DQN s
     qrdqn, QuantileNetwork = None, object
 
 
+READS = "actions", "state", "nothing"
+"""What a residual reads of phi: phi(s, .), Phi(s) = max_a phi(s, a), or none of it."""
+MANY = 32
+"""Actions from which on it reads Phi(s) unless told otherwise: a wider network costs more."""
 MOST_BYTES = 2**28
 """That remembered values of phi may take, with the observations they are known by."""
 
@@ -30,21 +36,18 @@ MOST_BYTES = 2**28
 class _OnPhi:
     """What makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
 
-    Informed, it reads Phi(s) = max_a phi(s, a) beside its features: where phi jumps, as tables do
-    between cells, a smooth residual of the observation alone cannot follow, and bootstraps from its
-    own errors. All of phi(s, .) would tell it more, and have it learn each action for itself.
+    It reads phi(s, .) beside its features: where phi jumps, as tables do between cells, a smooth
+    residual of the observation alone cannot follow, and bootstraps from its own errors.
     """
 
     rows: "Rows"
     running_shift: torch.Tensor  # so named, they are copied into the target network
     running_scale: torch.Tensor
 
-    def __init__(
-        self, *args: Any, rows: "Rows", informed: bool, features_dim: int, **settings: Any
-    ):
-        seen = features_dim + (1 if informed else 0)
+    def __init__(self, *args: Any, rows: "Rows", reads: str, features_dim: int, **settings: Any):
+        seen = features_dim + {"actions": rows.n_actions, "state": 1, "nothing": 0}[reads]
         super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
-        self.rows, self.informed, self.silent = rows, informed, True
+        self.rows, self.reads, self.silent = rows, reads, True
         self.register_buffer("running_shift", torch.zeros(()))  # type: ignore[attr-defined]
         self.register_buffer("running_scale", torch.ones(()))  # type: ignore[attr-defined]
         torch.nn.init.zeros_(self._last.weight)
@@ -55,24 +58,25 @@ class _OnPhi:
         """The layer that is silent at first."""
         raise NotImplementedError
 
-    def _features(self, obs: Any, best: torch.Tensor) -> torch.Tensor:
-        """Return what the residual reads, (n, features); best is Phi(s), (n, 1)."""
+    def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
+        """Return what the residual reads, (n, features); phi is (n, A), best Phi(s), (n, 1)."""
         own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
-        if not self.informed:
+        if self.reads == "nothing":
             return own
+        told = phi if self.reads == "actions" else best
         if self.silent and torch.is_grad_enabled():  # nothing learnt before, perhaps
-            self._look_at(best)
-        scaled = torch.addcmul(self.running_shift, best, self.running_scale)
+            self._look_at(told)
+        scaled = torch.addcmul(self.running_shift, told, self.running_scale)
         return torch.cat([own, scaled], dim=1)
 
-    def _look_at(self, best: torch.Tensor) -> None:
-        """Standardise Phi by its mean and spread in a batch, as long as nothing has been learnt."""
+    def _look_at(self, told: torch.Tensor) -> None:
+        """Standardise phi by its mean and spread in a batch, as long as nothing has been learnt."""
         if self._last.weight.any():
             self.silent = False
             return
-        spread = best.std(correction=0)
+        spread = told.std(correction=0)
         self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
-        self.running_shift.copy_(-best.mean() * self.running_scale)
+        self.running_shift.copy_(-told.mean() * self.running_scale)
 
 
 class ResidualQNetwork(_OnPhi, QNetwork):
@@ -85,7 +89,7 @@ class ResidualQNetwork(_OnPhi, QNetwork):
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
         phi, best = self.rows.of(obs)
-        return self.q_net(self._features(obs, best)) + phi
+        return self.q_net(self._features(obs, phi, best)) + phi
 
 
 class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
@@ -98,7 +102,7 @@ class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
     def forward(self, obs: Any) -> torch.Tensor:
         """Return the quantiles, (n, quantiles, A)."""
         phi, best = self.rows.of(obs)
-        residual = self.quantile_net(self._features(obs, best))
+        residual = self.quantile_net(self._features(obs, phi, best))
         return residual.view(len(phi), self.n_quantiles, -1) + phi[:, None, :]
 
 
@@ -155,14 +159,16 @@ class _Residual:
 
     potential: ObservationPotential
     rows: Rows
-    informed: bool
+    reads: str
 
     def __init__(
-        self, *args: Any, potential: ObservationPotential, informed: bool = True, **settings: Any
+        self, *args: Any, potential: ObservationPotential, reads: str | None = None, **settings: Any
     ):
         if not potential.of_actions:
             raise no_actions(potential)
-        self.potential, self.rows, self.informed = potential, Rows(potential), informed
+        self.potential, self.rows = potential, Rows(potential)
+        self.reads = reads or ("actions" if self.rows.n_actions < MANY else "state")
+        one_of("what a residual reads of phi", self.reads, READS, SettingError)
         super().__init__(*args, **settings)
 
     @property
@@ -187,10 +193,10 @@ class _Residual:
     def _made(self, network: Any) -> Any:
         """Return a network that starts at phi."""
         given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        return network(**given, rows=self.rows, informed=self.informed).to(self.device)
+        return network(**given, rows=self.rows, reads=self.reads).to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        own = {"potential": self.potential, "informed": self.informed}
+        own = {"potential": self.potential, "reads": self.reads}
         return {**super()._get_constructor_parameters(), **own}  # type: ignore[misc]
 
 
