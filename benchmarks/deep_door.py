@@ -162,6 +162,7 @@ BENCHMARK = Benchmark(
         "shaped by the table": partial(from_table, "state", DQN),
         "table's policy only": partial(from_table, "policy", DQN),
         "residual on the network": partial(from_network, "initialise", WARM),
+        "shaped by the network": partial(from_network, "state", DQN),
         "weights carried over": partial(from_network, "weights", WARM),
     },
     threshold=16.0,

@@ -9,7 +9,8 @@ Actions are random; resets and the checks at the end of an episode are part of i
 
 Part B is what a residual costs DQN, acting and learning: plain DQN and DQN on phi + residual take
 turns to learn on, exploring in one step of twenty, phi from tables (three predators on 7x7 read one
-on 7x7) and from the network of an easier car.
+on 7x7; of 125 actions the residual reads Phi(s) alone, unless told to read all of phi) and from the
+network of an easier car.
 
     python benchmarks/deep_overhead.py [--quick] [--turns N]
 """
@@ -81,6 +82,7 @@ def shaping(turns, steps):
 
 
 RESIDUAL_BAR = 1.3  # times the wall time of plain DQN
+READING_ALL = "all of phi"  # which is wider than the bar is for
 
 
 def hunt():
@@ -101,9 +103,10 @@ def car():
     return task, cr.ObservationPotential.of(task, network)
 
 
-def learning(task, potential, envs, settings):
+def learning(task, potential, envs, settings, reads):
     """Return what has a DQN learn on for some steps, at the rate it returns, steps a second."""
-    learner = cr.DeepLearner("DQN", envs=envs, settings={"learning_starts": 100, **settings})
+    network = {"learning_starts": 100, "policy_kwargs": {"net_arch": [128, 128], **reads}}
+    learner = cr.DeepLearner("DQN", envs=envs, settings=network | settings)
     model = model_for(task, learner, potential=potential, steps=10_000)
     model.learn(1_000)
     on = partial(model.learn, reset_num_timesteps=False)
@@ -116,23 +119,22 @@ def residual(turns, steps):
     print(
         f"\n{'microseconds a step of DQN':<44}{'plain':>12}{'residual':>12}{'ratio':>9}\n{'-' * 77}"
     )
-    for name, (task, phi) in {"three tables": hunt(), "a network": car()}.items():
+    cases = {"three tables": hunt(), READING_ALL: hunt(), "a network": car()}
+    for name, (task, phi) in cases.items():
+        told = {"reads": "actions"} if name == READING_ALL else {}
         for envs, often, gradients in (1, 4, 1), (1, 1, 1), (8, 1, 2):
-            settings = {
-                "train_freq": often, "batch_size": 64, "gradient_steps": gradients,
-                "policy_kwargs": {"net_arch": [128, 128]},
-            }  # fmt: skip
-            sides = {"plain": None, "residual": phi}
+            settings = {"train_freq": often, "batch_size": 64, "gradient_steps": gradients}
+            sides = {"plain": (None, {}), "residual": (phi, told)}
             learners = {
-                side: partial(learning(task, potential, envs, settings), steps)
-                for side, potential in sides.items()
+                side: partial(learning(task, potential, envs, settings, reads), steps)
+                for side, (potential, reads) in sides.items()
             }
             rates = in_turns(learners, turns)
             ratio = median(a / b for a, b in zip(rates["plain"], rates["residual"], strict=True))
             plain, ours = (1e6 / median(rates[side]) for side in sides)
             words = f"{name}, envs {envs}, a gradient step every {envs * often // gradients}"
             print(f"{words:<44}{plain:>12.0f}{ours:>12.0f}{ratio:>9.2f}")
-            missed += [words] * (ratio > RESIDUAL_BAR)
+            missed += [words] * (ratio > RESIDUAL_BAR and not told)
     return missed
 
 
