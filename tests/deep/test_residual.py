@@ -12,6 +12,7 @@ import curricle as cr
 from curricle.deep import residual_networks
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
+from curricle.deep.plain_networks import FEW
 from curricle.deep.residual import residual_policy
 from curricle.deep.residual_networks import ResidualMlpPolicy, Rows
 
@@ -202,6 +203,27 @@ def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
     network = model_for(hunt, cr.DeepLearner("DQN"), potential=phi).q_net
     width = hunt.observations.shape[0] + extra
     assert network.q_net[0].in_features == width
+
+
+@pytest.mark.parametrize("reads", residual_networks.READS)
+def test_it_acts_on_the_best_of_what_it_says_however_many_are_asked(reads):
+    cart = cr.observed("CartPole-v1", discount=0.99)
+    height = cr.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
+    potential = cr.ObservationPotential.of(cart, height)
+    settings = {
+        "learning_starts": 10, "batch_size": 8, "learning_rate": 0.03,
+        "policy_kwargs": {"net_arch": [16], "reads": reads},
+    }  # fmt: skip
+    learner = cr.DeepLearner("DQN", settings=settings)
+    model = model_for(cart, learner, potential=potential, seed=5)
+    model.learn(60)
+    rows = np.random.default_rng(1).normal(size=(FEW + 1, 4)).astype(np.float32)
+    with torch.no_grad():
+        best = model.q_net(torch.as_tensor(rows)).numpy().argmax(axis=1)
+    assert len(set(best)) == 2
+    for n in (1, FEW, FEW + 1):
+        acts, _ = model.predict(rows[:n], deterministic=True)
+        assert acts.tolist() == best[:n].tolist()
 
 
 @pytest.mark.skipif(find_spec("sb3_contrib") is None, reason="sb3-contrib is not installed")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor, MlpExtractor
 from torch.nn import Linear, ReLU, Tanh
@@ -80,23 +80,30 @@ def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
     if kind == "value_net":
         usual = type(policy).predict_values is ActorCriticPolicy.predict_values
         usual = usual and type(policy.mlp_extractor) is MlpExtractor
-        extractor = policy.vf_features_extractor
         modules = [*policy.mlp_extractor.value_net, policy.value_net] if usual else []
-    elif kind in ("q_net", "quantile_net"):
+        return plain_layers(modules, policy.vf_features_extractor, policy.observation_space)
+    if kind in ("q_net", "quantile_net"):
         network = getattr(policy, kind)
         usual = type(network).__module__.startswith(("stable_baselines3.", "sb3_contrib."))
-        extractor = network.features_extractor
         modules = [*getattr(network, kind)] if usual else []
-    else:
+        return plain_layers(modules, network.features_extractor, policy.observation_space)
+    return None
+
+
+def plain_layers(
+    modules: Sequence[torch.nn.Module], extractor: torch.nn.Module, space: Space[Any]
+) -> PlainNetwork | None:
+    """Return modules in a row that follow the usual extractor; None if any of it is unusual.
+
+    Examples
+    --------
+    >>> vectors = Box(-1, 1, (2,))
+    >>> found = plain_layers([Linear(2, 3), Tanh()], FlattenExtractor(vectors), vectors)
+    >>> [layer.activation for layer in found.layers] == [np.tanh]
+    True
+    """
+    if not isinstance(space, Box) or len(space.shape) != 1:
         return None
-    space = policy.observation_space
-    vectors = isinstance(space, Box) and len(space.shape) == 1
-    layers = _layers(modules) if vectors and type(extractor) is FlattenExtractor else None
-    return PlainNetwork(layers) if layers else None
-
-
-def _layers(modules: Sequence[torch.nn.Module]) -> tuple[Layer, ...] | None:
-    """Return modules in a row as layers; None if they are none, or others."""
     layers: list[Layer] = []
     for module in modules:
         if type(module) is Linear and module.bias is not None:
@@ -105,4 +112,4 @@ def _layers(modules: Sequence[torch.nn.Module]) -> tuple[Layer, ...] | None:
             layers[-1] = layers[-1]._replace(activation=ACTIVATIONS[type(module)])
         else:
             return None
-    return tuple(layers)
+    return PlainNetwork(tuple(layers)) if layers and type(extractor) is FlattenExtractor else None

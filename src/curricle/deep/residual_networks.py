@@ -14,6 +14,7 @@ from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
 from curricle.checks import one_of
+from curricle.deep.plain_networks import FEW, plain_layers
 from curricle.errors import SettingError
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.values import no_actions
@@ -82,6 +83,10 @@ class _OnPhi:
 class ResidualQNetwork(_OnPhi, QNetwork):
     """Q(s, a) = phi(s, a) + residual(s, a) for DQN."""
 
+    def __init__(self, *args: Any, **settings: Any):
+        super().__init__(*args, **settings)
+        self._plain = plain_layers([*self.q_net], self.features_extractor, self.observation_space)
+
     @property
     def _last(self) -> Any:
         return self.q_net[-1]
@@ -90,6 +95,19 @@ class ResidualQNetwork(_OnPhi, QNetwork):
         """Return Q(s, a), (n, A)."""
         phi, best = self.rows.of(obs)
         return self.q_net(self._features(obs, phi, best)) + phi
+
+    def _predict(self, observation: Any, deterministic: bool = True) -> torch.Tensor:
+        """Return the best action of each observation, (n,); of few vectors without PyTorch."""
+        plain = self._plain
+        if plain is None or len(observation) > FEW or observation.device.type != "cpu":
+            return super()._predict(observation, deterministic)
+        seen = observation.numpy()
+        phi, best = self.rows.read(seen)
+        if self.reads != "nothing":
+            told = phi if self.reads == "actions" else best
+            scaled = told * self.running_scale.item() + self.running_shift.item()
+            seen = np.concatenate([seen, scaled], axis=1, dtype=np.float32)
+        return torch.from_numpy((plain.read(seen) + phi).argmax(axis=1))
 
 
 class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
@@ -122,12 +140,19 @@ class Rows:
         """Return phi(s, a), (n, A), and Phi(s) = max_a phi(s, a), (n, 1), of tensors."""
         if isinstance(obs, dict):
             device = next(iter(obs.values())).device
-            found = self._asked({name: part.cpu().numpy() for name, part in obs.items()})
+            found = self.read({name: part.cpu().numpy() for name, part in obs.items()})
         else:
-            device = obs.device
-            found = self._remembered(np.ascontiguousarray(obs.cpu().numpy()))
-        phi, best = torch.from_numpy(found[:, 1:]), torch.from_numpy(found[:, :1])
+            device, found = obs.device, self.read(obs.cpu().numpy())
+        phi, best = map(torch.from_numpy, found)
         return phi.to(device), best.to(device)
+
+    def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
+        if isinstance(seen, dict):
+            found = self._asked(seen)
+        else:
+            found = self._remembered(np.ascontiguousarray(seen))
+        return found[:, 1:], found[:, :1]
 
     def _asked(self, seen: Any) -> npt.NDArray[np.float32]:
         """Return Phi(s) and phi(s, a), (n, 1 + A)."""
