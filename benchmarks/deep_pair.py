@@ -1,0 +1,70 @@
+"""Two predators on 7x7 from one on 7x7: DQN on 25 joint actions, all steps charged.
+
+The source is a table of one predator, all 2,401 states of it, read once for each of the two; the
+lesser of both is what the network starts at. Here it goes on to improve on that.
+
+    python benchmarks/deep_pair.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
+"""
+
+from functools import partial
+
+from evidence import Benchmark
+
+import curricle as cr
+
+DISCOUNT = 0.95
+SOURCE, BUDGET = 200_000, 260_000
+EVERY = 5_000
+HUNT = cr.Pursuit(7, predators=2, discount=DISCOUNT)
+CHASE = cr.Pursuit(7, predators=1, discount=DISCOUNT)
+LEARN = cr.QLearning(learning_rate=cr.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
+JUDGE = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
+DQN = {
+    "learning_rate": 3e-4, "batch_size": 512, "buffer_size": 100_000, "learning_starts": 1_000,
+    "train_freq": 1, "gradient_steps": 1, "target_update_interval": 1_000,
+    "exploration_fraction": 0.5, "exploration_final_eps": 0.05,
+    "policy_kwargs": {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}},
+}  # fmt: skip
+WARM = DQN | {"exploration_initial_eps": 0.1}
+
+
+def learner(settings):
+    return cr.DeepLearner("DQN", envs=8, settings=settings)
+
+
+def curriculum(how, settings):
+    """Return the plan of learning from one predator, within the budget."""
+    hunt = cr.observed_pursuit(HUNT)
+    return cr.Curriculum(
+        tasks={"chase": CHASE, "hunt": hunt},
+        transfers=[
+            cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, CHASE, predator=name))
+            for name in HUNT.predator_names
+        ],
+        aggregate=cr.minimum,
+        learner={"chase": LEARN, "hunt": learner(settings)},
+        budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
+        how={"hunt": how}, every={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+    )  # fmt: skip
+
+
+def from_scratch():
+    return cr.Curriculum(
+        {"hunt": cr.observed_pursuit(HUNT)}, learner=learner(DQN), budget=BUDGET, every=EVERY,
+        evaluation=JUDGE,
+    )  # fmt: skip
+
+
+BENCHMARK = Benchmark(
+    title="Pursuit, 2 predators on 7x7, from 1 (DQN)",
+    arms={
+        "from scratch": from_scratch,
+        "residual on phi": partial(curriculum, "initialise", WARM),
+        "shaped by Phi": partial(curriculum, "state", DQN),
+        "policy only": partial(curriculum, "policy", DQN),
+    },
+    threshold=-10.0,
+)
+
+if __name__ == "__main__":
+    BENCHMARK.main("deep_pair", __doc__)
