@@ -47,12 +47,15 @@ class PlainNetwork:
 
     layers: tuple[Layer, ...]
 
+    def is_quicker_for(self, n: int) -> bool:
+        """Return whether n observations are few enough, and the network within NumPy's reach."""
+        return n <= FEW and self.layers[0].weight.device.type == "cpu"
+
     def takes(self, observations: Any) -> bool:
-        """Return whether these are vectors, (n, D), few enough, of a network at NumPy's reach."""
-        weight = self.layers[0].weight
+        """Return whether these are vectors, (n, D), that are better read here."""
         vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
-        few = vectors and len(observations) <= FEW and observations.shape[1] == weight.shape[1]
-        return few and weight.device.type == "cpu"
+        fits = vectors and observations.shape[1] == self.layers[0].weight.shape[1]
+        return fits and self.is_quicker_for(len(observations))
 
     def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """Return what the network makes of n vectors, (n, outputs)."""

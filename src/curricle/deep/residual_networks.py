@@ -14,7 +14,7 @@ from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
 from curricle.checks import one_of
-from curricle.deep.plain_networks import FEW, plain_layers
+from curricle.deep.plain_networks import plain_layers
 from curricle.errors import SettingError
 from curricle.transfer.observed_potential import ObservationPotential
 from curricle.transfer.values import no_actions
@@ -37,8 +37,9 @@ MOST_BYTES = 2**28
 class _OnPhi:
     """What makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
 
-    It reads phi(s, .) beside its features: where phi jumps, as tables do between cells, a smooth
-    residual of the observation alone cannot follow, and bootstraps from its own errors.
+    It reads phi beside its features, as much as `reads` says: where phi jumps, as tables do between
+    cells, a smooth residual of the observation alone cannot follow, and bootstraps from its own
+    errors.
     """
 
     rows: "Rows"
@@ -99,7 +100,7 @@ class ResidualQNetwork(_OnPhi, QNetwork):
     def _predict(self, observation: Any, deterministic: bool = True) -> torch.Tensor:
         """Return the best action of each observation, (n,); of few vectors without PyTorch."""
         plain = self._plain
-        if plain is None or len(observation) > FEW or observation.device.type != "cpu":
+        if plain is None or not plain.is_quicker_for(len(observation)):
             return super()._predict(observation, deterministic)
         seen = observation.numpy()
         phi, best = self.rows.read(seen)
