@@ -27,9 +27,9 @@ SCALE = 1.5
 SINGLE = cr.Storage(dtype="float32")
 
 
-def learn(task, steps, every, **settings):
+def learn(task, steps, eval_freq, **settings):
     settings = {"workers": 1, "evaluation": GLIMPSE, **settings}
-    return cr.learn(task, LEARNER, steps, every=every, **settings)
+    return cr.learn(task, LEARNER, steps, eval_freq=eval_freq, **settings)
 
 
 # -- W1 ------------------------------------------------------------------------------------------
@@ -115,7 +115,7 @@ def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE, scale=1.0
         learner=LEARNER,
         budget={"hunt": steps},
         how="look_ahead",
-        every={"hunt": steps // 100 if evaluation is GLIMPSE else steps},
+        eval_freq={"hunt": steps // 100 if evaluation is GLIMPSE else steps},
         evaluation=evaluation,
         storage={"hunt": storage},
     )
@@ -149,9 +149,11 @@ def three_predators_alone(steps, turns):
     import resource  # not on every system
 
     hunt = cr.Pursuit(10, 3, discount=DISCOUNT)
-    careful = cr.QLearning(learning_rate=cr.linear(0.5, 0.01, steps=8_000_000), epsilon=0.5)
+    careful = cr.QLearning(
+        learning_rate=cr.learning.linear(0.5, 0.01, steps=8_000_000), epsilon=0.5
+    )
     chase = cr.learn(cr.Pursuit(10, 1, discount=DISCOUNT), careful, 10_000_000, evaluation=GLIMPSE)
-    storage = cr.Storage(kind="sparse", dtype="float32", memory=MEMORY, keep=False)
+    storage = cr.Storage(kind="sparse", dtype="float32", memory_limit=MEMORY, save_values=False)
     advise(hunt, chase, cr.minimum, 1000, storage, scale=SCALE)()
     work = advise(hunt, chase, cr.minimum, steps, storage, scale=SCALE)
     rate = median(on_one_thread(work, steps) for _ in range(turns))

@@ -38,7 +38,7 @@ class Contest:
     edges: dict[str, Any] | None = None
 
     def task(self):
-        encode = cr.Bins(self.edges) if self.edges else None
+        encode = cr.interop.Bins(self.edges) if self.edges else None
         horizon = {"discount": DISCOUNT, "live": True}
         return cr.from_gymnasium(self.environment, encode=encode, **horizon, **self.made_with)
 

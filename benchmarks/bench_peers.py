@@ -40,7 +40,7 @@ def curricle(mdp, steps, seeds=1):
             LEARNER,
             steps,
             seeds=seeds,
-            every=10_000,
+            eval_freq=10_000,
             evaluation=GLIMPSE,
             workers=1 if seeds == 1 else None,
             storage=SINGLE,

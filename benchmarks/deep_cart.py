@@ -18,7 +18,7 @@ import curricle as cr
 DISCOUNT = 0.99
 SOURCE, BUDGET = 20_000, 50_000
 EVERY = 2_500
-LEARN = cr.QLearning(learning_rate=cr.linear(0.5, 0.05, steps=SOURCE), epsilon=0.1)
+LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.5, 0.05, steps=SOURCE), epsilon=0.1)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=20, discounted=False)
 DQN = {
     "learning_rate": 2.3e-3, "batch_size": 64, "buffer_size": 100_000, "learning_starts": 1_000,
@@ -28,7 +28,7 @@ DQN = {
 }  # fmt: skip
 WARM = DQN | {"exploration_initial_eps": 0.2}
 BLIND = WARM | {"policy_kwargs": {"net_arch": [256, 256], "reads": "nothing"}}
-BINS = cr.Bins({
+BINS = cr.interop.Bins({
     "place": [-2.4, -0.8, 0.8, 2.4], "speed": [-3, -0.5, 0.5, 3],
     "angle": [-0.21, -0.1, -0.02, 0, 0.02, 0.1, 0.21], "spin": [-3, -0.87, -0.2, 0.2, 0.87, 3],
 })  # fmt: skip
@@ -43,18 +43,20 @@ def long_pole():
 
 
 def target():
-    return cr.observed("CartPole-v1", discount=DISCOUNT)
+    return cr.observation_task("CartPole-v1", discount=DISCOUNT)
 
 
 def from_table(how, settings):
     cart = target()
     coarse = cr.from_gymnasium("CartPole-v1", encode=BINS, discount=DISCOUNT)
-    return plan(coarse, LEARN, cr.ObservationMapping(cart, coarse, BINS.many), how, settings)
+    return plan(
+        coarse, LEARN, cr.transfer.ObservationMapping(cart, coarse, BINS.many), how, settings
+    )
 
 
 def from_network(how, settings):
-    cart, easier = target(), cr.ObservedTask(long_pole, DISCOUNT)
-    return plan(easier, learner(DQN), cr.ObservationMapping(cart, easier), how, settings)
+    cart, easier = target(), cr.tasks.ObservationTask(long_pole, DISCOUNT)
+    return plan(easier, learner(DQN), cr.transfer.ObservationMapping(cart, easier), how, settings)
 
 
 def plan(source, source_learner, mapping, how, settings):
@@ -63,18 +65,18 @@ def plan(source, source_learner, mapping, how, settings):
         transfers=[cr.Transfer("source", "cart", mapping)],
         learner={"source": source_learner, "cart": learner(settings)},
         budget={"source": SOURCE, "cart": BUDGET - SOURCE}, how={"cart": how},
-        every={"cart": EVERY}, evaluation={"cart": JUDGE},
+        eval_freq={"cart": EVERY}, evaluation={"cart": JUDGE},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"cart": target()}, learner=learner(DQN), budget=BUDGET, every=EVERY, evaluation=JUDGE
+        {"cart": target()}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY, evaluation=JUDGE
     )
 
 
 def learner(settings):
-    return cr.DeepLearner("DQN", settings=settings)
+    return cr.deep.DeepLearner("DQN", settings=settings)
 
 
 BENCHMARK = Benchmark(

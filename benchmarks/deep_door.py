@@ -26,7 +26,7 @@ SCALE = 20  # of rewards: 20 for the goal, less what the way there took
 REACH = 2  # cells; what is farther counts as so far
 COLUMNS = np.array([1, 2, 2])  # the same by errand: in the small room no key is two columns away
 ACTIONS = 0, 1, 2, 3, 5  # left, right, forward, pick up, toggle
-LEARN = cr.QLearning(learning_rate=cr.linear(0.5, 0.05, steps=SOURCE), epsilon=0.2)
+LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.5, 0.05, steps=SOURCE), epsilon=0.2)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=50, discounted=False)
 DQN = {
     "learning_rate": 5e-4, "batch_size": 128, "buffer_size": 50_000, "learning_starts": 1_000,
@@ -114,7 +114,7 @@ def errand(seen):
 
 
 def target():
-    return cr.ObservedTask(partial(Room, LARGE), DISCOUNT, 10 * LARGE**2)
+    return cr.tasks.ObservationTask(partial(Room, LARGE), DISCOUNT, 10 * LARGE**2)
 
 
 def from_table(how, settings):
@@ -123,15 +123,15 @@ def from_table(how, settings):
         partial(Room, SMALL), encode=errand, states=ERRANDS, discount=DISCOUNT,
         time_limit=10 * SMALL**2,
     )  # fmt: skip
-    edge = cr.Transfer("small", "large", cr.ObservationMapping(large, small, errands))
+    edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(large, small, errands))
     learners = {"small": LEARN, "large": learner(settings)}
     return plan({"small": small, "large": large}, [edge], learners, how)
 
 
 def from_network(how, settings):
     large = target()
-    small = cr.ObservedTask(partial(Room, SMALL), DISCOUNT, 10 * SMALL**2)
-    edge = cr.Transfer("small", "large", cr.ObservationMapping(large, small))
+    small = cr.tasks.ObservationTask(partial(Room, SMALL), DISCOUNT, 10 * SMALL**2)
+    edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(large, small))
     learners = {"small": learner(DQN), "large": learner(settings)}
     return plan({"small": small, "large": large}, [edge], learners, how)
 
@@ -140,18 +140,18 @@ def plan(tasks, transfers, learners, how):
     return cr.Curriculum(
         tasks=tasks, transfers=transfers, learner=learners,
         budget={"small": SOURCE, "large": BUDGET - SOURCE}, how={"large": how},
-        every={"large": EVERY}, evaluation={"large": JUDGE},
+        eval_freq={"large": EVERY}, evaluation={"large": JUDGE},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"large": target()}, learner=learner(DQN), budget=BUDGET, every=EVERY, evaluation=JUDGE
+        {"large": target()}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY, evaluation=JUDGE
     )
 
 
 def learner(settings):
-    return cr.DeepLearner("DQN", envs=8, settings=settings)
+    return cr.deep.DeepLearner("DQN", envs=8, settings=settings)
 
 
 BENCHMARK = Benchmark(

@@ -88,17 +88,17 @@ READING_ALL = "all of phi"  # which is wider than the bar is for
 def hunt():
     """Return a task of three predators and the potential of one, as tables."""
     many, lone = cr.Pursuit(7, predators=3, discount=0.95), cr.Pursuit(7, predators=1)
-    task, table = cr.observed_pursuit(many), cr.TableValues(np.zeros((49 * 49, 5)))
+    task, table = cr.interop.observed_pursuit(many), cr.transfer.TableValues(np.zeros((49 * 49, 5)))
     edges = [
-        cr.Transfer("chase", "hunt", cr.predator_mapping(task, lone, predator=name))
+        cr.Transfer("chase", "hunt", cr.interop.predator_mapping(task, lone, predator=name))
         for name in many.predator_names
     ]
-    return task, cr.ObservationPotential(task, edges, [table] * 3, cr.minimum)
+    return task, cr.transfer.ObservationPotential(task, edges, [table] * 3, cr.minimum)
 
 
 def car():
     """Return a car and the potential of another car's network."""
-    task = cr.observed("MountainCar-v0", discount=0.98)
+    task = cr.observation_task("MountainCar-v0", discount=0.98)
     network = NetworkValues(DQN("MlpPolicy", "MountainCar-v0", buffer_size=1).policy)
     return task, cr.ObservationPotential.of(task, network)
 
@@ -106,7 +106,7 @@ def car():
 def learning(task, potential, envs, settings, reads):
     """Return what has a DQN learn on for some steps, at the rate it returns, steps a second."""
     network = {"learning_starts": 100, "policy_kwargs": {"net_arch": [128, 128], **reads}}
-    learner = cr.DeepLearner("DQN", envs=envs, settings=network | settings)
+    learner = cr.deep.DeepLearner("DQN", envs=envs, settings=network | settings)
     model = model_for(task, learner, potential=potential, steps=10_000)
     model.learn(1_000)
     on = partial(model.learn, reset_num_timesteps=False)

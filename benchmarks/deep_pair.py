@@ -17,7 +17,7 @@ SOURCE, BUDGET = 200_000, 260_000
 EVERY = 5_000
 HUNT = cr.Pursuit(7, predators=2, discount=DISCOUNT)
 CHASE = cr.Pursuit(7, predators=1, discount=DISCOUNT)
-LEARN = cr.QLearning(learning_rate=cr.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
+LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
 DQN = {
     "learning_rate": 3e-4, "batch_size": 512, "buffer_size": 100_000, "learning_starts": 1_000,
@@ -29,28 +29,28 @@ WARM = DQN | {"exploration_initial_eps": 0.1}
 
 
 def learner(settings):
-    return cr.DeepLearner("DQN", envs=8, settings=settings)
+    return cr.deep.DeepLearner("DQN", envs=8, settings=settings)
 
 
 def curriculum(how, settings):
     """Return the plan of learning from one predator, within the budget."""
-    hunt = cr.observed_pursuit(HUNT)
+    hunt = cr.interop.observed_pursuit(HUNT)
     return cr.Curriculum(
         tasks={"chase": CHASE, "hunt": hunt},
         transfers=[
-            cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, CHASE, predator=name))
+            cr.Transfer("chase", "hunt", cr.interop.predator_mapping(hunt, CHASE, predator=name))
             for name in HUNT.predator_names
         ],
         aggregate=cr.minimum,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        how={"hunt": how}, every={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        how={"hunt": how}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"hunt": cr.observed_pursuit(HUNT)}, learner=learner(DQN), budget=BUDGET, every=EVERY,
+        {"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY,
         evaluation=JUDGE,
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ SMALL, SOURCE = 4, 8_000
 BUDGET = 24_000  # in all; from scratch ten times as many
 EVERY = 1_000
 HUNT = cr.Pursuit(7, predators=3, discount=DISCOUNT)
-LEARN = cr.QLearning(learning_rate=cr.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
+LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
 DQN = {
     "batch_size": 128, "buffer_size": 100_000, "learning_starts": 1_000, "gradient_steps": 2,
@@ -53,7 +53,7 @@ def lone_predator():
     chase = cr.Pursuit(SMALL, predators=1, discount=DISCOUNT)
     sides = [cr.Component(name, 2 * SMALL - 1, low=0) for name in ("down", "right")]
     return cr.from_gymnasium(
-        lambda: cr.TaskEnvironment(chase, observation="components"),
+        lambda: cr.interop.TaskEnvironment(chase, observation="components"),
         encode=distance, states=cr.Space(sides), discount=DISCOUNT, time_limit=200,
     )  # fmt: skip
 
@@ -67,12 +67,12 @@ def as_if_alone(which, vectors, observations):
 
 def curriculum(how, settings, aggregate=cr.total):
     """Return the plan of learning from the lone predator, within the budget."""
-    hunt, chase = cr.observed_pursuit(HUNT), lone_predator()
-    vectors, moves = cr.PursuitVectors(HUNT), HUNT.actions.decode()
+    hunt, chase = cr.interop.observed_pursuit(HUNT), lone_predator()
+    vectors, moves = cr.interop.PursuitVectors(HUNT), HUNT.actions.decode()
     return cr.Curriculum(
         tasks={"chase": chase, "hunt": hunt},
         transfers=[
-            cr.Transfer("chase", "hunt", cr.ObservationMapping(
+            cr.Transfer("chase", "hunt", cr.transfer.ObservationMapping(
                 hunt, chase, partial(as_if_alone, which, vectors),
                 actions=moves[f"predator_{which}"]))
             for which in (1, 2, 3)
@@ -80,19 +80,19 @@ def curriculum(how, settings, aggregate=cr.total):
         aggregate=aggregate,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        how={"hunt": how}, every={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        how={"hunt": how}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
     )  # fmt: skip
 
 
 def from_scratch(settings):
     return cr.Curriculum(
-        tasks={"hunt": cr.observed_pursuit(HUNT)}, learner=learner(settings), budget=10 * BUDGET,
-        every=10 * EVERY, evaluation=JUDGE,
+        tasks={"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(settings), budget=10 * BUDGET,
+        eval_freq=10 * EVERY, evaluation=JUDGE,
     )  # fmt: skip
 
 
 def learner(settings):
-    return cr.DeepLearner("DQN", envs=8, settings=DQN | settings)
+    return cr.deep.DeepLearner("DQN", envs=8, settings=DQN | settings)
 
 
 BENCHMARK = Benchmark(

@@ -19,7 +19,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.files import write_whole
-from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
+from curricle.plotting.figures import COLOURS, STYLE, draw_curve, new_figure
 
 
 @dataclass(frozen=True)
@@ -50,16 +50,16 @@ class Benchmark:
         self.tell(curves)
         self.draw(curves, options.out / "curves.png")
 
-    def tell(self, curves: Mapping[str, cr.Curve]) -> None:
+    def tell(self, curves: Mapping[str, cr.statistics.Curve]) -> None:
         """Print each arm: what it spent, where it began and ended, when it had learnt."""
         seeds = len(next(iter(curves.values())).values)
         print(f"\n{self.title}; {seeds} seeds, mean [95 % bootstrap interval]")
         print(f"learnt: a return of {self.threshold:g}; median steps, the sources' included\n")
         print(f"{'arm':<34}{'sources':>9}{'target':>9}{'start':>9}{'end':>24}{'learnt':>34}")
         for arm, curve in curves.items():
-            end = cr.bootstrap(cr.asymptotic_performance(curve))
-            times = cr.time_to_threshold(curve, self.threshold, strong=True)
-            time = cr.median_time(times)
+            end = cr.statistics.bootstrap(cr.statistics.asymptotic_performance(curve))
+            times = cr.statistics.time_to_threshold(curve, self.threshold, strong=True)
+            time = cr.statistics.median_time(times)
             learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
             learnt += f" {int(times.reached.sum())}/{seeds}"
             print(
@@ -69,7 +69,7 @@ class Benchmark:
             )
 
     @matplotlib.rc_context(STYLE)
-    def draw(self, curves: Mapping[str, cr.Curve], path: Path) -> None:
+    def draw(self, curves: Mapping[str, cr.statistics.Curve], path: Path) -> None:
         """Draw each arm beside the first, from where its sources had been paid for."""
         (base, first), *others = curves.items()
         columns = max(len(others) if len(others) < 5 else -(-len(others) // 2), 1)
@@ -117,11 +117,11 @@ def place(arm: str, seed: int, out: Path) -> Path:
     return out / f"{arm.replace(' ', '_').replace(',', '')}-{seed}.json"
 
 
-def curve_of(arm: str, seeds: int, out: Path) -> cr.Curve:
+def curve_of(arm: str, seeds: int, out: Path) -> cr.statistics.Curve:
     """Return an arm's curves; a seed that ended early keeps its last return."""
     found = [json.loads(place(arm, seed, out).read_text()) for seed in range(seeds)]
     longest = max((one["steps"] for one in found), key=len)
     rows = [np.pad(one["greedy"], (0, len(longest) - len(one["greedy"])), "edge") for one in found]
-    return cr.Curve(
+    return cr.statistics.Curve(
         np.array(longest), np.array(rows), np.array([one["source_steps"] for one in found])
     )

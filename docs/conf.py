@@ -33,7 +33,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", "ValueError|Exception"),
-    ("py:class", "Arms|Movers"),
+    ("py:class", "Arms|FactoredModel"),
     ("py:func", "right_states|shared_limits"),
     ("myst", r"(\.\./)+examples(/\w+)?/"),
 ]

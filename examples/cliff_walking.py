@@ -49,7 +49,9 @@ def cliff(columns):
 
 def main(seeds=20, steps=20_000, source_steps=600):
     wide = cr.from_gymnasium("CliffWalking-v1", discount=DISCOUNT, time_limit=LIMIT)
-    assert cr.differences(wide, cliff(WIDE)) == ()  # the source is the same task, but for its width
+    assert (
+        cr.comparison.differences(wide, cliff(WIDE)) == ()
+    )  # the source is the same task, but for its width
     narrow = cliff(NARROW)
 
     def curriculum(column, scale=1.0, elsewhere=0.0):

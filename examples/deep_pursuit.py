@@ -17,7 +17,7 @@ HUNT = cr.Pursuit(size=5, predators=2, discount=0.95)
 CHASE = cr.Pursuit(size=5, predators=1, discount=0.95)
 JUDGE = cr.GreedyEvaluation("rollouts", episodes=30, discounted=False)
 # Small steps: Adam's eps is large, so that next to no error makes next to no step.
-DQN = cr.DeepLearner("DQN", envs=8, settings={
+DQN = cr.deep.DeepLearner("DQN", envs=8, settings={
     "learning_rate": 1e-4, "batch_size": 256, "learning_starts": 500, "gradient_steps": 1,
     "train_freq": 1, "target_update_interval": 500, "exploration_fraction": 0.5,
     "exploration_initial_eps": 0.2, "exploration_final_eps": 0.05,
@@ -26,33 +26,37 @@ DQN = cr.DeepLearner("DQN", envs=8, settings={
 
 
 def main():
-    hunt = cr.observed_pursuit(HUNT)
+    hunt = cr.interop.observed_pursuit(HUNT)
     plan = cr.Curriculum(
         tasks={"chase": CHASE, "hunt": hunt},
         transfers=[
-            cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, CHASE, predator=name))
+            cr.Transfer("chase", "hunt", cr.interop.predator_mapping(hunt, CHASE, predator=name))
             for name in HUNT.predator_names
         ],
         aggregate=cr.total,
         learner={
-            "chase": cr.QLearning(learning_rate=cr.linear(0.9, 0.1, steps=SOURCE), epsilon=0.2),
+            "chase": cr.QLearning(
+                learning_rate=cr.learning.linear(0.9, 0.1, steps=SOURCE), epsilon=0.2
+            ),
             "hunt": DQN,
         },
         budget={"chase": SOURCE, "hunt": TARGET},
-        every={"hunt": TARGET // 5},
+        eval_freq={"hunt": TARGET // 5},
         evaluation={"hunt": JUDGE},
     )
     transfer = plan.train(seeds=SEEDS)
-    direct = cr.learn_deep(
-        hunt, DQN, SOURCE + TARGET, seeds=SEEDS, every=(SOURCE + TARGET) // 5, evaluation=JUDGE,
+    scratch = cr.deep.learn_deep(
+        hunt, DQN, SOURCE + TARGET, seeds=SEEDS, eval_freq=(SOURCE + TARGET) // 5, evaluation=JUDGE,
     )  # fmt: skip
     for name, result, spent in (
         ("from one predator", transfer["hunt"], SOURCE),
-        ("directly", direct, 0),
+        ("directly", scratch, 0),
     ):
         returns = result.greedy_return
         print(f"{name}: {returns[:, 0].mean():.1f} after {spent:,} steps")
-        print(f"  then {cr.bootstrap(returns[:, -1])} after {spent + result.steps[-1]:,}")
+        print(
+            f"  then {cr.statistics.bootstrap(returns[:, -1])} after {spent + result.steps[-1]:,}"
+        )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import sys
 import matplotlib
 
 import curricle as cr
-from curricle.report.plotting import COLOURS, STYLE, draw_curve, new_figure
+from curricle.plotting.figures import COLOURS, STYLE, draw_curve, new_figure
 
 SEEDS = 30
 
@@ -17,7 +17,7 @@ def main(path, seeds=SEEDS):
     hunt = cr.Pursuit(size=4, predators=2)
     chase = cr.Pursuit(size=4, predators=1)
     learner = cr.QLearning(learning_rate=0.1, epsilon=0.1)
-    direct = cr.learn(hunt, learner, 150_000, seeds=seeds, stream="hunt")
+    scratch = cr.learn(hunt, learner, 150_000, seeds=seeds, stream="hunt")
     curves = {}
     for scale in (1.0, 2.0):
         curriculum = cr.Curriculum(
@@ -46,7 +46,7 @@ def main(path, seeds=SEEDS):
             colour="blue",
             strong=True,
         )
-        draw_curve(panel, cr.Curve.of(direct), label="learning directly", colour="black")
+        draw_curve(panel, cr.Curve.of(scratch), label="learning directly", colour="black")
         panel.axhline(cr.solve(hunt).start_value, color=COLOURS["grey"], ls=":", lw=1)
         panel.annotate("optimum", (0, -3.2), color=COLOURS["grey"], va="bottom")
         panel.set_yscale("symlog", linthresh=10, linscale=1)
@@ -63,9 +63,9 @@ def main(path, seeds=SEEDS):
         )
         panel.legend(loc="center left", bbox_to_anchor=(0.0, 0.35))
         figure.savefig(path)
-    print(f"direct     {cr.bootstrap(direct.greedy_return[:, -1])}")
+    print(f"direct     {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}")
     for scale, curve in curves.items():
-        print(f"scale {scale:g}    {cr.bootstrap(curve.values[:, -1])}")
+        print(f"scale {scale:g}    {cr.statistics.bootstrap(curve.values[:, -1])}")
 
 
 if __name__ == "__main__":

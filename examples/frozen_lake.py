@@ -58,7 +58,7 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
     # To expect the goal everywhere is free, and makes a learner explore: a bar for transfers.
     judge = cr.GreedyEvaluation(discounted=False)
     hopeful = cr.learn(lake, HOPEFUL, found.total, seeds=seeds, evaluation=judge, stream="lake")
-    mean = cr.bootstrap(cr.total_reward(cr.Curve.of(hopeful)))
+    mean = cr.statistics.bootstrap(cr.statistics.mean_return(cr.Curve.of(hopeful)))
     print(f"direct from an initial value of 1, mean return: {mean}")
 
 

@@ -25,7 +25,9 @@ LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
 @njit(nogil=True)
 def start(data, bits):
     size, winds = data
-    return winds**2 + cr.below(bits, (size**2 - 1) * winds**2)  # anywhere but in the harbour
+    return winds**2 + cr.tasks.integers(
+        bits, (size**2 - 1) * winds**2
+    )  # anywhere but in the harbour
 
 
 @njit(nogil=True)
@@ -38,18 +40,20 @@ def step(data, state, action, bits):
     x, bits = blown(x + (action == 1) - (action == 2), east, winds, size, bits)
     y, bits = blown(y + (action == 3) - (action == 4), north, winds, size, bits)
     # 64 random bits come with each step: `unit` reads the upper ones, `below` the lower ones.
-    east = min(max(east + np.int64(cr.below(bits, 3)) - 1, 0), winds - 1)
-    north = min(max(north + np.int64(cr.below(cr.scramble(bits), 3)) - 1, 0), winds - 1)
+    east = min(max(east + np.int64(cr.tasks.integers(bits, 3)) - 1, 0), winds - 1)
+    north = min(
+        max(north + np.int64(cr.tasks.integers(cr.tasks.splitmix64(bits), 3)) - 1, 0), winds - 1
+    )
     return ((y * size + x) * winds + east) * winds + north, -1.0, x == 0 and y == 0
 
 
 @njit(nogil=True)
 def blown(place, wind, winds, size, bits):
     middle = winds // 2  # no wind; the further from it, the likelier a push
-    pushed = cr.unit(bits) < abs(wind - middle) / (middle + 1)
+    pushed = cr.tasks.uniform(bits) < abs(wind - middle) / (middle + 1)
     place += pushed * (1 if wind > middle else -1)
     # When the bits are spent, scrambled bits are as good as fresh ones.
-    return min(max(place, 0), size - 1), cr.scramble(bits)
+    return min(max(place, 0), size - 1), cr.tasks.splitmix64(bits)
 
 
 def lake(size, winds):
@@ -79,12 +83,12 @@ def main(size=40, winds=21, steps=5_000_000, seeds=4):
         evaluation=moves,
     )
     taught = curriculum.train(seeds)["windy"]
-    direct = cr.learn(windy, LEARNER, 7 * steps // 5, seeds=seeds, evaluation=moves)
+    scratch = cr.learn(windy, LEARNER, 7 * steps // 5, seeds=seeds, evaluation=moves)
     print("Return of the greedy policy, -1 a move, at most 500 moves:")
-    print(f"from the calm, at first  {cr.bootstrap(taught.greedy_return[:, 0])}")
-    print(f"from the calm, at last   {cr.bootstrap(taught.greedy_return[:, -1])}")
+    print(f"from the calm, at first  {cr.statistics.bootstrap(taught.greedy_return[:, 0])}")
+    print(f"from the calm, at last   {cr.statistics.bootstrap(taught.greedy_return[:, -1])}")
     print(
-        f"directly, at last        {cr.bootstrap(direct.greedy_return[:, -1])}, same steps in all"
+        f"directly, at last        {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}, same steps in all"
     )
 
 

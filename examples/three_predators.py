@@ -19,7 +19,7 @@ import time
 import matplotlib
 
 import curricle as cr
-from curricle.report.plotting import STYLE, draw_curve, new_figure
+from curricle.plotting.figures import STYLE, draw_curve, new_figure
 
 SCALES = {1.5: "green", 1.0: "blue"}
 EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=200, discounted=False)
@@ -27,13 +27,13 @@ LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
 
 
 def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps=10_000_000):
-    sparse = cr.Storage(kind="sparse", dtype="float32", memory=memory, keep=False)
+    sparse = cr.Storage(kind="sparse", dtype="float32", memory_limit=memory, save_values=False)
     hunt = cr.Pursuit(size, predators=3, discount=0.95)
     chase = cr.Pursuit(size, predators=1, discount=0.95)
     print(f"{hunt.states.size:,} states x {hunt.actions.size} actions from {chase.states.size:,}")
 
     # What is handed on should be right: a learning rate that falls, and much exploration.
-    falling = cr.linear(0.5, 0.01, steps=source_steps * 4 // 5)
+    falling = cr.learning.linear(0.5, 0.01, steps=source_steps * 4 // 5)
     known, results = {}, {}
     for scale in SCALES:
         curriculum = cr.Curriculum(
@@ -46,7 +46,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
             how="look_ahead",
             learner={"chase": cr.QLearning(learning_rate=falling, epsilon=0.5), "hunt": LEARNER},
             budget={"chase": source_steps, "hunt": steps},
-            every={"hunt": steps // 16},
+            eval_freq={"hunt": steps // 16},
             evaluation={"hunt": EVALUATION},
             storage={"hunt": sparse},
         )
@@ -55,25 +55,33 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
         known = {"chase": trained["chase"]}  # the same for every scale
         results[f"one predator's values x {scale:g}"] = trained["hunt"], SCALES[scale]
         print(f"scale {scale:g} took {time.perf_counter() - begin:.0f} s")
-    direct = cr.learn(
+    scratch = cr.learn(
         hunt,
         LEARNER,
         steps // 8,
         seeds=seeds,
-        every=steps // 16,
+        eval_freq=steps // 16,
         evaluation=EVALUATION,
         storage=sparse,
         workers=2,
     )
-    results["no transfer"] = direct, "black"
+    results["no transfer"] = scratch, "black"
 
     print("Return of an episode, mean over seeds and 95 % interval:")
     for name, (result, _) in results.items():
         print(f"{name}, after {result.steps[-1]:,} steps")
-        print(f"  while learning, first part   {cr.bootstrap(result.training_return[:, 1])}")
-        print(f"  while learning, last part    {cr.bootstrap(result.training_return[:, -1])}")
-        print(f"  greedy policy, before        {cr.bootstrap(result.greedy_return[:, 0])}")
-        print(f"  greedy policy, at the end    {cr.bootstrap(result.greedy_return[:, -1])}")
+        print(
+            f"  while learning, first part   {cr.statistics.bootstrap(result.training_return[:, 1])}"
+        )
+        print(
+            f"  while learning, last part    {cr.statistics.bootstrap(result.training_return[:, -1])}"
+        )
+        print(
+            f"  greedy policy, before        {cr.statistics.bootstrap(result.greedy_return[:, 0])}"
+        )
+        print(
+            f"  greedy policy, at the end    {cr.statistics.bootstrap(result.greedy_return[:, -1])}"
+        )
         if result.out_of_memory.any():
             print(f"  the memory was full after {result.steps_used.min():,} steps")
     draw(path, results, seeds, size, known["chase"].steps_used[0])

@@ -31,12 +31,12 @@ SHOWN = "e => e.getClientRects().length > 0"
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium on the path")
 
 
-def film(task, budget, name, phi=None):
+def snapshots(task, budget, name, phi=None):
     """Three moments of a training, each learnt anew."""
     steps = np.array([0, budget // 2, budget])
     first = np.zeros((task.states.size, task.actions.size)) if phi is None else phi.values
     later = [
-        cr.learn(task, None, int(n), potential=phi, every=int(n), stream=name).values[0]
+        cr.learn(task, None, int(n), potential=phi, eval_freq=int(n), stream=name).values[0]
         for n in steps[1:]
     ]
     return SimpleNamespace(seed=0, steps=steps, values=np.array([first, *later], dtype=np.float32))
@@ -46,10 +46,10 @@ def told(title, plan):
     """The page of one curriculum against its target alone."""
     comparison = cr.compare({f"{title} arm": plan}, seeds=3)
     target = plan.target
-    direct = cr.Curriculum({target: plan.tasks[target]}, budget=comparison.total)
-    results = {"direct": direct.train(3), f"{title} arm": plan.train(3)}
-    films = {
-        (arm, node): film(
+    scratch = cr.Curriculum({target: plan.tasks[target]}, budget=comparison.total)
+    results = {"scratch": scratch.train(3), f"{title} arm": plan.train(3)}
+    snapshots = {
+        (arm, node): snapshots(
             result[node].task,
             int(result[node].steps_used[0]),
             node,
@@ -58,7 +58,7 @@ def told(title, plan):
         for arm, result in results.items()
         for node in result.nodes
     }
-    return study_page(StudyRecord(title, comparison, results, films))
+    return study_page(StudyRecord(title, comparison, results, snapshots))
 
 
 def hunt():

@@ -13,10 +13,10 @@ import pytest
 
 import curricle as cr
 from curricle.cli.tables import study_lines
+from curricle.comparison.arms import compare
 from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError
 from curricle.report.study_report import write_report
-from curricle.study.compare import compare
 from curricle.study.config.reading import read_study
 from curricle.study.runner.folder import VALUES
 from curricle.study.runner.merge import merge
@@ -28,8 +28,8 @@ from curricle.study.runner.study import Study
 CHAIN = """
 name = "chain"
 seeds = 2
-block = 1
-frames = 0
+seeds_per_unit = 1
+snapshots = 0
 [learner]
 type = "deep"
 settings = { learning_starts = 50, batch_size = 8, policy_kwargs = { net_arch = [8] } }
@@ -45,14 +45,14 @@ size = 3
 predators = 1
 time_limit = 20
 budget = 400
-every = 100
+eval_freq = 100
 [tasks.hunt]
 type = "vector_pursuit"
 size = 3
 predators = 2
 time_limit = 20
 budget = 400
-every = 200
+eval_freq = 200
 [[transfers]]
 source = "chase"
 target = "alone"
@@ -66,7 +66,7 @@ project = { predator = "predator_2" }
 [arms.state]
 how = "state"
 """
-ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("block", "direct = false\nblock")
+ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "direct = false\nblock")
 """Of which the units are some of the whole study's."""
 
 
@@ -98,8 +98,8 @@ def seen(task, n=40):
 
 
 def says(values, observations, n_actions):
-    every = np.broadcast_to(np.arange(n_actions), (len(observations), n_actions))
-    return np.concatenate([values.q(observations, every).ravel(), values.v(observations)])
+    eval_freq = np.broadcast_to(np.arange(n_actions), (len(observations), n_actions))
+    return np.concatenate([values.q(observations, eval_freq).ravel(), values.v(observations)])
 
 
 @pytest.mark.parametrize("arm", ["residual", "state"])
@@ -247,12 +247,12 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
         id = "CartPole-v1"
         time_limit = 50
         budget = 128
-        every = 64
+        eval_freq = 64
         [tasks.cart]
         type = "observed"
         id = "CartPole-v1"
         budget = 192
-        every = 64
+        eval_freq = 64
         evaluation = { discounted = false }
         [[transfers]]
         source = "short"
@@ -267,20 +267,20 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
     found = run_study(read_study(file), tmp_path / "out")
     short, cart = (found.result("weights", name, values=True) for name in ("short", "cart"))
     assert not cart.values[0].of_actions
-    starts = [found.results[arm]["cart"].greedy_return[0, 0] for arm in ("direct", "weights")]
+    starts = [found.results[arm]["cart"].greedy_return[0, 0] for arm in ("scratch", "weights")]
     assert starts[0] != starts[1]
     shaped = found.result("state", "cart", values=True).values[0]
-    assert shaped.taken_off.values[0].v(seen(short.task)).shape == (40,)
+    assert shaped.values_offset.values[0].v(seen(short.task)).shape == (40,)
     page = write_report(tmp_path / "out").read_text()
     assert "tells no actions apart" in page
-    assert "No films were kept" in page
+    assert "No snapshots were kept" in page
     assert ">nan" not in page
 
 
 def test_values_that_were_not_kept_are_asked_for(tmp_path):
     file = tmp_path / "chain.toml"
     file.write_text(CHAIN)
-    given = read_study(file, set=["tasks.alone.storage.keep=false", "seeds=1"])
+    given = read_study(file, set=["tasks.alone.storage.save_values=false", "seeds=1"])
     with pytest.raises(StudyError, match="a source's values must be kept"):
         run_study(given, tmp_path / "out")
     assert Study(tmp_path / "out").result("residual", "alone", values=True).values is None
@@ -288,22 +288,24 @@ def test_values_that_were_not_kept_are_asked_for(tmp_path):
 
 @pytest.fixture(scope="module")
 def plan():
-    chase, hunt = cr.Pursuit(3, 1), cr.observed_pursuit(cr.Pursuit(3, 2, time_limit=20))
-    edge = cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, chase, predator="predator_1"))
+    chase, hunt = cr.Pursuit(3, 1), cr.interop.observed_pursuit(cr.Pursuit(3, 2, time_limit=20))
+    edge = cr.Transfer(
+        "chase", "hunt", cr.interop.predator_mapping(hunt, chase, predator="predator_1")
+    )
     quick = {"learning_starts": 50, "policy_kwargs": {"net_arch": [8]}}
     return cr.Curriculum(
         {"chase": chase, "hunt": hunt},
         [edge],
-        learner={"chase": cr.QLearning(), "hunt": cr.DeepLearner(settings=quick)},
+        learner={"chase": cr.QLearning(), "hunt": cr.deep.DeepLearner(settings=quick)},
         budget={"chase": 200, "hunt": 300},
-        every={"hunt": 100},
+        eval_freq={"hunt": 100},
     )
 
 
 def test_arms_and_controls_are_compared(plan):
     found = compare(plan, seeds=2, window=2, controls=["scaled", "negated", "pretraining"])
     assert list(found.arms) == [
-        "direct",
+        "scratch",
         "transfer",
         "transfer, scaled x 0.5",
         "transfer, scaled x 2",
@@ -311,7 +313,7 @@ def test_arms_and_controls_are_compared(plan):
         "transfer, pretraining",
     ]
     assert found.total == 500
-    mean = found.direct.curve.filled().mean(axis=0)
+    mean = found.scratch.curve.filled().mean(axis=0)
     assert found.threshold == pytest.approx((mean.min() + mean.max()) / 2)
     starts = {name: arm.curve.values[:, 0].mean() for name, arm in found.arms.items()}
     assert starts["transfer"] == starts["transfer, scaled x 2"]  # the same policy
@@ -319,7 +321,9 @@ def test_arms_and_controls_are_compared(plan):
 
 
 def test_a_comparison_of_two_ways_refuses_other_problems(plan):
-    other = cr.observed_pursuit(cr.Pursuit(3, 2, time_limit=21))
+    other = cr.interop.observed_pursuit(cr.Pursuit(3, 2, time_limit=21))
     alone = cr.Curriculum({"hunt": other}, learner=plan.setting("learner", "hunt"), budget=300)
-    with pytest.raises(cr.CurriculumError, match=r"differ in time_limit \(20 against 21\); env"):
+    with pytest.raises(
+        cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\); env"
+    ):
         compare({"a": plan, "b": alone}, seeds=2)

@@ -14,8 +14,8 @@ from .worlds import one_hot, table_potential
 
 MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
 QUICK = {"learning_starts": 20, "train_freq": 4, "policy_kwargs": {"net_arch": [16]}}
-DQN = cr.DeepLearner("DQN", settings={**QUICK, "learning_rate": 1e-3})
-PPO = cr.DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
+DQN = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_rate": 1e-3})
+PPO = cr.deep.DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def same(one, other):
 
 
 def test_curves_have_a_checkpoint_at_every_so_many_steps(observed):
-    result = cr.learn_deep(observed, DQN, 250, seeds=[4, 1], every=100)
+    result = cr.deep.learn_deep(observed, DQN, 250, seeds=[4, 1], eval_freq=100)
     assert result.steps.tolist() == [0, 100, 200]
     assert result.greedy_return.shape == (2, 3)
     assert np.isfinite(result.greedy_return).all()
@@ -49,36 +49,36 @@ def test_curves_have_a_checkpoint_at_every_so_many_steps(observed):
 def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     torch.manual_seed(1)
     before = checkpoint.generator_states()
-    alone = cr.learn_deep(observed, DQN, 200, seeds=[3])
+    alone = cr.deep.learn_deep(observed, DQN, 200, seeds=[3])
     after = checkpoint.generator_states()
     assert random.getstate() == before[0]
     assert torch.equal(before[2], after[2])
     random.seed(5)
-    both = cr.learn_deep(observed, DQN, 200, seeds=[8, 3])
+    both = cr.deep.learn_deep(observed, DQN, 200, seeds=[8, 3])
     assert np.array_equal(alone.greedy_return[0], both.greedy_return[1])
     for one, other in zip(parts(alone.values[0]), parts(both.values[1]), strict=True):
         assert np.array_equal(one, other)
 
 
 def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
-    assert cr.learn_deep(observed, PPO, 150).steps_used.tolist() == [150]
-    counted = cr.learn_deep(observed, DQN, cr.Episodes(4))
+    assert cr.deep.learn_deep(observed, PPO, 150).steps_used.tolist() == [150]
+    counted = cr.deep.learn_deep(observed, DQN, cr.Episodes(4))
     assert counted.episodes_used.tolist() == [4]
     assert counted.steps_used[0] <= 4 * 30
 
 
 def test_a_gate_opens_where_its_predicate_says(observed):
-    gate = cr.Gate(most=2000, value=-1e9, evaluations=2)
-    result = cr.learn_deep(observed, DQN, gate, every=50)
+    gate = cr.StoppingRule(most=2000, value=-1e9, evaluations=2)
+    result = cr.deep.learn_deep(observed, DQN, gate, eval_freq=50)
     assert result.steps_used.tolist() == [50]
     assert result.steps.tolist() == [0, 50]
-    with pytest.raises(cr.SettingError, match="give a return instead"):
-        cr.learn_deep(observed, DQN, cr.Gate(most=2000, fraction=0.5))
+    with pytest.raises(cr.errors.SettingError, match="give a return instead"):
+        cr.deep.learn_deep(observed, DQN, cr.StoppingRule(most=2000, fraction=0.5))
 
 
 def test_charges_and_preludes_are_on_the_budget(observed):
-    prelude = cr.Prelude(np.array([30, 25]), np.array([-30.0, -15.0]))
-    result = cr.learn_deep(observed, DQN, 300, every=50, before=[prelude], charged=[100])
+    warm_up = cr.learning.WarmUp(np.array([30, 25]), np.array([-30.0, -15.0]))
+    result = cr.deep.learn_deep(observed, DQN, 300, eval_freq=50, warm_up=[warm_up], charged=[100])
     assert result.steps_used.tolist() == [200]
     assert result.training_return[0, 1] == -30.0
     assert np.isfinite(result.greedy_return[0, :5]).all()
@@ -91,8 +91,8 @@ def test_a_killed_run_goes_on_to_the_same_result(
     observed, tmp_path, monkeypatch, learner, how, kills
 ):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values / 2)
-    settings = {"potential": phi, "how": how, "every": 100, "seeds": [2]}
-    whole = cr.learn_deep(observed, learner, 400, **settings)
+    settings = {"potential": phi, "how": how, "eval_freq": 100, "seeds": [2]}
+    whole = cr.deep.learn_deep(observed, learner, 400, **settings)
     saved, save = [], training.Scribe._save
 
     def killed(scribe):
@@ -103,21 +103,21 @@ def test_a_killed_run_goes_on_to_the_same_result(
     monkeypatch.setattr(training.Scribe, "_save", killed)
     for _ in range(kills):
         with pytest.raises(KeyboardInterrupt):
-            cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
+            cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
     monkeypatch.setattr(training.Scribe, "_save", save)
     assert 0 < saved[0] < 400
     assert saved == sorted(set(saved))
-    same(whole, cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
-    same(whole, cr.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
+    same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
+    same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
 
 
 def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
-    cr.learn_deep(observed, DQN, 100, saves=tmp_path)
-    with pytest.raises(cr.StoreError, match="belongs to one training"):
-        cr.learn_deep(observed, DQN, 200, saves=tmp_path)
+    cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
+    with pytest.raises(cr.errors.StoreError, match="belongs to one training"):
+        cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
-    with pytest.raises(cr.StoreError, match="one that curricle wrote"):
-        cr.learn_deep(observed, DQN, 100, saves=tmp_path)
+    with pytest.raises(cr.errors.StoreError, match="one that curricle wrote"):
+        cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
 
 
 def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
@@ -127,11 +127,11 @@ def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
 
 
 def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch):
-    class Shy(cr.TaskEnvironment):
+    class Shy(cr.interop.TaskEnvironment):
         def __reduce__(self):
             raise TypeError("this environment cannot be pickled")
 
-    task = cr.ObservedTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
+    task = cr.tasks.ObservationTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
     save = training.Scribe._save
 
     def killed(scribe):
@@ -140,9 +140,9 @@ def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monk
 
     monkeypatch.setattr(training.Scribe, "_save", killed)
     with pytest.raises(KeyboardInterrupt):
-        cr.learn_deep(task, DQN, 200, saves=tmp_path)
+        cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
     monkeypatch.setattr(training.Scribe, "_save", save)
-    result = cr.learn_deep(task, DQN, 200, saves=tmp_path)
+    result = cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
     assert result.steps_used.tolist() == [200]
     assert np.isfinite(result.greedy_return).all()
 
@@ -152,35 +152,37 @@ def test_ones_own_callbacks_are_called_and_may_end_a_run(observed):
         def _on_step(self):
             return self.num_timesteps < 120
 
-    learner = cr.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Until()])
-    result = cr.learn_deep(observed, learner, 300, seeds=2)
+    learner = cr.deep.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Until()])
+    result = cr.deep.learn_deep(observed, learner, 300, seeds=2)
     assert result.steps_used.tolist() == [120, 120]
 
 
 def test_weights_and_a_policy_are_carried_over(observed):
-    source = cr.learn_deep(observed, DQN, 300).values[0]
+    source = cr.deep.learn_deep(observed, DQN, 300).values[0]
     still = {**QUICK, "learning_starts": 10_000}
-    learner = cr.DeepLearner("DQN", settings=still)
-    carried = cr.learn_deep(observed, learner, 50, potential=source, how="weights").values[0]
+    learner = cr.deep.DeepLearner("DQN", settings=still)
+    carried = cr.deep.learn_deep(observed, learner, 50, potential=source, how="weights").values[0]
     for one, other in zip(parts(source), parts(carried), strict=True):
         assert np.array_equal(one, other)
-    critic = cr.learn_deep(observed, PPO, 100).values[0]
-    actor = cr.learn_deep(observed, PPO, 64, potential=critic, how="policy", seeds=[9]).values[0]
+    critic = cr.deep.learn_deep(observed, PPO, 100).values[0]
+    actor = cr.deep.learn_deep(observed, PPO, 64, potential=critic, how="policy", seeds=[9]).values[
+        0
+    ]
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     assert not np.array_equal(actor.v(rows), critic.v(rows))
-    smaller = cr.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
-    with pytest.raises(cr.SettingError, match="networks of one shape"):
-        cr.learn_deep(observed, smaller, 50, potential=source, how="weights")
+    smaller = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
+    with pytest.raises(cr.errors.SettingError, match="networks of one shape"):
+        cr.deep.learn_deep(observed, smaller, 50, potential=source, how="weights")
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    with pytest.raises(cr.SettingError, match="one source that is a network"):
-        cr.learn_deep(observed, DQN, 50, potential=table, how="weights")
+    with pytest.raises(cr.errors.SettingError, match="one source that is a network"):
+        cr.deep.learn_deep(observed, DQN, 50, potential=table, how="weights")
 
 
 def test_a_reused_policy_is_acted_on_at_first(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    lazy = cr.DeepLearner("DQN", settings={**QUICK, "learning_starts": 10_000})
+    lazy = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_starts": 10_000})
     plain, reusing = (
-        cr.learn_deep(observed, lazy, 400, every=100, potential=given, how="policy")
+        cr.deep.learn_deep(observed, lazy, 400, eval_freq=100, potential=given, how="policy")
         for given in (None, phi)
     )
     assert reusing.training_return[0, 1] > plain.training_return[0, 1]
@@ -192,30 +194,30 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
         ({"how": "look_back"}, "how of a deep learner must be one of"),
-        ({"learner": cr.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
-        ({"learner": cr.DeepLearner("DNQ")}, "an algorithm must be one of"),
-        ({"learner": cr.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
+        ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
+        ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
+        ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "judged by rollouts"),
     ],
 )
 def test_what_makes_no_sense_is_refused(observed, arguments, words):
-    with pytest.raises(cr.SettingError, match=words):
-        cr.learn_deep(observed, **{"budget": 100, **arguments})
+    with pytest.raises(cr.errors.SettingError, match=words):
+        cr.deep.learn_deep(observed, **{"budget": 100, **arguments})
 
 
 def test_networks_say_what_they_value(observed):
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     actions = np.tile(np.arange(4), (len(rows), 1))
-    q = cr.learn_deep(observed, DQN, 100).values[0]
+    q = cr.deep.learn_deep(observed, DQN, 100).values[0]
     assert q.q(rows, actions).max(axis=1) == pytest.approx(q.v(rows))
     assert q.q(rows, actions[:, 2]) == pytest.approx(q.q(rows, actions)[:, 2])
-    critic = cr.learn_deep(observed, PPO, 100).values[0]
+    critic = cr.deep.learn_deep(observed, PPO, 100).values[0]
     assert critic.v(rows).shape == (len(rows),)
-    with pytest.raises(cr.PotentialError, match="cannot tell actions apart"):
+    with pytest.raises(cr.errors.PotentialError, match="cannot tell actions apart"):
         critic.q(rows, actions)
-    soft = cr.DeepLearner("SAC", settings={"learning_starts": 20})
-    swing = cr.observed("Pendulum-v1", time_limit=20)
-    values = cr.learn_deep(swing, soft, 40).values[0]
+    soft = cr.deep.DeepLearner("SAC", settings={"learning_starts": 20})
+    swing = cr.observation_task("Pendulum-v1", time_limit=20)
+    values = cr.deep.learn_deep(swing, soft, 40).values[0]
     seen = np.zeros((3, 3), dtype=np.float32)
     assert values.q(seen, np.zeros((3, 1))).shape == values.v(seen).shape == (3,)
     assert not values.of_actions
@@ -223,17 +225,17 @@ def test_networks_say_what_they_value(observed):
 
 def test_what_shaping_took_off_is_put_back(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    result = cr.learn_deep(observed, DQN, 60, potential=phi, how="state")
+    result = cr.deep.learn_deep(observed, DQN, 60, potential=phi, how="state")
     (values,) = result.values
     rows = np.eye(MAZE.states.size, dtype=np.float32)
-    bare = cr.NetworkValues(values.policy)
+    bare = cr.deep.NetworkValues(values.policy)
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
 
 
 def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
     edge = cr.Transfer(
-        "maze", "deep", cr.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1)),
-        calibrate=cr.Calibrate(episodes=20),
+        "maze", "deep", cr.transfer.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1)),
+        calibrate=cr.transfer.Calibrate(episodes=20),
     )  # fmt: skip
     plan = cr.Curriculum(
         {"maze": MAZE, "deep": observed}, [edge],

@@ -12,7 +12,7 @@ from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.deep.plain_networks import FEW, plain_network
 
-CART = cr.observed("CartPole-v1", discount=0.99)
+CART = cr.observation_task("CartPole-v1", discount=0.99)
 SETTINGS = {
     "DQN": {"policy_kwargs": {"net_arch": [16, 16]}},
     "QRDQN": {"policy_kwargs": {"net_arch": [16], "n_quantiles": 7}},
@@ -26,7 +26,7 @@ def policy_of(algorithm, potential=None, **policy_kwargs):
         pytest.skip("sb3-contrib is not installed")
     settings = SETTINGS[algorithm]
     settings = settings | {"policy_kwargs": settings["policy_kwargs"] | policy_kwargs}
-    learner = cr.DeepLearner(algorithm, settings=settings)
+    learner = cr.deep.DeepLearner(algorithm, settings=settings)
     return model_for(CART, learner, potential=potential, steps=100, seed=3).policy
 
 
@@ -51,9 +51,9 @@ def test_values_are_what_the_network_says_however_many_are_asked(algorithm, n):
         said = said_by_torch(policy, values.kind, rows)
         assert values.v(rows) == pytest.approx(said.max(axis=1), rel=1e-5, abs=1e-6)
         if values.of_actions:
-            every = np.tile(np.arange(2), (n, 1))
-            assert values.q(rows, every) == pytest.approx(said, rel=1e-5, abs=1e-6)
-            assert values.q(rows, every[:, 1]) == pytest.approx(said[:, 1], rel=1e-5, abs=1e-6)
+            eval_freq = np.tile(np.arange(2), (n, 1))
+            assert values.q(rows, eval_freq) == pytest.approx(said, rel=1e-5, abs=1e-6)
+            assert values.q(rows, eval_freq[:, 1]) == pytest.approx(said[:, 1], rel=1e-5, abs=1e-6)
         with torch.no_grad():  # as learning does it: in place
             for parameter in policy.parameters():
                 parameter.mul_(-1.5)
@@ -71,7 +71,7 @@ def test_what_is_not_plain_is_left_to_torch():
         def forward(self, observations):
             return super().forward(observations) / 2
 
-    height = cr.FunctionValues(lambda rows, actions: actions + rows[:, :1], actions=2)
+    height = cr.transfer.FunctionValues(lambda rows, actions: actions + rows[:, :1], actions=2)
     potential = cr.ObservationPotential.of(CART, height)
     rows = np.random.default_rng(0).normal(size=(3, 4)).astype(np.float32)
     for policy in (

@@ -31,7 +31,7 @@ def linear(observed, potential=None, **changed):
         "exploration_final_eps": 0.5,
         "policy_kwargs": SGD if potential is None else OBSERVING, **changed,
     }  # fmt: skip
-    learner = cr.DeepLearner("DQN", settings=settings)
+    learner = cr.deep.DeepLearner("DQN", settings=settings)
     model = model_for(observed, learner, potential=potential, seed=3)
     for net in (model.q_net, model.q_net_target):
         torch.nn.init.zeros_(net.q_net[0].weight)
@@ -135,9 +135,9 @@ def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
         "target_update_interval": 20, "exploration_final_eps": 1.0, "exploration_initial_eps": 1.0,
         "policy_kwargs": OBSERVING,
     }  # fmt: skip
-    learner = cr.DeepLearner("DQN", settings=settings)
-    result = cr.learn_deep(
-        observed, learner, 8000, potential=phi, every=8000, seeds=[seed],
+    learner = cr.deep.DeepLearner("DQN", settings=settings)
+    result = cr.deep.learn_deep(
+        observed, learner, 8000, potential=phi, eval_freq=8000, seeds=[seed],
         evaluation=cr.GreedyEvaluation("off"),
     )  # fmt: skip
     chosen = result.values[0].act(np.eye(5, dtype=np.float32))
@@ -152,7 +152,7 @@ def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
     task = cr.GridWorld(["..T", ".P.", "S.."])
     observed = one_hot(task)
     q = cr.solve(task).action_values
-    learner = cr.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
+    learner = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
     model = model_for(observed, learner, potential=table_potential(task, observed, q))
     rows = np.eye(task.states.size, dtype=np.float32)
     live = np.flatnonzero(~task.mdp.terminal)
@@ -172,7 +172,7 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
     phi = 50 + 20 * rng.normal(size=(5, 3))
     how = {"net_arch": [16], "reads": reads}
     settings = {"learning_starts": 50, "batch_size": 32, "policy_kwargs": how}
-    learner = cr.DeepLearner("DQN", settings=settings)
+    learner = cr.deep.DeepLearner("DQN", settings=settings)
     model = model_for(observed, learner, potential=table_potential(task, observed, phi))
     model.learn(44)
     online, target = model.q_net, model.q_net_target
@@ -197,24 +197,24 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
 
 @pytest.mark.parametrize(("predators", "extra"), [(1, 5), (3, 1)])
 def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
-    hunt = cr.observed_pursuit(cr.Pursuit(3, predators=predators))
-    height = cr.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
+    hunt = cr.interop.observed_pursuit(cr.Pursuit(3, predators=predators))
+    height = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
     phi = cr.ObservationPotential.of(hunt, height)
-    network = model_for(hunt, cr.DeepLearner("DQN"), potential=phi).q_net
+    network = model_for(hunt, cr.deep.DeepLearner("DQN"), potential=phi).q_net
     width = hunt.observations.shape[0] + extra
     assert network.q_net[0].in_features == width
 
 
 @pytest.mark.parametrize("reads", residual_networks.READS)
 def test_it_acts_on_the_best_of_what_it_says_however_many_are_asked(reads):
-    cart = cr.observed("CartPole-v1", discount=0.99)
-    height = cr.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
+    cart = cr.observation_task("CartPole-v1", discount=0.99)
+    height = cr.transfer.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
     potential = cr.ObservationPotential.of(cart, height)
     settings = {
         "learning_starts": 10, "batch_size": 8, "learning_rate": 0.03,
         "policy_kwargs": {"net_arch": [16], "reads": reads},
     }  # fmt: skip
-    learner = cr.DeepLearner("DQN", settings=settings)
+    learner = cr.deep.DeepLearner("DQN", settings=settings)
     model = model_for(cart, learner, potential=potential, seed=5)
     model.learn(60)
     rows = np.random.default_rng(1).normal(size=(FEW + 1, 4)).astype(np.float32)
@@ -231,7 +231,7 @@ def test_qr_dqn_starts_at_phi_in_every_quantile():
     task = cr.GridWorld("S.T")
     observed = one_hot(task)
     q = cr.solve(task).action_values
-    learner = cr.DeepLearner("QRDQN", settings={"policy_kwargs": {"n_quantiles": 5}})
+    learner = cr.deep.DeepLearner("QRDQN", settings={"policy_kwargs": {"n_quantiles": 5}})
     model = model_for(observed, learner, potential=table_potential(task, observed, q))
     rows = np.eye(3, dtype=np.float32)
     with torch.no_grad():
@@ -260,16 +260,16 @@ def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
 def test_what_cannot_be_a_residual_is_refused():
     from stable_baselines3 import PPO
 
-    with pytest.raises(cr.SettingError, match="how='state' serves every algorithm"):
+    with pytest.raises(cr.errors.SettingError, match="how='state' serves every algorithm"):
         residual_policy(PPO, "MlpPolicy")
     observed = one_hot(cr.GridWorld("S.T"))
-    height = cr.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
-    with pytest.raises(cr.SettingError, match="how='state' does not"):
-        cr.learn_deep(observed, cr.DeepLearner("DQN"), 100, potential=height)
-    actions = cr.FunctionValues(lambda rows, actions: 1.0 * actions, actions=4)
-    blind = cr.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
-    with pytest.raises(cr.SettingError, match="actions, state, nothing: got 'none'"):
-        cr.learn_deep(observed, blind, 100, potential=actions)
+    height = cr.transfer.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
+    with pytest.raises(cr.errors.SettingError, match="how='state' does not"):
+        cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, potential=height)
+    actions = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=4)
+    blind = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
+    with pytest.raises(cr.errors.SettingError, match="actions, state, nothing: got 'none'"):
+        cr.deep.learn_deep(observed, blind, 100, potential=actions)
 
 
 def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
@@ -284,7 +284,7 @@ def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
         asked.append(len(observations))
         return pairs(potential, observations)
 
-    monkeypatch.setattr(cr.ObservationPotential, "pairs", counted)
+    monkeypatch.setattr(cr.transfer.ObservationPotential, "pairs", counted)
     for _ in range(30):
         states = rng.integers(49, size=8)
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])

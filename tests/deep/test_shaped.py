@@ -11,6 +11,8 @@ from gymnasium.wrappers import TimeLimit
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
+from curricle.interop.observation_tasks import observation_task
+
 pytest.importorskip("stable_baselines3")
 
 import cloudpickle
@@ -31,10 +33,9 @@ import curricle as cr
 from curricle.deep.networks import NetworkValues
 from curricle.deep.shaped import ShapedVecEnv
 from curricle.errors import PotentialError, SettingError
-from curricle.interop.observed import observed
 from curricle.interop.potential_shaping import PotentialShaping
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.values import FunctionValues, TableValues
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.value_sources import FunctionValues, TableValues
 
 torch.set_num_threads(1)
 DISCOUNT = 0.9
@@ -187,7 +188,7 @@ def test_sources_have_terms_where_they_are_several():
 
 
 def test_a_potential_over_observations_brings_its_discount_and_its_space():
-    task = observed(world, discount=0.8)
+    task = observation_task(world, discount=0.8)
     phi = ObservationPotential.of(task, FunctionValues(state_values=height))
     assert ShapedVecEnv(worlds(), phi).discount == 0.8
     with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
@@ -413,7 +414,7 @@ def picklable(n=2):
 
 @pytest.mark.parametrize("library", [pickle, cloudpickle])
 def test_a_copy_goes_on_where_the_original_is(library):
-    weight = cr.linear(1.0, 0.2, steps=80)
+    weight = cr.learning.linear(1.0, 0.2, steps=80)
     venv = ShapedVecEnv(picklable(), height, discount=DISCOUNT, batched=True, weight=weight)
     venv.seed(0)
     venv.reset()

@@ -11,7 +11,7 @@ class OneHot(gymnasium.ObservationWrapper):
     """A task's environment that observes which state it is in, as a vector of zeros and a one."""
 
     def __init__(self, task):
-        super().__init__(cr.TaskEnvironment(task))
+        super().__init__(cr.interop.TaskEnvironment(task))
         self.rows = np.eye(task.states.size, dtype=np.float32)
         self.observation_space = Box(0, 1, (task.states.size,), np.float32)
 
@@ -21,7 +21,7 @@ class OneHot(gymnasium.ObservationWrapper):
 
 def one_hot(task):
     """Return a task as one seen through one-hot observations."""
-    return cr.ObservedTask(lambda: OneHot(task), task.discount)
+    return cr.tasks.ObservationTask(lambda: OneHot(task), task.discount)
 
 
 def random_task(rng, n_states=5, n_actions=3, *, discount=0.9, time_limit=7, scale=0.1):
@@ -36,6 +36,6 @@ def random_task(rng, n_states=5, n_actions=3, *, discount=0.9, time_limit=7, sca
 
 def table_potential(task, observed, table):
     """Return a potential over one-hot observations that says what a table says."""
-    mapping = cr.ObservationMapping(observed, task, lambda rows: rows.argmax(axis=1))
+    mapping = cr.transfer.ObservationMapping(observed, task, lambda rows: rows.argmax(axis=1))
     edge = cr.Transfer("source", "target", mapping)
-    return cr.ObservationPotential(observed, [edge], [cr.TableValues(table)])
+    return cr.transfer.ObservationPotential(observed, [edge], [cr.transfer.TableValues(table)])

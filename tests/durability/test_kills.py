@@ -7,8 +7,8 @@ from pathlib import Path
 STUDY = """
 name = "corner"
 seeds = "0-7"
-block = 2
-every = 200
+seeds_per_unit = 2
+eval_freq = 200
 [tasks.maze]
 type = "maze"
 map = '''

@@ -45,7 +45,7 @@ def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, tim
 MASK, STRIDE = 2**64 - 1, 0x9E3779B97F4A7C15
 
 
-def scramble(z):
+def splitmix64(z):
     """Mix 64 bits (SplitMix64)."""
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
@@ -56,14 +56,14 @@ def random_bits(start):
     """Yield 64 random bits at a time."""
     while True:
         start = (start + STRIDE) & MASK
-        yield scramble(start)
+        yield splitmix64(start)
 
 
-def unit(bits):
+def uniform(bits):
     return (bits >> 11) / 2**53
 
 
-def below(bits, n):
+def integers(bits, n):
     return ((bits & 0xFFFFFFFF) * n) >> 32
 
 
@@ -108,14 +108,14 @@ def pick(probabilities, u):
 def draw_best(values, bits):
     """Return an action of highest value, each equally likely, and how many there are."""
     best = [a for a, v in enumerate(values) if v == max(values)]
-    return best[below(bits * 0xD1342543DE82EF95, len(best))], len(best)
+    return best[integers(bits * 0xD1342543DE82EF95, len(best))], len(best)
 
 
 class Ties:
     """Draws among tied actions as the fast loop does: one visit ahead."""
 
     def __init__(self, q, key):
-        self.drawn = [draw_best(row, scramble(key ^ scramble(s))) for s, row in enumerate(q)]
+        self.drawn = [draw_best(row, splitmix64(key ^ splitmix64(s))) for s, row in enumerate(q)]
 
     def take(self, state, bits):
         return self.drawn[state][0]
@@ -135,16 +135,16 @@ def pick_action(values, learner, step, draw, take=None):
     if learner.inverse_temperature is None:
         bits = next(draw)
         if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
-            return below(bits, n), bits
+            return integers(bits, n), bits
         return (take(bits) if take else draw_best(values, bits)[0]), bits
     beta = value_of(exploring(learner), step)
     weights = [math.exp(beta * (v - max(values))) for v in values]
     for _ in range(n):  # rejection first, the full row after n failures
         bits = next(draw)
-        action = below(bits, n)
+        action = integers(bits, n)
         if (bits >> 32) / 2**32 < weights[action]:
             return action, next(draw)
-    left, chosen = unit(next(draw)) * plain_sum(weights), None
+    left, chosen = uniform(next(draw)) * plain_sum(weights), None
     for action, weight in enumerate(weights):
         if weight > 0 and (chosen is None or left >= 0):
             chosen, left = action, left - weight
@@ -165,7 +165,7 @@ def policy_mean(row, acting, learner, step):
     return (1.0 - parameter) * total / plain_sum(weights) + parameter * mean
 
 
-def learn_naively(task, learner, steps, *, how="plain", potential=None, every=None, seed=0,
+def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_freq=None, seed=0,
                   stream="", episodes=math.inf):  # fmt: skip
     """Return what `learn` does for one seed, without the greedy evaluation.
 
@@ -211,21 +211,21 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
     ties = None
     if kind == "QLearning" and (literal or how in ("plain", "initialise", "look_ahead")):
         shown = [acting(s, 0) for s in range(n_states)]
-        ties = Ties(shown, scramble(start))
-    every = every or max(1, steps // 100)
+        ties = Ties(shown, splitmix64(start))
+    eval_freq = eval_freq or max(1, steps // 100)
     training_return, episode_counts = [math.nan], [0]
     step = episode = 0
     returns, fresh, next_action = [], True, None
     while step < steps and episode < episodes:
         if fresh:
-            state, length, total, before = pick(starts, unit(next(draw))), 0, 0.0, 0.0
+            state, length, total, before = pick(starts, uniform(next(draw))), 0, 0.0, 0.0
         if fresh or kind != "SARSA":
             take = ties and partial(ties.take, state)
             action, bits = pick_action(acting(state, step), learner, step, draw, take)
         else:
             action = next_action
         row = row_of[state][action]
-        outcome = pick(chance[row], unit(scramble(bits)))
+        outcome = pick(chance[row], uniform(splitmix64(bits)))
         after, reward = successor[row][outcome], pay[row][outcome]
         total += reward
         length += 1
@@ -276,7 +276,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, every=No
         if fresh:
             episode += 1
             returns.append(total)
-        if step % every == 0:
+        if step % eval_freq == 0:
             training_return.append(plain_sum(returns) / len(returns) if returns else math.nan)
             episode_counts.append(episode)
             returns = []

@@ -8,11 +8,12 @@ import pytest
 import curricle as cr
 from curricle.learning.guard import FADING, FEWEST, Guard
 from curricle.learning.run import stream_start
+from curricle.tasks.draws import integers, uniform
 
-from .conftest import below, draw_best, pick, plain_sum, random_bits, scramble, unit
+from .conftest import draw_best, pick, plain_sum, random_bits, splitmix64
 
 
-def guarded_naively(task, learner, steps, potential, guard, *, every, seed=0):
+def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0):
     """Return both tables, who is ahead, and what is written down at the checkpoints."""
     mdp = task.mdp
     gamma, limit, rate = mdp.discount, mdp.time_limit or math.inf, learner.learning_rate
@@ -24,17 +25,17 @@ def guarded_naively(task, learner, steps, potential, guard, *, every, seed=0):
     mean, variance, seen, acted = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
     ahead = acting = 1
     share, fresh, episodes, returns = guard.share, True, 0, []
-    training, trust, counts = [math.nan], [share], [0]
+    training, guard_share, counts = [math.nan], [share], [0]
     for step in range(1, steps + 1):
         if fresh:
-            state, length, total = pick(mdp.start.tolist(), unit(next(draw))), 0, 0.0
+            state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
         bits = next(draw)
         if (bits >> 32) / 2**32 < learner.epsilon:
-            action = below(bits, n_actions)
+            action = integers(bits, n_actions)
         else:
             action = draw_best(tables[acting][state].tolist(), bits)[0]
         row = mdp.outcome_row[state, action]
-        outcome = pick(mdp.probability[row].tolist(), unit(scramble(bits)))
+        outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
         after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
         ended = bool(mdp.terminal[after])
         for q in tables:
@@ -59,12 +60,12 @@ def guarded_naively(task, learner, steps, potential, guard, *, every, seed=0):
             acted[acting] += length
             acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
             acted = [FADING * x for x in acted]
-        if step % every == 0:
+        if step % eval_freq == 0:
             training.append(plain_sum(returns) / len(returns) if returns else math.nan)
-            trust.append(share)
+            guard_share.append(share)
             counts.append(episodes)
             returns = []
-    return tables, ahead, training, trust, counts
+    return tables, ahead, training, guard_share, counts
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -73,19 +74,19 @@ def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_potentia
     phi = random_potential(task, "initialise", seed)
     guard = Guard(share=0.6, least=0.2, pace=0.3, sure=0.5, memory=7)
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
-    result = cr.learn(task, learner, 3000, potential=phi, guard=guard, every=100, seeds=[seed])
-    tables, ahead, training, trust, counts = guarded_naively(
-        task, learner, 3000, phi, guard, every=100, seed=seed
+    result = cr.learn(task, learner, 3000, potential=phi, guard=guard, eval_freq=100, seeds=[seed])
+    tables, ahead, training, guard_share, counts = guarded_naively(
+        task, learner, 3000, phi, guard, eval_freq=100, seed=seed
     )
     np.testing.assert_array_equal(result.values[0], tables[ahead])
     np.testing.assert_array_equal(result.training_return[0], training)
-    np.testing.assert_array_equal(result.trust[0], trust)
+    np.testing.assert_array_equal(result.guard_share[0], guard_share)
     np.testing.assert_array_equal(result.episodes[0], counts)
-    assert len(set(trust)) > 5  # the comparison moved
+    assert len(set(guard_share)) > 5  # the comparison moved
 
 
 def test_trust_is_not_a_number_without_a_guard():
-    assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).trust).all()
+    assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).guard_share).all()
 
 
 def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_potential):
@@ -93,7 +94,7 @@ def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_potent
     result = cr.learn(
         task,
         budget=2000,
-        every=100,
+        eval_freq=100,
         seeds=4,
         potential=random_potential(task, "initialise"),
         guard=Guard(),

@@ -9,10 +9,10 @@ from curricle.learning.run import Run
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
 SCHEDULES = {
-    "constant": cr.constant(0.3),
-    "linear": cr.linear(0.9, 0.1, steps=700),
-    "exponential": cr.exponential(0.9, 0.1, half_life=300),
-    "harmonic": cr.harmonic(0.9, 0.05, half=20),
+    "constant": cr.learning.constant(0.3),
+    "linear": cr.learning.linear(0.9, 0.1, steps=700),
+    "exponential": cr.learning.exponential(0.9, 0.1, half_life=300),
+    "harmonic": cr.learning.harmonic(0.9, 0.05, half=20),
 }
 STEPS, EVERY = 1500, 100
 
@@ -34,8 +34,8 @@ def assert_same(result, naive, *, exact=True):
 def test_learner_equals_the_naive_one(kind, exploration, time_limit, random_mdp, naive_learn):
     task = random_mdp(1, time_limit=time_limit)
     learner = kind(learning_rate=0.3, **exploration)
-    result = cr.learn(task, learner, STEPS, every=EVERY, stream="x")
-    naive = naive_learn(task, learner, STEPS, every=EVERY, stream="x")
+    result = cr.learn(task, learner, STEPS, eval_freq=EVERY, stream="x")
+    naive = naive_learn(task, learner, STEPS, eval_freq=EVERY, stream="x")
     assert_same(result, naive, exact=kind is not cr.ExpectedSARSA or "epsilon" in exploration)
 
 
@@ -45,8 +45,8 @@ def test_learner_equals_the_naive_one_on_other_shapes(kind, seed, random_mdp, na
     shape = {"n_states": 3 + 3 * seed, "n_actions": 1 + seed, "width": 1 + seed % 3}
     task = random_mdp(seed, time_limit=20, discount=[0.0, 0.5, 1.0][seed % 3], **shape)
     learner = kind(learning_rate=0.5, epsilon=0.5, initial_value=seed - 2.0)
-    result = cr.learn(task, learner, 400, every=7, seeds=[seed])
-    assert_same(result, naive_learn(task, learner, 400, every=7, seed=seed))
+    result = cr.learn(task, learner, 400, eval_freq=7, seeds=[seed])
+    assert_same(result, naive_learn(task, learner, 400, eval_freq=7, seed=seed))
 
 
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
@@ -54,8 +54,8 @@ def test_learner_equals_the_naive_one_on_other_shapes(kind, seed, random_mdp, na
 def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
     task, learner = random_mdp(2, time_limit=9), kind(learning_rate=SCHEDULES[name])
     assert_same(
-        cr.learn(task, learner, STEPS, every=EVERY),
-        naive_learn(task, learner, STEPS, every=EVERY),
+        cr.learn(task, learner, STEPS, eval_freq=EVERY),
+        naive_learn(task, learner, STEPS, eval_freq=EVERY),
         exact=name != "exponential",
     )
 
@@ -66,8 +66,8 @@ def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
 def test_schedules_of_exploration(name, kind, what, random_mdp, naive_learn):
     task, learner = random_mdp(3, time_limit=9), kind(**{what: SCHEDULES[name]})
     assert_same(
-        cr.learn(task, learner, STEPS, every=EVERY),
-        naive_learn(task, learner, STEPS, every=EVERY),
+        cr.learn(task, learner, STEPS, eval_freq=EVERY),
+        naive_learn(task, learner, STEPS, eval_freq=EVERY),
         exact=kind is cr.QLearning or (what == "epsilon" and name != "exponential"),
     )
 
@@ -77,8 +77,8 @@ WAYS = {
     "look_ahead": {},
     "look_back": {},
     "bonus": {},
-    "advice": {"weight": cr.linear(1.0, 0.0, steps=1000)},
-    "state": {"frame_steps": (0, 13, 700), "weight": cr.linear(0.5, 2.0, steps=900)},
+    "advice": {"weight": cr.learning.linear(1.0, 0.0, steps=1000)},
+    "state": {"frame_steps": (0, 13, 700), "weight": cr.learning.linear(0.5, 2.0, steps=900)},
 }
 
 
@@ -91,7 +91,7 @@ def test_ways_of_entering(how, kind, time_limit, random_mdp, random_potential, n
     task = random_mdp(4, time_limit=time_limit)
     phi = random_potential(task, how, **WAYS[how])
     learner = kind(learning_rate=0.2, epsilon=0.3)
-    options = {"how": how, "potential": phi, "every": EVERY}
+    options = {"how": how, "potential": phi, "eval_freq": EVERY}
     result = cr.learn(task, learner, STEPS, **options)
     assert_same(result, naive_learn(task, learner, STEPS, **options))
 
@@ -99,7 +99,11 @@ def test_ways_of_entering(how, kind, time_limit, random_mdp, random_potential, n
 @pytest.mark.parametrize("how", WAYS)
 def test_ways_of_entering_under_softmax(how, random_mdp, random_potential, naive_learn):
     task, learner = random_mdp(5, time_limit=6), cr.SARSA(inverse_temperature=3.0)
-    options = {"how": how, "potential": random_potential(task, how, **WAYS[how]), "every": EVERY}
+    options = {
+        "how": how,
+        "potential": random_potential(task, how, **WAYS[how]),
+        "eval_freq": EVERY,
+    }
     result = cr.learn(task, learner, STEPS, **options)
     assert_same(result, naive_learn(task, learner, STEPS, **options))
 
@@ -107,8 +111,8 @@ def test_ways_of_entering_under_softmax(how, random_mdp, random_potential, naive
 @pytest.mark.parametrize("kind", LEARNERS)
 def test_budget_in_episodes(kind, random_mdp, naive_learn):
     task, learner = random_mdp(6, time_limit=11), kind()
-    result = cr.learn(task, learner, cr.Episodes(90), every=10)
-    naive = naive_learn(task, learner, 10**9, episodes=90, every=10)
+    result = cr.learn(task, learner, cr.Episodes(90), eval_freq=10)
+    naive = naive_learn(task, learner, 10**9, episodes=90, eval_freq=10)
     assert result.episodes_used[0] == 90
     assert_same(result, naive)
 
@@ -133,7 +137,7 @@ def test_fast_loop_equals_the_general_one(
     # phi is continuous: no values tie, where the loops would draw differently.
     tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
     learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)
-    settings = {"every": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
+    settings = {"eval_freq": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
 
     def train():
         return [
@@ -155,8 +159,8 @@ def test_fast_loop_breaks_ties_like_the_naive_learner(rate, seed, naive_learn):
     # Whole-number rewards and learning rates keep rows full of ties all along.
     maze = cr.GridWorld(["S....", ".P.P.", "....T"])
     learner = cr.QLearning(learning_rate=rate, epsilon=0.3)
-    result = cr.learn(maze, learner, 5000, seeds=[seed], every=EVERY)
-    assert_same(result, naive_learn(maze, learner, 5000, every=EVERY, seed=seed))
+    result = cr.learn(maze, learner, 5000, seeds=[seed], eval_freq=EVERY)
+    assert_same(result, naive_learn(maze, learner, 5000, eval_freq=EVERY, seed=seed))
 
 
 # -- literal look-ahead advice -------------------------------------------------------------------
@@ -201,7 +205,7 @@ def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, nai
 
 def propagate(task, values, horizon, *, discounted):
     """Return the greedy policy's return by matrix products over the states."""
-    mdp, policy = task.mdp, cr.greedy_policy(values)
+    mdp, policy = task.mdp, cr.planning.greedy_policy(values)
     n_states, n_actions = policy.shape
     step, pay = np.zeros((n_states, n_states)), np.zeros(n_states)
     for s in range(n_states):
@@ -235,7 +239,7 @@ def test_exact_greedy_return_equals_propagation(seed, discounted, random_mdp):
 def test_exact_greedy_return_without_a_limit_is_the_value_of_the_greedy_policy(random_mdp):
     task = random_mdp(3)
     result = cr.learn(task, cr.SARSA(), 500, evaluation=cr.GreedyEvaluation(method="exact"))
-    value = cr.evaluate(task, cr.greedy_policy(result.values[0])).start_value
+    value = cr.evaluate(task, cr.planning.greedy_policy(result.values[0])).start_value
     assert result.greedy_return[0, -1] == pytest.approx(value, abs=1e-7)
 
 
@@ -251,7 +255,7 @@ def test_greedy_return_judges_the_values_acted_on(how, random_mdp, random_potent
 def test_rollouts_agree_with_exact_evaluation(random_mdp):
     # One test of 40 means of 2,000 episodes each, 5 standard errors: a false alarm in 4e4 seeds.
     task = random_mdp(9, time_limit=12, n_states=8)
-    settings = {"seeds": 40, "every": 1}
+    settings = {"seeds": 40, "eval_freq": 1}
     learner = cr.QLearning(learning_rate=0.0)
     rollouts = cr.GreedyEvaluation(method="rollouts", episodes=2000)
     exact = cr.learn(task, learner, 1, evaluation=cr.GreedyEvaluation(method="exact"), **settings)

@@ -55,7 +55,7 @@ def pair(random_mdp):
             drawn.discount,
             drawn.time_limit,
         )
-        live = cr.LiveMDP(
+        live = cr.tasks.LiveMDP(
             mdp.states,
             mdp.actions,
             lambda: TableEnv(mdp),
@@ -77,7 +77,7 @@ def assert_same(live, tabled, terminal):
 
 def learn_both(pair, learner, budget=STEPS, **settings):
     mdp, live = pair
-    settings = {"every": EVERY, "seeds": [4, 1], "evaluation": ROLLED, **settings}
+    settings = {"eval_freq": EVERY, "seeds": [4, 1], "evaluation": ROLLED, **settings}
     assert_same(
         cr.learn(live, learner, budget, **settings),
         cr.learn(mdp, learner, budget, **settings),
@@ -100,7 +100,7 @@ def test_every_way_of_entering(how, pair):
     kind = cr.StatePotential if how == "state" else cr.StateActionPotential
     for task in (live, mdp):
         potential = kind(task, phi)
-        settings = {"every": EVERY, "evaluation": ROLLED, "seeds": 2}
+        settings = {"eval_freq": EVERY, "evaluation": ROLLED, "seeds": 2}
         found.append(cr.learn(task, learner, STEPS, potential=potential, how=how, **settings))
     assert_same(*found, mdp.terminal)
 
@@ -110,7 +110,7 @@ def test_a_guard(pair):
     phi, found = np.random.default_rng(0).normal(size=(12, mdp.actions.size)), []
     for task in (live, mdp):
         potential = cr.StateActionPotential(task, phi)
-        settings = {"every": EVERY, "evaluation": ROLLED, "guard": cr.Guard()}
+        settings = {"eval_freq": EVERY, "evaluation": ROLLED, "guard": cr.Guard()}
         found.append(cr.learn(task, budget=STEPS, potential=potential, **settings))
     assert_same(*found, mdp.terminal)
 
@@ -120,7 +120,7 @@ def test_sparse_tables(dtype, pair):
     mdp, live = pair(4, time_limit=9)
     storage = cr.Storage("sparse", dtype)
     one, other = (
-        cr.learn(task, budget=STEPS, every=EVERY, storage=storage, evaluation=ROLLED).values[0]
+        cr.learn(task, budget=STEPS, eval_freq=EVERY, storage=storage, evaluation=ROLLED).values[0]
         for task in (live, mdp)
     )
     np.testing.assert_array_equal(one.states, other.states)
@@ -136,7 +136,10 @@ def test_following_and_walking(pair):
     mdp, live = pair(6, time_limit=9)
     phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
     phi[mdp.terminal] = 0.0
-    one, other = (cr.follow(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp))
+    one, other = (
+        cr.learning.greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30)
+        for t in (live, mdp)
+    )
     for name in ("states", "actions", "promised", "earned", "lengths", "ended", "returns"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
@@ -146,7 +149,7 @@ def test_following_and_walking(pair):
 MASK = 2**64 - 1
 
 
-def scramble(z):
+def splitmix64(z):
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
     return z ^ (z >> 31)
@@ -156,12 +159,12 @@ def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
     """Learn in place as `learn` does; q must have no two equal values in a row."""
     start = stream_start(seed, "")
     counter = start
-    state, _ = env.reset(seed=scramble(start ^ 1) >> 33)
+    state, _ = env.reset(seed=splitmix64(start ^ 1) >> 33)
     counter, length = counter + 0x9E3779B97F4A7C15 & MASK, 0  # the draw of a start, not needed here
     returns, total = [], 0.0
     for _ in range(steps):
         counter = counter + 0x9E3779B97F4A7C15 & MASK
-        bits = scramble(counter)
+        bits = splitmix64(counter)
         if (bits >> 32) / 2**32 < epsilon:
             action = ((bits & 0xFFFFFFFF) * q.shape[1]) >> 32
         else:
@@ -184,12 +187,12 @@ def test_live_learning_equals_a_loop_in_python(seed, limit):
         return gym.wrappers.TimeLimit(FrozenLakeEnv(), 11)  # cut by the environment, unannounced
 
     task = cr.from_gymnasium(lake, discount=0.9, time_limit=limit)
-    assert isinstance(task, cr.LiveMDP)
+    assert isinstance(task, cr.tasks.LiveMDP)
     assert task.time_limit == limit
     phi = np.random.default_rng(seed).normal(size=(16, 4))
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
     potential = cr.StateActionPotential(task, phi)
-    found = cr.learn(task, learner, 2000, seeds=[seed], potential=potential, every=2000)
+    found = cr.learn(task, learner, 2000, seeds=[seed], potential=potential, eval_freq=2000)
     q = phi.copy()
     settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
     returns = q_learning(lake(), q, 2000, seed=seed, **settings)

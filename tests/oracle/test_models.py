@@ -7,8 +7,8 @@ from numba import njit
 from scipy.stats import chisquare
 
 import curricle as cr
-from curricle.tasks.dynamics import first_state, table_model, transition
-from curricle.tasks.machine import inverse_of, quotient
+from curricle.tasks.generative_models import first_state, table_model, transition
+from curricle.tasks.simd import inverse_of, quotient
 
 FRACTION = 2**53
 
@@ -123,8 +123,8 @@ def test_any_random_bits_give_a_possible_outcome_and_the_one_that_tables_give(ga
 def test_both_kinds_of_tables_are_read_alike():
     # Small tables give each pair a row of its own, large ones share rows.
     small, large = cr.Pursuit(2, 2), cr.Pursuit(4, 2, torus=True)
-    assert table_model(small.mdp).direct
-    assert not table_model(large.mdp).direct
+    assert table_model(small.mdp).scratch
+    assert not table_model(large.mdp).scratch
     for game in (small, large):
         state, action = alive_pairs(game.mdp)
         bits = random_bits(len(state))
@@ -185,11 +185,11 @@ def test_quotients_of_the_largest_pursuits_are_exact():
 
 
 def test_a_pursuit_too_large_to_number_is_refused():
-    with pytest.raises(cr.TaskError, match=r"at most 2\^50 states, .* has 531,441,000"):
+    with pytest.raises(cr.errors.TaskError, match=r"at most 2\^50 states, .* has 531,441,000"):
         cr.learn(cr.Pursuit(30, 5), budget=10)
 
 
 def test_learning_builds_no_tables():
     game = cr.Pursuit(4, 2)
-    cr.learn(game, budget=100, every=100)
+    cr.learn(game, budget=100, eval_freq=100)
     assert "mdp" not in vars(game)

@@ -235,7 +235,7 @@ outcomes = [[[(0.5, s, x) for x in pair]] for s, pair in zip([2, 3, 1, 0], gains
 task = cr.FiniteMDP.from_outcomes(outcomes, terminal=[False] * 4, start=0, discount=0.9)
 try:
     cr.solve(task)
-except cr.SettingError as error:
+except cr.errors.SettingError as error:
     assert "tolerance must be at least" in str(error)
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=30)
@@ -249,7 +249,7 @@ def test_maze_optimum(step, value):
     maze = cr.GridWorld(MAZE, rewards=cr.Rewards(step=step))
     solution = cr.solve(maze)
     assert solution.start_value == pytest.approx(value, abs=5e-5)
-    path = cr.rollout(maze, solution.policy)
+    path = cr.planning.rollout(maze, solution.policy)
     assert path.terminated
     assert len(path) == 34
     assert path.discounted_return(0.99) == pytest.approx(solution.start_value, abs=1e-8)
@@ -281,5 +281,5 @@ def test_policy_greedy_on_the_exact_aggregate(aggregate, value):
     source = cr.solve(chase).action_values
     names = ("predator_1", "predator_2")
     potentials = [cr.project(hunt, chase, predator=name).read(source) for name in names]
-    policy = cr.greedy_policy(aggregate(np.stack(potentials)), tolerance=1e-9)
+    policy = cr.planning.greedy_policy(aggregate(np.stack(potentials)), tolerance=1e-9)
     assert cr.evaluate(hunt, policy).values.mean() == pytest.approx(value, abs=0.05)

@@ -7,8 +7,8 @@ from numba import njit
 
 import curricle as cr
 from curricle.learning import run
-from curricle.learning.sampling import ACTION, TIED, best_of, highest
-from curricle.tasks.machine import _without_lowest, nth_one, of_width, ones
+from curricle.learning.exploration import ACTION, TIED, best_of, highest
+from curricle.tasks.simd import _without_lowest, nth_one, of_width, ones
 
 WIDTHS = [1, 2, 7, 8, 9, 16, 25, 63, 64, 65, 125, 200]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
@@ -109,7 +109,7 @@ def test_how_a_loop_is_compiled_changes_no_result(name, limit, learner, monkeypa
     found = []
     for value in (0, 10**9 if limit == "NEAR" else 64):
         monkeypatch.setattr(run, limit, value)
-        found.append(cr.learn(TASKS[name], learner, 5000, seeds=2, every=7, evaluation=ROLLED))
+        found.append(cr.learn(TASKS[name], learner, 5000, seeds=2, eval_freq=7, evaluation=ROLLED))
     one, other = found
     np.testing.assert_array_equal(one.values, other.values)
     np.testing.assert_array_equal(one.training_return, other.training_return)
@@ -132,7 +132,7 @@ def test_a_fresh_tie_is_drawn_at_every_visit(kind):
     once = cr.GreedyEvaluation("rollouts", episodes=1)
     learner, storage = cr.QLearning(epsilon=0.0), cr.Storage(kind)
     steps = n - 2  # and one more for each of two evaluations
-    cr.learn(stay, learner, steps, every=steps, evaluation=once, storage=storage)
+    cr.learn(stay, learner, steps, eval_freq=steps, evaluation=once, storage=storage)
     assert log[0] == n
     taken = log[1:]
     pairs = np.bincount(taken[:-1] * 4 + taken[1:], minlength=16)

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.certificate import shaped
 from curricle.certificate.bonus import fit, moves_of, second_discount
-from curricle.certificate.certify import certify
+from curricle.certificate.certification import certify
 from curricle.certificate.sampled import discounted_sums
 
 CLOSE = 1e-5
@@ -172,7 +172,13 @@ def test_every_state_action_potential_certifies(mdp, how, data):
 @given(mdps(all_discounts), st.data())
 def test_decaying_advice_certifies(mdp, data):
     weight = data.draw(
-        st.sampled_from([cr.linear(1, 0, steps=9), cr.harmonic(), cr.exponential(1, half_life=5)])
+        st.sampled_from(
+            [
+                cr.learning.linear(1, 0, steps=9),
+                cr.learning.harmonic(),
+                cr.learning.exponential(1, half_life=5),
+            ]
+        )
     )
     assert certify(
         mdp.task, cr.StateActionPotential(mdp.task, pairs_of(data, mdp), weight), "advice"
@@ -182,7 +188,9 @@ def test_decaying_advice_certifies(mdp, data):
 @given(mdps(), st.data())
 def test_a_changing_potential_certifies(mdp, data):
     frames = np.stack([states_of(data, mdp) for _ in range(3)])
-    weight = data.draw(st.sampled_from([1.0, cr.linear(1, 0.25, steps=8), cr.harmonic(2, -1)]))
+    weight = data.draw(
+        st.sampled_from([1.0, cr.learning.linear(1, 0.25, steps=8), cr.learning.harmonic(2, -1)])
+    )
     phi = cr.StatePotential(mdp.task, frames, frame_steps=(0, 2, 5), weight=weight)
     assert certify(mdp.task, phi, "state", seed=data.draw(st.integers(0, 9)))
 

@@ -20,7 +20,7 @@ import curricle as cr
 from curricle.transfer.calibration import attempt
 
 STEPS, VISITS = 200_000, 2500
-LEARNER = cr.QLearning(learning_rate=cr.harmonic(half=5), epsilon=0.5)
+LEARNER = cr.QLearning(learning_rate=cr.learning.harmonic(half=5), epsilon=0.5)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def learnt(problem, potential, guard=None, seed=0):
         seeds=[seed],
         potential=potential,
         guard=guard,
-        every=STEPS // 50,
+        eval_freq=STEPS // 50,
         workers=1,
     )
 
@@ -102,20 +102,20 @@ def test_a_guarded_learner_finds_the_optimum_whatever_it_was_told(problem, guard
     phi = data.draw(potentials(problem))
     result = learnt(problem, phi, guard, seed)
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi)
-    assert result.trust[0, 0] == guard.share
+    assert result.guard_share[0, 0] == guard.share
     # Rounding may take the last step of a pace of 1 beyond its goal by an ulp.
-    assert result.trust.min() >= guard.least - 1e-12
-    assert result.trust.max() <= 1 - guard.least + 1e-12
+    assert result.guard_share.min() >= guard.least - 1e-12
+    assert result.guard_share.max() <= 1 - guard.least + 1e-12
 
 
 @given(problems(), guards(), st.data())
 def test_trust_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, data):
     """Checked after each step; within one, an episode ends at most once."""
     phi = data.draw(potentials(problem))
-    trust = cr.learn(
-        problem.task, LEARNER, 400, potential=phi, guard=guard, every=1, workers=1
-    ).trust[0]
-    before, after = trust[:-1], trust[1:]
+    guard_share = cr.learn(
+        problem.task, LEARNER, 400, potential=phi, guard=guard, eval_freq=1, workers=1
+    ).guard_share[0]
+    before, after = guard_share[:-1], guard_share[1:]
     up = before + guard.pace * (1 - guard.least - before)
     down = before + guard.pace * (guard.least - before)
     near = np.minimum(abs(after - before), np.minimum(abs(after - up), abs(after - down)))
@@ -131,7 +131,7 @@ def guesses(draw, problem):
 
 
 settings = st.builds(
-    cr.Calibrate,
+    cr.transfer.Calibrate,
     episodes=st.just(30),
     shift=st.booleans(),
     quantile=st.sampled_from([None, 0.1, 0.5]),
@@ -149,7 +149,9 @@ def test_calibration_keeps_the_greedy_policy(problem, data, settings):
     np.testing.assert_allclose(values[:-1], found.scale * phi.values[:-1] + found.shift)
     assert not values[-1].any()  # the end
     assume(found.scale > 1e-6)
-    np.testing.assert_array_equal(cr.greedy_policy(values), cr.greedy_policy(phi.values))
+    np.testing.assert_array_equal(
+        cr.planning.greedy_policy(values), cr.planning.greedy_policy(phi.values)
+    )
 
 
 @given(problems(), st.data(), settings, st.sampled_from([None, cr.Guard()]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from curricle import Episodes, Gate, GridWorld, Storage, learn
+from curricle import Episodes, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import joined_results
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
@@ -15,13 +15,13 @@ SEEDS = (0, 1, 3, 7, 8)
 BUDGETS = {
     "steps": 230,
     "episodes": Episodes(12),
-    "gate": Gate(400, value=185.0, evaluations=2),
+    "gate": StoppingRule(400, value=185.0, evaluations=2),
 }
 STORAGES = {
     "dense": Storage(kind="dense"),
     "sparse": Storage(kind="sparse"),
     "float32": Storage(dtype="float32"),
-    "none": Storage(keep=False),
+    "none": Storage(save_values=False),
 }
 
 
@@ -31,10 +31,10 @@ def learnt(seeds, budget, storage, frames):
         MAZE,
         budget=BUDGETS[budget],
         seeds=seeds,
-        every=20,
+        eval_freq=20,
         storage=STORAGES[storage],
         stream="joined",
-        frames=frames,
+        snapshots=frames,
         workers=1,
     )
 
@@ -61,17 +61,19 @@ def assert_equal(found, wanted):
         for one, other in zip(found.values, wanted.values, strict=True):
             np.testing.assert_array_equal(one.states, other.states)
             np.testing.assert_array_equal(one.values, other.values)
-    assert (found.film is None) == (wanted.film is None)
-    if wanted.film is not None:
-        assert found.film.seed == wanted.film.seed
-        np.testing.assert_array_equal(found.film.steps, wanted.film.steps)
-        np.testing.assert_array_equal(found.film.values, wanted.film.values)
+    assert (found.snapshots is None) == (wanted.snapshots is None)
+    if wanted.snapshots is not None:
+        assert found.snapshots.seed == wanted.snapshots.seed
+        np.testing.assert_array_equal(found.snapshots.steps, wanted.snapshots.steps)
+        np.testing.assert_array_equal(found.snapshots.values, wanted.snapshots.values)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("budget", BUDGETS)
 @settings(max_examples=15)
-@given(labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), frames=st.sampled_from([0, 5]))
+@given(
+    labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), snapshots=st.sampled_from([0, 5])
+)
 def test_any_groups_joined_are_all_together(budget, storage, labels, frames):
     parts = [learnt(seeds, budget, storage, frames) for seeds in parts_of(labels)]
     assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, frames))

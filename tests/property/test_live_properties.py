@@ -68,7 +68,7 @@ NUMBERS = st.floats(-10, 10)
 )
 def test_bins_are_numpys(edges, data):
     edges = [sorted(each) for each in edges]
-    bins = cr.Bins({f"x{i}": each for i, each in enumerate(edges)})
+    bins = cr.interop.Bins({f"x{i}": each for i, each in enumerate(edges)})
     on_edges = NUMBERS | st.sampled_from([edge for each in edges for edge in each])
     observation = data.draw(st.tuples(*[on_edges | st.just(np.inf) for _ in edges]))
     found = bins.states.decode(bins(np.array(observation)))

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import curricle as cr
 from curricle.learning.potential import MappedPotential
 from curricle.transfer.aggregation import aggregate
-from curricle.transfer.mapped import mapped_potential
+from curricle.transfer.potentials import mapped_potential
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
@@ -109,7 +109,8 @@ def test_learning_through_either_is_the_same(transfers, function, seed):
     judge = cr.GreedyEvaluation("rollouts", 3)
     potentials = [make(task, edges, values, function) for make in (mapped_potential, on_arrays)]
     learnt = [
-        cr.learn(task, budget=300, potential=phi, every=50, evaluation=judge) for phi in potentials
+        cr.learn(task, budget=300, potential=phi, eval_freq=50, evaluation=judge)
+        for phi in potentials
     ]
     np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
     np.testing.assert_array_equal(learnt[0].greedy_return, learnt[1].greedy_return)
@@ -153,7 +154,7 @@ def test_the_index_is_that_of_reading_each_point(transfers):
     for edge in edges:
         index = edge.mapping.index
         assert index.tolist() == index_point_by_point(edge.mapping).tolist()
-        kept = cr.StateActionMapping(edge.mapping.target, edge.mapping.source, index)
+        kept = cr.transfer.StateActionMapping(edge.mapping.target, edge.mapping.source, index)
         assert edge.mapping.coverage() == kept.coverage()
 
 

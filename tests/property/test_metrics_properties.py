@@ -4,20 +4,20 @@ import numpy as np
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from curricle.study.metrics import (
+from curricle.statistics.intervals import bootstrap, interquartile_mean
+from curricle.statistics.metrics import (
     Curve,
     asymptotic_performance,
     charge_source,
     fraction_of_optimum,
     jumpstart,
+    mean_return,
     midpoint,
     smooth,
     steps_saved,
     time_to_threshold,
-    total_reward,
     transfer_ratio,
 )
-from curricle.study.statistics import bootstrap, interquartile_mean
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))
@@ -125,13 +125,13 @@ def test_charging_more_never_helps_a_curve_that_rises_above_the_baselines_start(
     floor = Curve(baseline.steps, -np.abs(baseline.filled()))
     less = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps))
     more = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps + extra))
-    assert np.all(total_reward(more) <= total_reward(less) + 1e-6)
+    assert np.all(mean_return(more) <= mean_return(less) + 1e-6)
 
 
 @given(curves(), st.floats(0.1, 10), RETURNS)
 def test_averages_follow_a_change_of_unit(curve, scale, shift):
     moved = Curve(curve.steps, scale * curve.values + shift)
-    for measure in (total_reward, asymptotic_performance):
+    for measure in (mean_return, asymptotic_performance):
         expected = scale * measure(curve) + shift
         np.testing.assert_allclose(measure(moved), expected, rtol=1e-9, atol=1e-6)
     expected = scale * midpoint(curve) + shift
@@ -141,7 +141,7 @@ def test_averages_follow_a_change_of_unit(curve, scale, shift):
 @given(curves())
 def test_averages_lie_between_the_lowest_and_the_highest_value(curve):
     low, high = np.nanmin(curve.values, axis=1), np.nanmax(curve.values, axis=1)
-    for average in (total_reward(curve), asymptotic_performance(curve)):
+    for average in (mean_return(curve), asymptotic_performance(curve)):
         assert np.all((average >= low - 1e-6) & (average <= high + 1e-6))
 
 

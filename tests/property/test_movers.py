@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from curricle.tasks.movers import joint_landing
+from curricle.tasks.factored import joint_landing
 
 
 @st.composite
@@ -59,7 +59,7 @@ def test_movers_and_tables_evaluate_alike(game, seed, kind):
     policy = {
         "actions": lambda: rng.integers(shape[1], size=shape[0]),
         "mixed": lambda: rng.dirichlet(np.ones(shape[1]), size=shape[0]),
-        "some": lambda: cr.greedy_policy(rng.integers(2, size=shape)),
+        "some": lambda: cr.planning.greedy_policy(rng.integers(2, size=shape)),
         "greedy": lambda: cr.solve(game, tolerance=1e-3).policy,
     }[kind]()
     one, other = cr.evaluate(game, policy), cr.evaluate(game.mdp, policy)
@@ -70,7 +70,7 @@ def test_movers_and_tables_evaluate_alike(game, seed, kind):
 
 @given(pursuits())
 def test_movers_say_what_the_tables_say(game):
-    movers, mdp = game.movers, game.mdp
+    movers, mdp = game.factored_model, game.mdp
     assert movers.size == mdp.states.size
     np.testing.assert_array_equal(movers.terminal(), mdp.terminal)
     np.testing.assert_array_equal(movers.start(), mdp.start)
@@ -79,7 +79,7 @@ def test_movers_say_what_the_tables_say(game):
 
 def test_joint_landing_is_numbered_like_states_and_actions():
     game = cr.Pursuit(size=2, predators=2)
-    landed = joint_landing(game.movers.landing, 2)
+    landed = joint_landing(game.factored_model.landing, 2)
     for (p, q), (a, b) in itertools.product(
         itertools.product(range(4), repeat=2), itertools.product(range(5), repeat=2)
     ):
@@ -89,17 +89,19 @@ def test_joint_landing_is_numbered_like_states_and_actions():
 
 def test_a_prey_that_looks_has_no_movers():
     by_cell = np.full((4, 5), 0.2)
-    assert cr.Pursuit(size=2, predators=1, prey=by_cell).movers is not None
-    assert cr.Pursuit(size=2, predators=1, prey=np.repeat(by_cell, 4, axis=0)).movers is None
-    assert cr.Pursuit(size=10, predators=3).movers is None  # 10^8 states
+    assert cr.Pursuit(size=2, predators=1, prey=by_cell).factored_model is not None
+    assert (
+        cr.Pursuit(size=2, predators=1, prey=np.repeat(by_cell, 4, axis=0)).factored_model is None
+    )
+    assert cr.Pursuit(size=10, predators=3).factored_model is None  # 10^8 states
 
 
 def test_what_a_prey_returned_stays_its_own():
     own = np.full((4, 5), 0.2)
     game = cr.Pursuit(size=2, predators=1, prey=lambda where: own)
-    assert game.movers is not None
+    assert game.factored_model is not None
     own[:] = 0.0  # would fail, had it been frozen
-    assert game.movers.drift.min() == 0.2
+    assert game.factored_model.drift.min() == 0.2
 
 
 def test_planning_builds_no_table_and_no_action_values():
@@ -117,5 +119,5 @@ def test_planning_builds_no_table_and_no_action_values():
 
 def test_discount_1_is_planned_on_the_tables():
     # Only there can one look for policies that never end, such as staying away from the prey.
-    with pytest.raises(cr.SettingError, match="an episode can go on for ever"):
+    with pytest.raises(cr.errors.SettingError, match="an episode can go on for ever"):
         cr.solve(cr.Pursuit(size=2, predators=1, discount=1.0))

@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from curricle.study.ordering import (
+from curricle.statistics.censored import median_time, restricted_mean_time, survival
+from curricle.statistics.hypothesis_tests import (
     holm,
     performance_profile,
     probability_of_improvement,
     sign_flip_test,
 )
-from curricle.study.sequential import add_seeds
-from curricle.study.statistics import bootstrap, interquartile_mean, stratified_bootstrap
-from curricle.study.survival import median_time, restricted_mean_time, survival
-from curricle.study.threshold import Times
+from curricle.statistics.intervals import bootstrap, interquartile_mean, stratified_bootstrap
+from curricle.statistics.sequential import add_seeds
+from curricle.statistics.thresholds import Times
 
 SCORES = st.integers(-8, 8).map(float)  # few different ones, hence ties
 ARMS = hnp.arrays(np.float64, st.integers(1, 9), elements=SCORES)

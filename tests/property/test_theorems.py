@@ -123,7 +123,7 @@ def test_look_ahead_advice_shifts_q_and_is_optimal_on_q_plus_phi(mdp, data):
         q = mdp.ended(reward - phi + mdp.discount * mdp.p @ worth)
     plain = cr.solve(mdp.task())
     assert abs(q - (plain.action_values - phi)).max() <= bound(plain) + 1e-9
-    followed = cr.evaluate(mdp.task(), cr.greedy_policy(q + phi, tolerance=1e-8))
+    followed = cr.evaluate(mdp.task(), cr.planning.greedy_policy(q + phi, tolerance=1e-8))
     assert abs(followed.values - plain.values).max() <= bound(plain, followed) + 1e-6
 
 
@@ -193,7 +193,7 @@ def test_a_plain_bonus_can_change_the_optimal_policy():
     bonus = np.array([[0.0, 2.0], [0.0, 0.0]])
     assert cr.solve(mdp.task()).optimal[0].tolist() == [True, False]
     assert cr.solve(mdp.task(bonus[:, :, None])).optimal[0].tolist() == [False, True]
-    task, fading = mdp.task(), cr.exponential(1.0, half_life=500)
+    task, fading = mdp.task(), cr.learning.exponential(1.0, half_life=500)
     for how, expected in (("bonus", 1), ("initialise", 0), ("look_ahead", 0), ("advice", 0)):
         phi = cr.StateActionPotential(task, bonus, weight=fading if how == "advice" else 1.0)
         learnt = cr.learn(task, cr.QLearning(epsilon=0.2), 5000, potential=phi, how=how)
@@ -233,7 +233,7 @@ def test_dynamic_potential_telescopes(mdp, data):
     states, _ = random_path(data, mdp)
     phi = cr.StatePotential(
         mdp.task(), state_potentials(data, mdp, (3,)), frame_steps=(0, 2, 5),
-        weight=cr.linear(1.0, 0.25, steps=8),
+        weight=cr.learning.linear(1.0, 0.25, steps=8),
     )  # fmt: skip
     steps = range(len(states) - 1)
     paid = [phi.shaping_reward(states[t], states[t + 1], step=t) for t in steps]
@@ -338,8 +338,8 @@ def test_initialisation_at_the_optimum_is_optimal_before_the_first_step(mdp, dat
 def test_identity_mapping_lifts_q_to_itself(mdp, data):
     q = mdp.ended(data.draw(arrays(np.float64, mdp.shape, elements=st.floats(-1e6, 1e6))))
     task = mdp.task()
-    np.testing.assert_array_equal(cr.identity(task).read(q), q)
-    edge = cr.Transfer("itself", "itself", cr.identity(task))
+    np.testing.assert_array_equal(cr.transfer.identity(task).read(q), q)
+    edge = cr.Transfer("itself", "itself", cr.transfer.identity(task))
     np.testing.assert_array_equal(edge.potential(q), q)
 
 
@@ -444,12 +444,12 @@ def test_every_way_of_entering_finds_the_optimal_policy(how, kind):
     misleading = -3.0 * solution.action_values
     phi = cr.StateActionPotential(
         task, misleading,
-        weight=cr.exponential(1.0, half_life=1000) if how == "advice" else 1.0,
+        weight=cr.learning.exponential(1.0, half_life=1000) if how == "advice" else 1.0,
     )  # fmt: skip
     assert (phi.values.argmax(axis=1) != solution.action_values.argmax(axis=1))[:7].all()
     result = cr.learn(
         task,
-        kind(learning_rate=cr.harmonic(half=20), epsilon=cr.linear(1.0, 0.01, steps=30_000)),
+        kind(learning_rate=cr.learning.harmonic(half=20), epsilon=cr.learning.linear(1.0, 0.01, steps=30_000)),
         40_000, seeds=3, how=how, potential=phi.to_state() if how == "state" else phi,
     )  # fmt: skip
     best = result.values[:, :7].argmax(axis=2)
@@ -471,7 +471,7 @@ def test_look_back_advice_can_mislead_where_several_ways_meet():
     )  # fmt: skip
     phi = np.zeros((5, 2))
     phi[0, 1] = 5.0
-    sarsa = cr.SARSA(learning_rate=cr.harmonic(half=20), epsilon=0.1)
+    sarsa = cr.SARSA(learning_rate=cr.learning.harmonic(half=20), epsilon=0.1)
     settings = {"seeds": 3, "potential": cr.StateActionPotential(task, phi)}
     misled = cr.learn(task, sarsa, 50_000, how="look_back", **settings)
     safe = cr.learn(task, sarsa, 50_000, how="look_ahead", **settings)

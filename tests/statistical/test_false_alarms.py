@@ -11,9 +11,9 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from curricle.study.ordering import holm, sign_flip_test
-from curricle.study.sequential import add_seeds
-from curricle.study.statistics import paired_difference, stratified_bootstrap
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test
+from curricle.statistics.intervals import paired_difference, stratified_bootstrap
+from curricle.statistics.sequential import add_seeds
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,8 @@ import scipy.stats
 from numba import njit
 
 import curricle as cr
-from curricle.learning.sampling import ACTION, best_of, choose
-from curricle.tasks.draws import STRIDE, scramble, unit
+from curricle.learning.exploration import ACTION, best_of, choose
+from curricle.tasks.draws import STRIDE, splitmix64, uniform
 
 FALSE_ALARM = 1e-6
 DRAWS = 20_000
@@ -39,14 +39,14 @@ def _choose_often(row, exploration, step, counter, out):
 def _best_often(row, counter, out):
     for i in range(out.size):
         counter += STRIDE
-        out[i] = best_of(row, 0, scramble(counter))[1] & ACTION
+        out[i] = best_of(row, 0, splitmix64(counter))[1] & ACTION
 
 
 @njit
 def _units(counter, out):
     for i in range(out.size):
         counter += STRIDE
-        out[i] = unit(scramble(counter))
+        out[i] = uniform(splitmix64(counter))
 
 
 def chosen(values, learner, *, seed=0, step=0):
@@ -58,7 +58,7 @@ def chosen(values, learner, *, seed=0, step=0):
 
 @pytest.mark.parametrize("values", [[0, 0, 0, 0], [1, 3, 3], [3, 1, 3, 2, 3], [-1, -1], [0, -0.0]])
 def test_ties_are_broken_uniformly(values):
-    expected = cr.greedy_policy([values])[0]
+    expected = cr.planning.greedy_policy([values])[0]
     assert_frequencies(chosen(values, cr.QLearning(epsilon=0.0)), expected)
     for dtype in (np.float32, np.float64):
         out = np.zeros(DRAWS, dtype=np.int64)
@@ -69,13 +69,13 @@ def test_ties_are_broken_uniformly(values):
 @pytest.mark.parametrize("epsilon", [0.05, 0.5, 1.0])
 @pytest.mark.parametrize("values", [[0.0, 1.0, 0.5], [2.0, 2.0, 0.0, 1.0], [7.0]])
 def test_epsilon_greedy_frequencies(values, epsilon):
-    greedy = cr.greedy_policy([values])[0]
+    greedy = cr.planning.greedy_policy([values])[0]
     expected = (1 - epsilon) * greedy + epsilon / len(values)
     assert_frequencies(chosen(values, cr.QLearning(epsilon=epsilon)), expected)
 
 
 def test_epsilon_follows_its_schedule():
-    learner = cr.QLearning(epsilon=cr.linear(1.0, 0.0, steps=100))
+    learner = cr.QLearning(epsilon=cr.learning.linear(1.0, 0.0, steps=100))
     for step, epsilon in ((0, 1.0), (50, 0.5), (100, 0.0)):
         expected = [1 - epsilon / 2, epsilon / 2]
         assert_frequencies(chosen([1.0, 0.0], learner, step=step), expected)
@@ -120,7 +120,7 @@ def test_starts_and_outcomes_follow_their_probabilities():
             task = cr.FiniteMDP.from_outcomes(
                 [*outcomes, [[]]], terminal=[False] * 3 + [True], start=[*start, 0.0], discount=0.9
             )
-            seen = cr.learn(task, budget=n, every=n).training_return[0, -1]
+            seen = cr.learn(task, budget=n, eval_freq=n).training_return[0, -1]
             p = start[s] * outcome[o]
             # 5 standard errors: false alarm 6e-7 each.
             assert abs(seen - p) < 5 * np.sqrt(p * (1 - p) / n)
@@ -131,7 +131,7 @@ def test_streams_of_different_seeds_are_unrelated():
     task = cr.FiniteMDP.from_outcomes(
         [[[(0.5, 1, 0.0), (0.5, 1, 1.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
     )
-    first = cr.learn(task, budget=1, every=1, seeds=2000).training_return[:, 1]
+    first = cr.learn(task, budget=1, eval_freq=1, seeds=2000).training_return[:, 1]
     assert_frequencies(first.astype(int), [0.5, 0.5])
     assert_frequencies((first[1:] == first[:-1]).astype(int), [0.5, 0.5])
 
@@ -158,14 +158,14 @@ def noisy_task(time_limit=None):
 # Rate 5 / (5 + n) = h / n leaves noise of variance h^2 / (2 h (1 - gamma) - 1) / n = 8.3 / n times
 # a target's (sd below 0.8 here). The rarest pair has n of about 8,000 in 400,000 steps: sd 0.026,
 # and 0.009 in the mean over 8 seeds. Allowed: 0.04, above four of those for the rarest of 8 pairs.
-RATE = cr.harmonic(half=5)
+RATE = cr.learning.harmonic(half=5)
 ALLOWED = 0.04
 STEPS = 400_000
 
 
 def learnt(kind, time_limit=None, **exploration):
     learner = kind(learning_rate=RATE, **exploration)
-    result = cr.learn(noisy_task(time_limit), learner, STEPS, seeds=8, every=STEPS)
+    result = cr.learn(noisy_task(time_limit), learner, STEPS, seeds=8, eval_freq=STEPS)
     return result.values.mean(axis=0)
 
 
@@ -195,7 +195,7 @@ def fixed_point(task, policy_of):
 @pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
 def test_on_policy_learners_find_the_values_of_their_own_policy(kind):
     task = noisy_task()
-    own = fixed_point(task, lambda q: 0.6 * cr.greedy_policy(q) + 0.4 / 2)
+    own = fixed_point(task, lambda q: 0.6 * cr.planning.greedy_policy(q) + 0.4 / 2)
     assert abs(own - cr.solve(task).action_values).max() > 3 * ALLOWED  # it is another one
     assert abs(learnt(kind, epsilon=0.4) - own).max() < ALLOWED
 
@@ -218,7 +218,9 @@ def test_harmonic_rate_is_the_sample_mean():
     task = cr.FiniteMDP.from_outcomes(
         [[[(0.5, 1, -1.0), (0.5, 1, 1.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
     )
-    result = cr.learn(task, cr.QLearning(learning_rate=cr.harmonic()), n, every=n, seeds=400)
+    result = cr.learn(
+        task, cr.QLearning(learning_rate=cr.learning.harmonic()), n, eval_freq=n, seeds=400
+    )
     mean = result.values[:, 0, 0]
     assert mean == pytest.approx(result.training_return[:, 1], abs=1e-12)
     assert scipy.stats.kstest(mean * np.sqrt(n), "norm").pvalue > FALSE_ALARM
@@ -236,7 +238,9 @@ def test_double_q_learning_overestimates_less_than_q_learning():
 
     def entry_values(kind):
         learner = kind(learning_rate=0.1, epsilon=1.0)
-        return cr.learn(task, learner, 20_000, seeds=200, every=20_000).values[:, 2].mean(axis=1)
+        return (
+            cr.learn(task, learner, 20_000, seeds=200, eval_freq=20_000).values[:, 2].mean(axis=1)
+        )
 
     single, double = entry_values(cr.QLearning), entry_values(cr.DoubleQLearning)
     error = np.hypot(single.std(), double.std()) / np.sqrt(200)

@@ -13,8 +13,8 @@ from curricle.study.runner.run import run_study
 CHAIN = """
 name = "chain"
 seeds = 4
-block = 2
-every = 50
+seeds_per_unit = 2
+eval_freq = 50
 [tasks.maze]
 type = "maze"
 map = '''
@@ -38,7 +38,7 @@ type = "crop"
 of = "maze"
 rows = [1, 3]
 columns = [2, 5]
-every = 20
+eval_freq = 20
 budget = { most = 300, value = 194.5, evaluations = 3 }
 [[transfers]]
 source = "corner"

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from curricle import CurriculumError, maximum, mean, minimum, total
+from curricle import maximum, mean, minimum, total
+from curricle.errors import CurriculumError
 from curricle.transfer.aggregation import aggregate
 
 PHI = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])

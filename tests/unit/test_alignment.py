@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
-from curricle.study import alignment
-from curricle.study.alignment import differences
+from curricle.comparison.task_differences import differences
 
 MAZE = GridWorld(["S.F", "..T"])
 HUNT = Pursuit(3, 2)
@@ -302,11 +301,11 @@ def test_a_task_of_ones_own_is_compared_by_its_tables():
 
 
 def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
-    monkeypatch.setattr(alignment, "LARGEST", 10)
+    monkeypatch.setattr(task_differences, "LARGEST", 10)
     assert names(HUNT, Pursuit(3, 2, torus=True)) == ["torus"]
     assert differences(HUNT, HUNT.mdp) == (
         "rules (too large, or given by functions, to be compared)",
     )
-    monkeypatch.setattr(alignment, "LARGEST", 1)
+    monkeypatch.setattr(task_differences, "LARGEST", 1)
     assert differences(coin(), coin()) == ()
     assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]

@@ -15,7 +15,7 @@ def same_cells(target, source):
     """Map every cell to the one of the same number; what the source ends in is ENDED."""
     index = np.arange(target.states.size * target.actions.size).reshape(-1, target.actions.size)
     ends = source.mdp.terminal[:, None]
-    return cr.StateActionMapping(target, source, np.where(ends, cr.ENDED, index))
+    return cr.transfer.StateActionMapping(target, source, np.where(ends, cr.ENDED, index))
 
 
 def plan(*sources, **settings):
@@ -29,13 +29,13 @@ def plan(*sources, **settings):
 
 
 def test_a_source_with_the_treasure_elsewhere_makes_choices_wrong_at_once():
-    found = cr.attribute(plan(WRONG_WAY), steps=1, seeds=5)
+    found = cr.comparison.attribute(plan(WRONG_WAY), steps=1, seeds=5)
     (name,) = found.names
     assert name == "source 0 -> line"
     # Untaught all four actions tie, so the choice is wrong already; a source cannot add to that.
     assert (found.wrong[0] <= 0).all()
     assert (found.loss[0, 1:5] > 0).any()
-    later = cr.attribute(plan(WRONG_WAY), steps=150, seeds=10)
+    later = cr.comparison.attribute(plan(WRONG_WAY), steps=150, seeds=10)
     assert later.gain[0].high < 0
     (region,) = later.regions(name)
     assert set(region.states) <= set(range(5))
@@ -45,7 +45,7 @@ def test_a_source_with_the_treasure_elsewhere_makes_choices_wrong_at_once():
 
 
 def test_a_source_that_is_the_target_makes_choices_right():
-    found = cr.attribute(plan(LINE), steps=1, seeds=5)
+    found = cr.comparison.attribute(plan(LINE), steps=1, seeds=5)
     assert (found.wrong[0, :5] == -1).all()
     assert (found.error[0] == 0).all()
     (region,) = found.regions("source 0 -> line", harmed=False)
@@ -55,24 +55,24 @@ def test_a_source_that_is_the_target_makes_choices_right():
 
 
 def test_each_of_two_sources_is_blamed_for_its_own():
-    found = cr.attribute(plan(LINE, WRONG_WAY, aggregate=cr.total), steps=1, seeds=5)
+    found = cr.comparison.attribute(plan(LINE, WRONG_WAY, aggregate=cr.total), steps=1, seeds=5)
     good, bad = found.wrong[:, 1:4].mean(axis=1)
     assert good < 0 <= bad
     again = plan(LINE, WRONG_WAY, aggregate=cr.total)
     trained = again.train(5, only=["source 0", "source 1"]).nodes
-    reused = cr.attribute(again, steps=1, seeds=5, trained=trained)
+    reused = cr.comparison.attribute(again, steps=1, seeds=5, trained=trained)
     np.testing.assert_array_equal(reused.wrong, found.wrong)
 
 
 def test_the_differences_are_those_of_runs_with_and_without():
     both = plan(LINE, WRONG_WAY, aggregate=cr.mean)
-    found = cr.attribute(both, steps=60, seeds=4)
+    found = cr.comparison.attribute(both, steps=60, seeds=4)
     sources = both.train(4, only=["source 0", "source 1"]).nodes
     solution = cr.solve(LINE)
 
     def runs(transfers):
         phi = both.potentials("line", sources, transfers=transfers)
-        return cr.learn(LINE, budget=60, seeds=4, potential=phi, stream="line", every=60)
+        return cr.learn(LINE, budget=60, seeds=4, potential=phi, stream="line", eval_freq=60)
 
     def wrong(result):
         q = result.values
@@ -103,7 +103,7 @@ def test_the_corner_of_the_maze_is_found_to_mislead():
         budget={"corner": SOURCE_BUDGET, "maze": 50_000},
         evaluation=SUMMED,
     )
-    found = cr.attribute(curriculum, steps=20_000, seeds=20)
+    found = cr.comparison.attribute(curriculum, steps=20_000, seeds=20)
     worst = found.regions("corner -> maze")[0]
     cells = {tuple(int(x) for x in arena.cells[s]) for s in worst.states}
     assert {(2, 8), (2, 9)} <= cells
@@ -112,14 +112,14 @@ def test_the_corner_of_the_maze_is_found_to_mislead():
 
 def test_regions_are_what_moves_connect():
     rooms = cr.GridWorld(["S.#.", "..#T"], time_limit=50)
-    found = cr.Attribution(
+    found = cr.comparison.Attribution(
         task=rooms,
         steps=1,
         names=("a",),
         wrong=np.array([[1.0, 1.0, 1.0, 0.0, 0.9, 0.0]]),
         error=np.zeros((1, 6)),
         loss=np.ones((1, 6)),
-        gain=(cr.Interval(0.0, 0.0, 0.0, 0.95, 2),),
+        gain=(cr.statistics.Interval(0.0, 0.0, 0.0, 0.95, 2),),
     )
     together, apart = found.regions("a")
     assert together.states.tolist() == [0, 1, 4]
@@ -128,13 +128,21 @@ def test_regions_are_what_moves_connect():
 
 
 def test_numbers_and_names_are_checked():
-    with pytest.raises(cr.CurriculumError, match="what is attributed must be a Curriculum: got"):
-        cr.attribute(LINE, steps=10)
-    with pytest.raises(cr.CurriculumError, match="needs transfers into the task: 'line' has none"):
-        cr.attribute(cr.Curriculum(tasks={"line": LINE}), steps=10)
-    with pytest.raises(cr.SettingError, match="at least 2 seeds: got 1"):
-        cr.attribute(plan(LINE), steps=10, seeds=1)
-    with pytest.raises(cr.SettingError, match="steps of an attribution must be a whole number"):
-        cr.attribute(plan(LINE), steps=0)
-    with pytest.raises(cr.CurriculumError, match="a transfer must be one of source 0 -> line"):
-        cr.attribute(plan(LINE), steps=1, seeds=2).regions("line")
+    with pytest.raises(
+        cr.errors.CurriculumError, match="what is attributed must be a Curriculum: got"
+    ):
+        cr.comparison.attribute(LINE, steps=10)
+    with pytest.raises(
+        cr.errors.CurriculumError, match="needs transfers into the task: 'line' has none"
+    ):
+        cr.comparison.attribute(cr.Curriculum(tasks={"line": LINE}), steps=10)
+    with pytest.raises(cr.errors.SettingError, match="at least 2 seeds: got 1"):
+        cr.comparison.attribute(plan(LINE), steps=10, seeds=1)
+    with pytest.raises(
+        cr.errors.SettingError, match="steps of an attribution must be a whole number"
+    ):
+        cr.comparison.attribute(plan(LINE), steps=0)
+    with pytest.raises(
+        cr.errors.CurriculumError, match="a transfer must be one of source 0 -> line"
+    ):
+        cr.comparison.attribute(plan(LINE), steps=1, seeds=2).regions("line")

@@ -10,34 +10,27 @@ from curricle import (
     SARSA,
     Component,
     Curriculum,
-    CurriculumError,
     DoubleQLearning,
     Episodes,
     FiniteMDP,
     GreedyEvaluation,
     GridWorld,
-    MappingError,
-    PotentialError,
     Pursuit,
     QLearning,
     Rewards,
-    SettingError,
     Space,
-    StateActionMapping,
     StateActionPotential,
     StatePotential,
-    TaskError,
     Transfer,
-    compose,
     from_function,
-    identity,
     learn,
     project,
-    relative_objects,
-    rollout,
     same_position,
     solve,
 )
+from curricle.errors import CurriculumError, MappingError, PotentialError, SettingError, TaskError
+from curricle.planning import rollout
+from curricle.transfer import StateActionMapping, compose, identity, relative_objects
 
 NAN, INF = float("nan"), float("inf")
 LINE = GridWorld("S.T")
@@ -299,12 +292,12 @@ SETTINGS = {
         "each of seeds must be a whole number, at least 0: got -1",
     ),
     "every 0": (
-        lambda: ask(every=0),
+        lambda: ask(eval_freq=0),
         "every, the steps between checkpoints, must be a whole number, at least 1: got 0",
     ),
-    "every -5": (lambda: ask(every=-5), "got -5"),
-    "every 2.5": (lambda: ask(every=2.5), "whole number.*got 2.5"),
-    "every too far": (lambda: ask(every=101), "exceed the budget of 100 steps: got 101"),
+    "every -5": (lambda: ask(eval_freq=-5), "got -5"),
+    "every 2.5": (lambda: ask(eval_freq=2.5), "whole number.*got 2.5"),
+    "every too far": (lambda: ask(eval_freq=101), "exceed the budget of 100 steps: got 101"),
     "workers": (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
     "evaluation": (
         lambda: GreedyEvaluation("best"),
@@ -319,7 +312,7 @@ SETTINGS = {
     "rate below 0": (lambda: SARSA(learning_rate=-0.1), r"learning_rate .*\[0, 1\]: got -0.1"),
     "rate NaN": (lambda: DoubleQLearning(learning_rate=NAN), "finite: got nan"),
     "rate ends badly": (
-        lambda: QLearning(learning_rate=cr.linear(0.5, 2, steps=9)),
+        lambda: QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
         r"learning_rate .*got 2",
     ),
     "epsilon above 1": (lambda: QLearning(epsilon=1.1), r"epsilon must lie in \[0, 1\]: got 1.1"),
@@ -333,11 +326,20 @@ SETTINGS = {
         "either .*epsilon=0.1 and inverse_temperature=2.0",
     ),
     "initial value": (lambda: QLearning(initial_value=INF), "finite: got inf"),
-    "constant": (lambda: cr.constant(NAN), "finite: got nan"),
-    "linear in no steps": (lambda: cr.linear(1, 0, steps=0), "steps must be positive: got 0"),
-    "linear to infinity": (lambda: cr.linear(1, INF, steps=9), "last must be finite: got inf"),
-    "half_life": (lambda: cr.exponential(1, half_life=-1), "half_life must be positive: got -1"),
-    "half": (lambda: cr.harmonic(half=0), "half must be positive: got 0"),
+    "constant": (lambda: cr.learning.constant(NAN), "finite: got nan"),
+    "linear in no steps": (
+        lambda: cr.learning.linear(1, 0, steps=0),
+        "steps must be positive: got 0",
+    ),
+    "linear to infinity": (
+        lambda: cr.learning.linear(1, INF, steps=9),
+        "last must be finite: got inf",
+    ),
+    "half_life": (
+        lambda: cr.learning.exponential(1, half_life=-1),
+        "half_life must be positive: got -1",
+    ),
+    "half": (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
     "unknown how": (lambda: ask(how="magic"), "initialise, .*advice: got 'magic'"),
     "look-back with Q-learning": (
         lambda: ask(how="look_back", potential=PHI),
@@ -560,7 +562,7 @@ def test_bad_input_is_refused_in_one_sentence(error, call, says):
         lambda: GridWorld("S.T", discount=1, time_limit=5).mdp,
         lambda: GridWorld("S.T", ends=()).mdp,
         lambda: QLearning(learning_rate=0, epsilon=1),
-        lambda: ask(every=100),
+        lambda: ask(eval_freq=100),
         lambda: ask(budget=np.int32(100), seeds=np.int64(1)),
     ],
 )
@@ -594,7 +596,7 @@ def test_refused_arrays_are_as_they_were_and_still_writable():
 
 def test_a_refused_learning_runs_nothing_and_leaves_the_potential():
     before = PHI.values.copy()
-    for wrong in ({"every": 0}, {"seeds": []}, {"how": "magic"}, {"workers": 0}):
+    for wrong in ({"eval_freq": 0}, {"seeds": []}, {"how": "magic"}, {"workers": 0}):
         with pytest.raises(SettingError):
             ask(potential=PHI, **({"budget": 2**40} | wrong))  # would take weeks if it ran
     assert (PHI.values == before).all()

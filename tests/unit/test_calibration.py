@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.following import follow, greedy_start
-from curricle.learning.run import Prelude
+from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
+from curricle.learning.run import WarmUp
+from curricle.planning.evaluation import GreedyEvaluation
 from curricle.transfer.calibration import attempt, calibrate
-from curricle.transfer.edge import Calibrate
-from curricle.transfer.mapped import mapped_potential
+from curricle.transfer.edges import Calibrate
+from curricle.transfer.potentials import mapped_potential
 
 LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
@@ -29,32 +29,32 @@ def mapped(aggregate=cr.minimum):
 
 
 def test_what_was_promised_stands_beside_what_was_earned():
-    met = follow(optimum(LINE), episodes=2)
+    met = greedy_rollouts(optimum(LINE), episodes=2)
     assert met.states.tolist() == [0, 1, 2, 0, 1, 2]
-    np.testing.assert_allclose(met.promised, met.earned)
+    np.testing.assert_allclose(met.predicted, met.return_to_go)
     assert met.lengths.tolist() == [3, 3]
     assert met.ended.all()
     assert met.returns.tolist() == [197.0, 197.0]
-    assert not met.tail.any()
-    assert not met.beyond.any()
+    assert not met.bootstrap_discount.any()
+    assert not met.bootstrapped_value.any()
 
 
 def test_an_episode_cut_off_goes_on_in_what_is_promised_beyond():
     away = cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1)))  # west, for ever
-    met = follow(away, episodes=1)
+    met = greedy_rollouts(away, episodes=1)
     assert met.lengths.tolist() == [10]
     assert not met.ended.any()
     assert met.one_reward
-    np.testing.assert_allclose(met.tail, 0.5 ** np.arange(10, 0, -1))
-    assert (met.beyond == 8.0).all()
-    np.testing.assert_allclose(met.earned, -2 * (1 - met.tail))
+    np.testing.assert_allclose(met.bootstrap_discount, 0.5 ** np.arange(10, 0, -1))
+    assert (met.bootstrapped_value == 8.0).all()
+    np.testing.assert_allclose(met.return_to_go, -2 * (1 - met.bootstrap_discount))
 
 
 @pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
 def test_a_potential_read_on_the_fly_is_followed_like_its_array(aggregate):
     lazy = mapped(aggregate)
     array = cr.StateActionPotential(HUNT, lazy.values)
-    one, other = (follow(phi, episodes=50, seed=3) for phi in (lazy, array))
+    one, other = (greedy_rollouts(phi, episodes=50, seed=3) for phi in (lazy, array))
     for name in vars(one):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for method in ("exact", "rollouts"):
@@ -85,9 +85,9 @@ def test_a_shifted_optimum_is_shifted_back(quantile):
 
 def test_the_scale_is_the_least_squares_one():
     phi = mapped(cr.mean)
-    met = follow(phi, episodes=200, seed=7, stream="calibrate")
+    met = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")
     assert met.ended.all()
-    expected, *_ = np.linalg.lstsq(met.promised[:, None], met.earned)
+    expected, *_ = np.linalg.lstsq(met.predicted[:, None], met.return_to_go)
     assert calibrate(phi, seed=7).scale == pytest.approx(expected[0])
 
 
@@ -96,15 +96,15 @@ def test_the_scale_is_the_least_squares_one():
 def test_a_quantile_leaves_that_share_of_the_returns_below(quantile, shift):
     phi = mapped(cr.minimum)
     found = calibrate(phi, quantile=quantile, shift=shift)
-    met = follow(phi, episodes=200, stream="calibrate")
-    promised = found.scale * met.promised + found.shift
+    met = greedy_rollouts(phi, episodes=200, stream="calibrate")
+    predicted = found.scale * met.predicted + found.shift
     if shift:
-        below = met.earned < promised
+        below = met.return_to_go < predicted
         assert below.mean() == pytest.approx(quantile, abs=0.03)
     else:  # weighed by size: one number cannot do better
-        size = abs(met.promised)
-        below = size[met.earned < promised - 1e-9].sum() / size.sum()
-        upto = size[met.earned <= promised + 1e-9].sum() / size.sum()
+        size = abs(met.predicted)
+        below = size[met.return_to_go < predicted - 1e-9].sum() / size.sum()
+        upto = size[met.return_to_go <= predicted + 1e-9].sum() / size.sum()
         assert below <= quantile + 1e-9
         assert upto >= quantile - 1e-9
 
@@ -144,7 +144,7 @@ def test_it_says_what_it_did():
 
 
 def refused(phi, **settings):
-    with pytest.raises(cr.CalibrationError) as caught:
+    with pytest.raises(cr.errors.CalibrationError) as caught:
         calibrate(phi, **settings)
     found = attempt(phi, Calibrate(**settings))
     assert found.refusal == str(caught.value)
@@ -200,24 +200,24 @@ def test_promises_that_were_not_put_to_the_test_are_not_raised():
     ],
 )
 def test_settings_out_of_range(settings, message):
-    with pytest.raises(cr.SettingError) as caught:
+    with pytest.raises(cr.errors.SettingError) as caught:
         Calibrate(**settings)
     assert str(caught.value) == message
 
 
 def test_a_state_potential_is_none_to_be_calibrated():
-    with pytest.raises(cr.PotentialError, match="must be a StateActionPotential"):
+    with pytest.raises(cr.errors.PotentialError, match="must be a StateActionPotential"):
         calibrate(optimum(LINE).to_state())
 
 
 def test_episodes_without_a_near_end_are_refused():
     long = cr.GridWorld("S..T", time_limit=1_000_000)
-    with pytest.raises(cr.SettingError, match=r"must not exceed 50,000,000 steps in all"):
+    with pytest.raises(cr.errors.SettingError, match=r"must not exceed 50,000,000 steps in all"):
         calibrate(optimum(long))
 
 
 def test_a_potential_on_the_fly_is_scaled_by_positive_numbers_only():
-    with pytest.raises(cr.PotentialError, match="positive numbers only: got -1"):
+    with pytest.raises(cr.errors.PotentialError, match="positive numbers only: got -1"):
         mapped().rescaled(-1.0)
 
 
@@ -243,7 +243,7 @@ def curriculum(**changes):
         transfers=edges,
         aggregate=cr.minimum,
         budget={"chase": 20_000, "hunt": 5_000},
-        every={"hunt": 100},
+        eval_freq={"hunt": 100},
     )
 
 
@@ -265,12 +265,12 @@ def test_calibration_is_charged_to_the_target():
     hunt = result["hunt"]
     assert hunt.steps_used.tolist() == [5000, 5000]
     for k, found in enumerate(result.calibrations["hunt"]):
-        ends = np.cumsum(found.prelude.lengths)
+        ends = np.cumsum(found.warm_up.lengths)
         spent = hunt.steps <= found.steps
         np.testing.assert_array_equal(
             hunt.episodes[k, spent], np.searchsorted(ends, hunt.steps[spent], side="right")
         )
-        first = found.prelude.returns[ends <= 100].mean()
+        first = found.warm_up.returns[ends <= 100].mean()
         assert hunt.training_return[k, 1] == pytest.approx(first)
         assert (hunt.greedy_return[k, spent] == hunt.greedy_return[k, 0]).all()
 
@@ -280,9 +280,9 @@ def test_calibration_is_charged_to_the_target():
 def test_a_prelude_moves_learning_along_the_axis(learner, guard):
     if guard and isinstance(learner, cr.SARSA):
         pytest.skip("guards are for Q-learning")
-    phi, options = mapped(), {"every": 50, "guard": guard, "seeds": [3]}
-    prelude = Prelude(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
-    late = cr.learn(HUNT, learner, 1130, potential=phi, before=[prelude], **options)
+    phi, options = mapped(), {"eval_freq": 50, "guard": guard, "seeds": [3]}
+    warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
+    late = cr.learn(HUNT, learner, 1130, potential=phi, warm_up=[warm_up], **options)
     plain = cr.learn(HUNT, learner, 1000, potential=phi, **options)
     np.testing.assert_array_equal(late.values, plain.values)
     assert late.episodes_used[0] == plain.episodes_used[0] + 3
@@ -304,7 +304,7 @@ def test_a_refused_seed_goes_on_with_a_warning():
 
 
 def test_transfers_into_a_task_must_agree_on_calibration():
-    with pytest.raises(cr.CurriculumError) as caught:
+    with pytest.raises(cr.errors.CurriculumError) as caught:
         cr.Curriculum(
             tasks={"chase": CHASE, "hunt": HUNT},
             transfers=[EDGES[0], cr.Transfer("chase", "hunt", EDGES[1].mapping, calibrate=True)],
@@ -316,7 +316,9 @@ def test_transfers_into_a_task_must_agree_on_calibration():
 
 
 def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
-    with pytest.raises(cr.CurriculumError, match="must be True, False or a Calibrate: got 3"):
+    with pytest.raises(
+        cr.errors.CurriculumError, match="must be True, False or a Calibrate: got 3"
+    ):
         cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=3)
 
 
@@ -324,12 +326,16 @@ def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
     ("budget", "n"), [(130, 1), (cr.Episodes(3), 1), (1000, 2)], ids=["steps", "episodes", "number"]
 )
 def test_a_budget_must_exceed_its_prelude(budget, n):
-    prelude = Prelude(np.array([30, 40, 60]), np.zeros(3))
-    with pytest.raises(cr.SettingError, match=r"must exceed what was spent|one prelude a seed"):
-        cr.learn(HUNT, budget=budget, before=[prelude] * n)
+    warm_up = WarmUp(np.array([30, 40, 60]), np.zeros(3))
+    with pytest.raises(
+        cr.errors.SettingError, match=r"must exceed what was spent|one warm_up a seed"
+    ):
+        cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
 
 
 def test_a_guard_needs_dense_tables():
     storage = cr.Storage(kind="sparse")
-    with pytest.raises(cr.SettingError, match=r"without a guard: got QLearning.* and a guard"):
+    with pytest.raises(
+        cr.errors.SettingError, match=r"without a guard: got QLearning.* and a guard"
+    ):
         cr.learn(HUNT, budget=100, potential=mapped(), guard=cr.Guard(), storage=storage)

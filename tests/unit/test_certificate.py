@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import PotentialError, SettingError, TaskError
-from curricle.certificate.certify import Certificate, certify
+from curricle.certificate.certification import Certificate, certify
 from curricle.certificate.given import READ, checked
 from curricle.certificate.shaped import bonus_values, look_ahead_sweep, reached, ways_in
-from curricle.learning.wandering import wander
+from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.paper import hacking
-from curricle.transfer.mapped import mapped_potential
+from curricle.planning.random_rollouts import random_rollouts as wander
+from curricle.transfer.potentials import mapped_potential
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MAZE = cr.GridWorld(["S..", ".#.", "..T"], rewards=cr.Rewards(treasure=10), discount=0.9)
@@ -99,7 +99,7 @@ def test_the_tolerance_asked_for_is_the_one_used():
     assert found.holds
     assert found.tolerance == 0.5
     slight = np.zeros((MAZE.states.size, 4))
-    slight[0, 0] = 3.0  # worse than moving on by 1.9, but for this
+    slight[0, 0] = 3.0  # worse than generative on by 1.9, but for this
     assert not certify(MAZE, slight, "advice")
     assert certify(MAZE, slight, "advice", tolerance=5.0)
     with pytest.raises(SettingError, match=r"tolerance must be at least .*: got 1e-15"):
@@ -375,9 +375,9 @@ def test_the_start_of_an_episode_is_a_past_of_its_own():
     [
         (1.0, False, "Q + phi"),
         (0.5, False, "Q + 0.5 phi"),
-        (cr.linear(1.0, 0.0, steps=10), True, "Q alone"),
-        (cr.exponential(1.0, half_life=1e9), True, "Q alone"),
-        (cr.harmonic(1.0, 0.25), False, "Q + 0.25 phi"),
+        (cr.learning.linear(1.0, 0.0, steps=10), True, "Q alone"),
+        (cr.learning.exponential(1.0, half_life=1e9), True, "Q alone"),
+        (cr.learning.harmonic(1.0, 0.25), False, "Q + 0.25 phi"),
     ],
 )
 def test_advice_is_judged_by_what_its_weight_goes_to(weight, holds, said):
@@ -397,7 +397,11 @@ FRAMES = RNG.normal(size=(3, MAZE.states.size))
 
 
 def changing(kind=cr.StatePotential, **settings):
-    settings = {"weight": cr.linear(1.0, 0.5, steps=40), "frame_steps": (0, 15, 300), **settings}
+    settings = {
+        "weight": cr.learning.linear(1.0, 0.5, steps=40),
+        "frame_steps": (0, 15, 300),
+        **settings,
+    }
     return kind(MAZE, FRAMES, **settings)
 
 
@@ -414,7 +418,7 @@ def test_a_changing_potential_is_compared_as_it_ends_and_checked_in_time():
     [
         {},
         {"weight": 1.0, "frame_steps": (0, 3_000, 500_000)},  # at two moments only
-        {"weight": cr.exponential(1.0, 0.5, half_life=10)},
+        {"weight": cr.learning.exponential(1.0, 0.5, half_life=10)},
     ],
 )
 def test_a_changing_potential_that_forgets_the_time_is_not_called_safe(change):
@@ -435,7 +439,7 @@ def test_a_changing_potential_is_checked_all_the_time_that_it_changes():
             when = step if step < 50_000 else 50_000
             return super().shaping_reward(state, next_state, step=when)
 
-    weight = cr.linear(1.0, 0.0, steps=100_000)
+    weight = cr.learning.linear(1.0, 0.0, steps=100_000)
     assert certify(MAZE, cr.StatePotential(MAZE, PHI, weight=weight), "state")
     assert certify(MAZE, Tiring(MAZE, PHI, weight=weight), "state").holds is None
 
@@ -530,7 +534,7 @@ def test_a_mapped_potential_of_a_large_task_in_other_ways():
 def test_decaying_advice_needs_no_tables():
     task, _ = boat()
     phi = cr.StateActionPotential(
-        task, np.ones((task.states.size, 5)), weight=cr.exponential(1.0, half_life=9)
+        task, np.ones((task.states.size, 5)), weight=cr.learning.exponential(1.0, half_life=9)
     )
     found = certify(task, phi, "advice")
     assert found.holds
@@ -575,7 +579,9 @@ def test_a_computed_task_is_sampled():
         certify(task, ended, "state", steps=10_000),
         certify(task, difference(ended, 0.99), "reward", steps=10_000),
         certify(task, cr.StateActionPotential(task, np.outer(phi, [1, 2, 3, 4, 5])), steps=10_000),
-        certify(task, cr.StatePotential(task, phi, weight=cr.linear(1, 0, steps=30)), "state"),
+        certify(
+            task, cr.StatePotential(task, phi, weight=cr.learning.linear(1, 0, steps=30)), "state"
+        ),
     ):
         assert own.holds is None
         assert own.method == "sampled"

@@ -93,7 +93,7 @@ def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, t
     assert any(line.startswith("    easy -> maze: ") for line in lines)
     bill = [line.split() for line in lines if ": " in line and line.endswith(" s")]
     assert [row[:4] for row in bill][:2] == [
-        ["direct:", "maze", "4", "1,500"],
+        ["scratch:", "maze", "4", "1,500"],
         ["chain:", "corner", "4", "300"],
     ]
     assert not any(row[:2] == ["state:", "corner"] for row in bill)  # shared with the arm before
@@ -190,7 +190,7 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out")
     lines = out.splitlines()
     assert code == 0
-    assert lines[0] == "direct: maze, seeds 0-1: 1,500 steps at most"
+    assert lines[0] == "scratch: maze, seeds 0-1: 1,500 steps at most"
     assert lines[-1] == "16 units to do, 0 done, in out"
     assert len(lines) == 17
     assert not (tmp_path / "out").exists()
@@ -263,7 +263,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     text = study_file.read_text().partition("[arms.chain]")[0]
     file.write_text(f"direct = false\n{text}")
     command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
-    long = ["--set", "tasks.maze.budget=2_000_000_000", "--set", "tasks.maze.every=1_000_000"]
+    long = ["--set", "tasks.maze.budget=2_000_000_000", "--set", "tasks.maze.eval_freq=1_000_000"]
     with subprocess.Popen(
         [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     ) as running:
@@ -313,8 +313,8 @@ def test_decisions_are_sentences(curricle, refused, finished):
     lines = out.splitlines()
     assert code == 0
     assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
-    assert lines[0] == "direct: maze, seed 0: ends; its budget is spent: 1,500 steps, " + (
-        f"{Study(finished).result('direct', 'maze').episodes_used[0]} episodes"
+    assert lines[0] == "scratch: maze, seed 0: ends; its budget is spent: 1,500 steps, " + (
+        f"{Study(finished).result('scratch', 'maze').episodes_used[0]} episodes"
     )
     code, out, _ = curricle(
         "show", finished, "--decisions", "--arm", "chain", "--node", "corner", "--seed", "1"
@@ -357,7 +357,7 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     assert code == 0
     arms = [line.split("  ")[0] for line in out.splitlines()[2:]]
     assert arms == [
-        "direct",
+        "scratch",
         *[f"{s}: {arm}" for s in ("chain", "less") for arm in ("chain", "state", "calibrated")],
     ]
     assert "1,400 steps" in out.splitlines()[0]  # the smaller total

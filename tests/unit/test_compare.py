@@ -10,23 +10,20 @@ import pytest
 import curricle as cr
 from curricle import (
     UNMAPPED,
-    Arm,
-    Comparison,
     Curriculum,
-    CurriculumError,
-    Curve,
     Episodes,
     FiniteMDP,
     GreedyEvaluation,
     GridWorld,
     Pursuit,
-    SettingError,
-    StateActionMapping,
     Transfer,
-    charge_source,
     compare,
 )
-from curricle.learning import target as judging
+from curricle.comparison import Arm, Comparison
+from curricle.errors import CurriculumError, SettingError
+from curricle.planning import target as judging
+from curricle.statistics import Curve, charge_source
+from curricle.transfer import StateActionMapping
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
@@ -36,13 +33,13 @@ ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
 LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
 
 
-def corner(mapping=HERE, source=500, target=3000, every=100, **settings):
+def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
     """Return a curriculum from a corner of the maze to the maze."""
     return Curriculum(
         tasks={"corner": CORNER, "maze": MAZE},
         transfers=[Transfer("corner", "maze", mapping)],
         budget={"corner": source, "maze": target},
-        every={"maze": every},
+        eval_freq={"maze": eval_freq},
         **settings,
     )
 
@@ -51,7 +48,7 @@ def copied(task, target="far", **settings):
     """Return a curriculum from a task to itself."""
     return Curriculum(
         tasks={"near": task, target: task},
-        transfers=[Transfer("near", target, cr.identity(task))],
+        transfers=[Transfer("near", target, cr.transfer.identity(task))],
         **({"budget": 100} | settings),
     )
 
@@ -78,14 +75,14 @@ def assert_same(one, other):
     np.testing.assert_array_equal(one.curve.values, other.curve.values)
     np.testing.assert_array_equal(one.curve.source_steps, other.curve.source_steps)
     np.testing.assert_array_equal(one.training_return, other.training_return)
-    np.testing.assert_array_equal(one.trust, other.trust)
+    np.testing.assert_array_equal(one.guard_share, other.guard_share)
     assert one.control == other.control
 
 
 def assert_held(arm, last):
     """Nothing of an arm changes after these checkpoints, one a seed; before them it did."""
     for k, place in enumerate(last):
-        for rows in (arm.curve.values, arm.training_return, arm.trust):
+        for rows in (arm.curve.values, arm.training_return, arm.guard_share):
             np.testing.assert_array_equal(
                 rows[k, place:], np.full_like(rows[k, place:], rows[k, place])
             )
@@ -105,21 +102,21 @@ def test_every_arm_has_the_same_total(calls):
     again = [("control source", 1500), ("maze", 3000)]
     assert trained[11:] == [("corner", 1500), *[("maze", 3000)] * 5, *again, *again]
     for name, arm in found.arms.items():
-        spent = 0 if name == "direct" else 500 if name.startswith("small") else 1500
+        spent = 0 if name == "scratch" else 500 if name.startswith("small") else 1500
         assert arm.curve.source_steps.tolist() == [spent, spent]
         assert arm.curve.steps.tolist() == list(range(0, 4501, 100))
         assert_held(arm, [(4500 - spent) // 100] * 2)
 
 
 def test_the_total_is_a_whole_number_of_checkpoints():
-    found = compare(corner(source=300, target=1000, every=70), seeds=1, window=1)
+    found = compare(corner(source=300, target=1000, eval_freq=70), seeds=1, window=1)
     assert found.total == 1330
     assert found.arms["transfer"].curve.steps[-1] == 1330
 
 
 def test_sources_that_take_each_seed_another_time_leave_it_another_time(calls):
     """In a budget of 40 episodes no two seeds take the same steps; 40 x 50 are the most."""
-    settings = {"every": {"far": 20}, "learner": {"near": cr.QLearning(epsilon=0.5)}}
+    settings = {"eval_freq": {"far": 20}, "learner": {"near": cr.QLearning(epsilon=0.5)}}
     settings["budget"] = {"near": Episodes(40), "far": 3000}
     found = compare(copied(MAZE, **settings), seeds=3, controls=ALL)
     assert found.total == 5000
@@ -145,14 +142,14 @@ def test_sources_that_take_each_seed_another_time_leave_it_another_time(calls):
 
 def test_an_arm_that_is_told_nothing_is_the_direct_learner_a_little_later():
     found = compare(corner(NOWHERE), seeds=4)
-    direct, arm = found.direct, found["transfer"]
-    assert np.ptp(direct.curve.values) > 0
+    scratch, arm = found.scratch, found["transfer"]
+    assert np.ptp(scratch.curve.values) > 0
     own = 3000 // 100 + 1
-    np.testing.assert_array_equal(arm.curve.values[:, :own], direct.curve.values[:, :own])
-    np.testing.assert_array_equal(arm.training_return[:, :own], direct.training_return[:, :own])
-    charged = arm.charged(direct).values
-    np.testing.assert_array_equal(charged[:, 5:], direct.curve.values[:, :-5])
-    assert (charged[:, :5] == direct.curve.values[:, :1]).all()
+    np.testing.assert_array_equal(arm.curve.values[:, :own], scratch.curve.values[:, :own])
+    np.testing.assert_array_equal(arm.training_return[:, :own], scratch.training_return[:, :own])
+    charged = arm.charged(scratch).values
+    np.testing.assert_array_equal(charged[:, 5:], scratch.curve.values[:, :-5])
+    assert (charged[:, :5] == scratch.curve.values[:, :1]).all()
 
 
 def test_equal_arms_are_equal():
@@ -172,9 +169,11 @@ def test_an_arm_is_the_training_of_its_curriculum():
 def test_the_direct_learner_is_the_targets_own():
     learner, evaluation = cr.QLearning(epsilon=0.3), GreedyEvaluation(discounted=False)
     found = compare(corner(learner={"maze": learner}, evaluation={"maze": evaluation}), seeds=2)
-    alone = cr.learn(MAZE, learner, 3500, seeds=2, every=100, evaluation=evaluation, stream="maze")
-    np.testing.assert_array_equal(found.direct.curve.values, alone.greedy_return)
-    np.testing.assert_array_equal(found.direct.training_return, alone.training_return)
+    alone = cr.learn(
+        MAZE, learner, 3500, seeds=2, eval_freq=100, evaluation=evaluation, stream="maze"
+    )
+    np.testing.assert_array_equal(found.scratch.curve.values, alone.greedy_return)
+    np.testing.assert_array_equal(found.scratch.training_return, alone.training_return)
 
 
 def test_equal_seeds_agree_and_different_ones_differ():
@@ -198,7 +197,7 @@ def pursuit(**settings):
         ],
         aggregate=cr.minimum,
         budget={"chase": 5000, "hunt": 8000},
-        every={"hunt": 100},
+        eval_freq={"hunt": 100},
         evaluation=GreedyEvaluation(method="rollouts", episodes=10),
         **settings,
     )
@@ -210,14 +209,14 @@ def test_the_steps_of_a_calibration_are_charged(calls):
     assert found.total == 13_000
     hunts = [call for call in calls if call["stream"] == "hunt"]
     assert [call["budget"] for call in hunts] == [13_000] + [8000] * 6
-    preludes = hunts[-3]["before"]
+    warm_ups = hunts[-3]["before"]
     assert not any(call.get("before") for call in hunts[:-3])
-    assert [call["before"] for call in hunts[-2:]] == [preludes] * 2  # of its controls too
+    assert [call["before"] for call in hunts[-2:]] == [warm_ups] * 2  # of its controls too
     curve = found["calibrated"].curve.values
-    for k, prelude in enumerate(preludes):
-        assert len(prelude.lengths) == 200
-        assert np.ptp(curve[k, : prelude.steps // 100 + 1]) == 0
-        assert curve[k, prelude.steps // 100 + 5] != curve[k, 0]
+    for k, warm_up in enumerate(warm_ups):
+        assert len(warm_up.lengths) == 200
+        assert np.ptp(curve[k, : warm_up.steps // 100 + 1]) == 0
+        assert curve[k, warm_up.steps // 100 + 5] != curve[k, 0]
     assert curve[0, 0] == pytest.approx(found["raw"].curve.values[0, 0])  # it is the same policy
 
 
@@ -226,10 +225,10 @@ def test_a_guard_watches_over_the_arm_and_its_controls():
     found = compare(arms, seeds=2, controls=ALL)
     for name, arm in found.arms.items():
         if name.startswith("guarded"):
-            assert (arm.trust[:, 0] == 0.5).all()
-            assert np.ptp(arm.trust) > 0
+            assert (arm.guard_share[:, 0] == 0.5).all()
+            assert np.ptp(arm.guard_share) > 0
         else:
-            assert np.isnan(arm.trust).all()
+            assert np.isnan(arm.guard_share).all()
 
 
 # -- controls --------------------------------------------------------------------------------------
@@ -240,7 +239,7 @@ def test_controls_follow_their_arm_in_order():
     expected = [
         f"{arm}{label}" for arm in ("one", "two") for label in ("", *map(", ".__add__, LABELS))
     ]
-    assert list(found.arms) == ["direct", *expected]
+    assert list(found.arms) == ["scratch", *expected]
     assert [name for name, arm in found.arms.items() if arm.control] == [
         name for name in expected if ", " in name
     ]
@@ -292,7 +291,17 @@ def test_controls_change_the_values_of_phi_alone(plan, calls):
         np.testing.assert_array_equal(np.sort(dealt[alive].ravel()), np.sort(phi[alive].ravel()))
         assert not dealt[~alive].any()
         assert (dealt[alive] != phi[alive]).mean() > 0.3
-    keep = ("task", "seeds", "how", "guard", "every", "evaluation", "storage", "stream", "budget")
+    keep = (
+        "task",
+        "seeds",
+        "how",
+        "guard",
+        "eval_freq",
+        "evaluation",
+        "storage",
+        "stream",
+        "budget",
+    )
     for call in (placebo, half, twice, negated):
         assert {name: call[name] for name in keep} == {name: arm[name] for name in keep}
 
@@ -317,7 +326,7 @@ def test_a_potential_of_states_is_changed_before_it_is_one(calls):
 
 
 def test_controls_of_a_target_whose_values_are_not_kept(calls):
-    plan = corner(storage={"maze": cr.Storage(keep=False)})
+    plan = corner(storage={"maze": cr.Storage(save_values=False)})
     found = compare(plan, seeds=1, controls=ALL)
     assert len(found.arms) == 8
     assert all(call["result"].values is None for call in calls if call["stream"] == "maze")
@@ -325,10 +334,10 @@ def test_controls_of_a_target_whose_values_are_not_kept(calls):
 
 def test_knowing_the_optimum_pays_and_its_negation_does_not():
     """What the controls are for. 8 seeds: the least p of them is 2^-7, times 3 arms 0.02."""
-    plan = copied(MAZE, budget={"near": 20_000, "far": 20_000}, every={"far": 200})
+    plan = copied(MAZE, budget={"near": 20_000, "far": 20_000}, eval_freq={"far": 200})
     found = compare(plan, seeds=8, controls=["placebo", "negated"], window=1)
     free = {name: arm.curve.values[:, :101].mean() for name, arm in found.arms.items()}
-    assert free["transfer"] > free["direct"] > free["transfer, negated"]
+    assert free["transfer"] > free["scratch"] > free["transfer, negated"]
     assert free["transfer"] > free["transfer, placebo"]
     assert found.contrasts["transfer, negated"].verdict == "costs more than it brings"
     assert found.contrasts["transfer"].jumpstart.low > 0
@@ -347,7 +356,7 @@ def arm(rows, source=0, control=False):
 BY_HAND = Comparison(
     target="maze",
     arms={
-        "direct": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
+        "scratch": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
         "taught": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
         "misled": arm([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], source=10, control=True),
     },
@@ -364,13 +373,13 @@ def test_measures_by_hand():
     assert BY_HAND.seeds == 2
     assert taught.jumpstart.estimate == 2.0
     assert taught.saved.estimate == 20.0  # direct never within its own 20 steps, hence 20
-    assert taught.saved_charged.estimate == 10.0  # 30 against 20
+    assert taught.strong_steps_saved.estimate == 10.0  # 30 against 20
     assert taught.gain.estimate == (0 + 10 + 30 + 40) / 40 - (0 + 5 + 15 + 25) / 40
     assert taught.final.estimate == 1.0
     assert taught.better.estimate == 1.0
     assert misled.jumpstart.estimate == -2.0
     assert misled.saved.estimate == 0.0  # 20 and 20 at most, and 20 and 20
-    assert misled.saved_charged.estimate == (30 - 40 + 30 - 30) / 2
+    assert misled.strong_steps_saved.estimate == (30 - 40 + 30 - 30) / 2
     assert (
         misled.gain.estimate == ((-10 - 20 - 10 - 0) / 40 + (-10 - 10 + 10 + 20) / 40) / 2 - 1.125
     )
@@ -387,39 +396,42 @@ def test_measures_are_those_of_the_metrics():
     arms = {"one": corner(HERE, 100, 200, 10), "two": corner(HERE, 160, 200, 10)}
     found = compare(arms, seeds=8, window=3, threshold=150)
     free = slice(0, 21)
-    direct = found.direct.curve
-    base = Curve(direct.steps[free], direct.values[:, free])
+    scratch = found.scratch.curve
+    base = Curve(scratch.steps[free], scratch.values[:, free])
     for name in ("one", "two"):
         curve, contrast = found[name].curve, found.contrasts[name]
-        weak, charged = Curve(base.steps, curve.values[:, free]), charge_source(direct, curve)
+        weak, charged = Curve(base.steps, curve.values[:, free]), charge_source(scratch, curve)
         settings = {"threshold": 150.0, "window": 3}
         expected = {
-            "jumpstart": cr.jumpstart(base, weak),
-            "saved": cr.steps_saved(base, weak, **settings),
-            "saved_charged": cr.steps_saved(direct, charged, **settings),
-            "gain_free": cr.total_reward(weak) - cr.total_reward(base),
-            "gain": cr.total_reward(charged) - cr.total_reward(direct),
-            "final": cr.asymptotic_performance(charged) - cr.asymptotic_performance(direct),
+            "jumpstart": cr.statistics.jumpstart(base, weak),
+            "saved": cr.statistics.steps_saved(base, weak, **settings),
+            "strong_steps_saved": cr.statistics.steps_saved(scratch, charged, **settings),
+            "gain_free": cr.statistics.mean_return(weak) - cr.statistics.mean_return(base),
+            "gain": cr.statistics.mean_return(charged) - cr.statistics.mean_return(scratch),
+            "final": cr.statistics.asymptotic_performance(charged)
+            - cr.statistics.asymptotic_performance(scratch),
         }
         for measure, values in expected.items():
             assert values.any(), measure
-            interval, wanted = getattr(contrast, measure), cr.bootstrap(values)
+            interval, wanted = getattr(contrast, measure), cr.statistics.bootstrap(values)
             assert (interval.estimate, interval.low, interval.high) == pytest.approx(
                 (wanted.estimate, wanted.low, wanted.high)
             ), measure
-        np.testing.assert_array_equal(found[name].gain(found.direct), expected["gain"])
-        wins = cr.probability_of_improvement(cr.total_reward(charged), cr.total_reward(direct))
+        np.testing.assert_array_equal(found[name].gain(found.scratch), expected["gain"])
+        wins = cr.statistics.probability_of_improvement(
+            cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
+        )
         assert contrast.better.estimate == wins.estimate
-        middle = np.sort(cr.total_reward(charged))[2:-2].mean()  # of eight
+        middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
         assert found.height(name).estimate == pytest.approx(middle)
-        assert contrast.p == cr.sign_flip_test(expected["gain"])
+        assert contrast.p == cr.statistics.sign_flip_test(expected["gain"])
 
 
 def test_tests_are_corrected_for_the_number_of_arms():
     found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
     assert len(found.contrasts) == 6
-    assert "direct" not in found.contrasts
-    adjusted = cr.holm({name: one.p for name, one in found.contrasts.items()})
+    assert "scratch" not in found.contrasts
+    adjusted = cr.statistics.holm({name: one.p for name, one in found.contrasts.items()})
     assert {name: one.adjusted for name, one in found.contrasts.items()} == adjusted
     assert any(one.adjusted > one.p for one in found.contrasts.values())
 
@@ -430,10 +442,10 @@ def test_tests_are_corrected_for_the_number_of_arms():
 )
 def test_verdicts(height, verdict):
     """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625."""
-    direct, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
+    scratch, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
     for arms, expected in ((1, verdict), (4, "no difference shown")):
         names = [f"arm {i}" for i in range(arms)]
-        found = replace(BY_HAND, arms={"direct": direct, **dict.fromkeys(names, other)})
+        found = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
         assert found.contrasts["arm 0"].verdict == expected
         assert found.contrasts["arm 0"].p == (2**-6 if height else 1.0)
 
@@ -443,15 +455,15 @@ def test_verdicts(height, verdict):
 
 def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
     found = compare(corner(), seeds=1)
-    target = cr.Target.of(MAZE)
-    assert found.threshold == pytest.approx(0.9 * target.optimum + 0.1 * target.untaught)
+    target = cr.planning.Target.of(MAZE)
+    assert found.threshold == pytest.approx(0.9 * target.optimum + 0.1 * target.random_return)
     assert compare(corner(), seeds=1, threshold=50).threshold == 50.0
 
 
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_direct_learners(monkeypatch):
     monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
     found = compare(corner(), seeds=3)
-    assert found.threshold == cr.midpoint(found.direct.curve)
+    assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
 
 
 @pytest.mark.parametrize(
@@ -475,7 +487,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_direct_learners(mon
 def test_where_an_optimum_tells_nothing_the_direct_learner_does(task):
     summed = GreedyEvaluation(discounted=False)
     found = compare(copied(replace(task, time_limit=20), evaluation=summed), seeds=2)
-    assert found.threshold == cr.midpoint(found.direct.curve)
+    assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
 
 
 # -- more seeds ------------------------------------------------------------------------------------
@@ -494,12 +506,14 @@ def test_seeds_are_added_as_if_they_had_been_there(source):
 
 
 def test_no_more_seeds_than_it_takes():
-    plan = copied(MAZE, budget={"near": 20_000, "far": 2000}, every={"far": 100})
+    plan = copied(MAZE, budget={"near": 20_000, "far": 2000}, eval_freq={"far": 100})
     assert compare(plan, seeds=3, precision=1000.0).seeds == 3
     found = compare(plan, seeds=3, difference=True, most_seeds=50)
     assert 3 <= found.seeds < 50
-    gains = found["transfer"].gain(found.direct)
-    alone = cr.add_seeds(lambda seeds: gains[list(seeds)], first=3, most=50, difference=True)
+    gains = found["transfer"].gain(found.scratch)
+    alone = cr.statistics.add_seeds(
+        lambda seeds: gains[list(seeds)], first=3, most=50, difference=True
+    )
     assert alone.stopped_by == "difference"
     assert alone.values.size == found.seeds
 
@@ -509,10 +523,10 @@ def test_no_more_seeds_than_it_takes():
 
 def test_rows_are_a_table():
     rows = BY_HAND.rows()
-    assert [row["arm"] for row in rows] == ["direct", "taught", "misled"]
+    assert [row["arm"] for row in rows] == ["scratch", "taught", "misled"]
     assert len({tuple(row) for row in rows}) == 1
-    direct, taught, misled = rows
-    assert (direct["control"], misled["control"]) == (False, True)
+    scratch, taught, misled = rows
+    assert (scratch["control"], misled["control"]) == (False, True)
     assert (taught["source_steps"], taught["steps_to_threshold"], taught["reached"]) == (20, 20, 2)
     assert (misled["source_steps"], misled["steps_to_threshold"], misled["reached"]) == (10, 35, 1)
     assert {row["seeds"] for row in rows} == {2}
@@ -521,7 +535,7 @@ def test_rows_are_a_table():
         for measure in (
             "jumpstart",
             "saved",
-            "saved_charged",
+            "strong_steps_saved",
             "gain_free",
             "gain",
             "final",
@@ -530,13 +544,13 @@ def test_rows_are_a_table():
             interval = getattr(contrast, measure)
             found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
             assert found == (interval.estimate, interval.low, interval.high)
-            assert np.isnan([direct[measure], direct[f"{measure}_low"]]).all()
+            assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["p_adjusted"]) == (contrast.p, contrast.adjusted)
         assert row["verdict"] == contrast.verdict
-    assert direct["return"] == 1.125
-    assert direct["verdict"] == ""
+    assert scratch["return"] == 1.125
+    assert scratch["verdict"] == ""
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(direct))
+    writer = csv.DictWriter(text, fieldnames=list(scratch))
     writer.writeheader()
     writer.writerows(rows)
     assert len(text.getvalue().splitlines()) == 4
@@ -545,7 +559,7 @@ def test_rows_are_a_table():
 def test_a_comparison_prints_as_a_table():
     lines = str(BY_HAND).split("\n")
     assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
-    assert [line.split()[0] for line in lines[2:]] == ["direct", "taught", "misled"]
+    assert [line.split()[0] for line in lines[2:]] == ["scratch", "taught", "misled"]
     assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12 [1.12, 1.12]"]
     assert lines[3].endswith("3.25 [3.25, 3.25]     no difference shown (p = 1)")
     assert "> 35 (1 never)" in lines[4]
@@ -643,7 +657,7 @@ def test_one_problem_in_other_words_is_compared():
         ("budget", 100, 200),
         ("learner", cr.QLearning(), cr.QLearning(epsilon=0.2)),
         ("learner", cr.QLearning(), cr.SARSA()),
-        ("every", 10, 20),
+        ("eval_freq", 10, 20),
     ],
 )
 def test_targets_that_are_not_learnt_alike_are_refused(which, mine, yours, calls):
@@ -685,7 +699,7 @@ RING = cr.ComputedMDP(
         ({}, {}, "a comparison needs at least one curriculum: got none"),
         ([corner()], {}, r"arms, unless they are one curriculum, must be a Mapping: got \["),
         ({"mine": 3}, {}, "arm 'mine' must be a Curriculum: got 3"),
-        ({"direct": corner()}, {}, "an arm 'direct' is always there: name yours otherwise"),
+        ({"scratch": corner()}, {}, "an arm 'scratch' is always there: name yours otherwise"),
         (
             corner(target=Episodes(9)),
             {},
@@ -749,7 +763,7 @@ RING = cr.ComputedMDP(
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):
-    with pytest.raises((CurriculumError, SettingError, cr.TaskError), match=message):
+    with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
         compare(arms, **({"seeds": 1} | settings))
     assert calls == []
 
@@ -760,10 +774,10 @@ def test_the_largest_window_is_the_targets_whole_budget():
 
 
 def test_a_curriculum_without_transfers_is_the_direct_learner():
-    plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, every=100)
+    plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
     found = compare({"plain": plan}, seeds=3)
     assert found.total == 1000
-    np.testing.assert_array_equal(found["plain"].curve.values, found.direct.curve.values)
+    np.testing.assert_array_equal(found["plain"].curve.values, found.scratch.curve.values)
     assert found.contrasts["plain"].p == 1.0
 
 

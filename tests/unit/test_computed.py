@@ -5,18 +5,19 @@ import pytest
 from numba import njit
 
 import curricle as cr
-from curricle import Component, ComputedMDP, QLearning, Space, Storage, TaskError
+from curricle import Component, ComputedMDP, QLearning, Space, Storage
+from curricle.errors import TaskError
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
 RIGHT, ASTRAY, HOME = 1, 0.2, 0
 
 
 def ring_start(n, bits):
-    return 1 + cr.below(bits, n - 1)
+    return 1 + cr.tasks.integers(bits, n - 1)
 
 
 def ring_step(n, state, action, bits):
-    right = (action == RIGHT) != (cr.unit(bits) < ASTRAY)
+    right = (action == RIGHT) != (cr.tasks.uniform(bits) < ASTRAY)
     place = (state + (1 if right else n - 1)) % n
     return place, -1.0, place == HOME
 
@@ -50,7 +51,7 @@ def ring_by_tables(n=9):
 @pytest.mark.parametrize("initial_value", [0.0, 5.0, -5.0])
 def test_functions_lead_to_the_values_of_their_tables(initial_value):
     """A harmonic rate at random actions averages: both come close to the same optimum."""
-    rate = cr.harmonic(half=50)
+    rate = cr.learning.harmonic(half=50)
     learner = QLearning(learning_rate=rate, epsilon=1.0, initial_value=initial_value)
     best = cr.solve(ring_by_tables()).action_values
     for task in (ring(), ring_by_tables()):

@@ -16,47 +16,42 @@ from hypothesis import given, strategies as st
 
 from curricle import (
     SARSA,
-    Calibrate,
     Curriculum,
-    DeepLearner,
     DoubleQLearning,
     Episodes,
     GreedyEvaluation,
     GridWorld,
     Guard,
-    How,
-    Learner,
     Pursuit,
     QLearning,
     Rewards,
     Storage,
     Transfer,
-    exponential,
-    harmonic,
-    linear,
     mean,
     minimum,
     project,
     same_position,
 )
-from curricle.curriculum import SETTINGS
+from curricle.comparison.comparison import SCRATCH as COMPARED
+from curricle.curriculum.curriculum import SETTINGS
+from curricle.deep import DeepLearner
 from curricle.errors import ConfigError
-from curricle.study.comparison import DIRECT as COMPARED
+from curricle.learning import How, Learner, exponential, harmonic, linear
 from curricle.study.config import settings, tasks, transfers
 from curricle.study.config.document import Document, json_schema
 from curricle.study.config.merging import merged
-from curricle.study.config.places import Places
-from curricle.study.config.reading import DIRECT, read_study, resolved
+from curricle.study.config.positions import Places
+from curricle.study.config.reading import SCRATCH, read_study, resolved
 from curricle.study.config.references import load
 from curricle.study.config.study_file import StudyFile
 from curricle.study.config.templates import KINDS, template
 from curricle.tasks.pursuit import Capture
-from curricle.transfer import aggregation
+from curricle.transfer import Calibrate, aggregation
 
 HUNT = """
 name = "hunt"
 seeds = "0-3"
-block = 2
+seeds_per_unit = 2
 threshold = -8.0
 aggregate = "minimum"
 [learner]
@@ -198,7 +193,7 @@ def test_choices_are_those_of_what_is_built():
     }
     for word in get_args(get_args(Capture)[0]):
         assert tasks.PursuitTask(capture=word).capture == word
-    assert DIRECT == COMPARED
+    assert SCRATCH == COMPARED
 
 
 @pytest.mark.parametrize(
@@ -332,11 +327,11 @@ def test_settings_are_those_described(read):
         [tasks.hunt.storage]
         kind = "dense"
         dtype = "float32"
-        memory = "1 GiB"
+        memory_limit = "1 GiB"
         """,
         set=[
             "tasks.chase.budget={episodes = 8}",
-            "tasks.hunt.every=50",
+            "tasks.hunt.eval_freq=50",
             "tasks.hunt.how=look_ahead",
         ],
     )
@@ -345,7 +340,7 @@ def test_settings_are_those_described(read):
     assert curriculum.setting("evaluation", "hunt") == GreedyEvaluation("rollouts", 7, False)
     assert curriculum.setting("storage", "hunt") == Storage("dense", "float32", "1 GiB")
     assert curriculum.setting("budget", "chase") == Episodes(8)
-    assert curriculum.setting("every", "hunt") == 50
+    assert curriculum.setting("eval_freq", "hunt") == 50
     assert curriculum.setting("how", "hunt") == "look_ahead"
 
 
@@ -401,8 +396,8 @@ def test_seeds_may_be_a_number_a_list_or_ranges(read, said, made):
 def test_everything_else_has_a_default(read):
     document = read(MAZE).document
     assert document.seeds == tuple(range(30))
-    assert (document.block, document.threshold, document.window) == (5, None, 5)
-    assert document.direct
+    assert (document.seeds_per_unit, document.threshold, document.window) == (5, None, 5)
+    assert document.scratch
     assert list(document.arms) == ["transfer"]
 
 
@@ -554,11 +549,17 @@ def test_merging_twice_is_merging_once_and_nothing_changes_nothing(one, other):
 def test_what_is_set_is_read_as_toml_or_else_as_text(read):
     study = read(
         HUNT,
-        set=["name=short", "seeds='0-1'", "tasks.hunt.size=4", "aggregate=total", "block = 1e1"],
+        set=[
+            "name=short",
+            "seeds='0-1'",
+            "tasks.hunt.size=4",
+            "aggregate=total",
+            "seeds_per_unit = 1e1",
+        ],
     )
     assert study.document.name == "short"
     assert study.document.seeds == (0, 1)
-    assert study.document.block == 10
+    assert study.document.seeds_per_unit == 10
     assert only(study).tasks["hunt"].size == 4
     assert only(study).setting("aggregate", "hunt") is aggregation.total
 
@@ -586,7 +587,7 @@ def test_two_ways_to_write_a_study_are_one_document(read):
         """
         name = 'hunt'
         seeds = [0, 1, 2, 3]
-        block = 2.0
+        seeds_per_unit = 2.0
         threshold = -8
         [tasks.hunt]
         type = "pursuit"
@@ -785,7 +786,7 @@ def test_a_gate_is_one_more_budget(read):
 
 
 def test_a_gate_is_built():
-    made = pytest.importorskip("curricle.learning.gate").Gate
+    made = pytest.importorskip("curricle.learning.stopping").StoppingRule
     gate = settings.GateTable(most=5000, value=-3.5)
     assert gate.build() == made(5000, value=-3.5)
     assert own_fields(settings.GateTable) == set(parameters(made))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle.errors import ConfigError
-from curricle.study.config.places import Places, line_numbers
+from curricle.study.config.positions import Places, line_numbers
 from curricle.study.config.reading import read_study, resolved
 from curricle.study.config.references import load
 
@@ -173,7 +173,11 @@ def complaints(tmp_path, monkeypatch):
             "line 4: guard must be true, false or a table: got 3",
         ),
         ("epsilon = 0.1", "epsilon = nan", "line 5: learner.epsilon must be finite: got nan"),
-        ("[learner]\nepsilon = 0.1", "block = 0", "line 4: block must be at least 1: got 0"),
+        (
+            "[learner]\nepsilon = 0.1",
+            "seeds_per_unit = 0",
+            "line 4: block must be at least 1: got 0",
+        ),
         (
             "budget = 2_000",
             "budget = { epsiodes = 3 }",
@@ -326,7 +330,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
     ("arms", "expected"),
     [
         (
-            "[arms.direct]",
+            "[arms.scratch]",
             ["line 21: arms.direct must have another name: it is the arm without sources"],
         ),
         (
@@ -421,7 +425,7 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         (
             "[tasks.corner]",
             "budget = 9\nevery = 10\n[tasks.corner]",
-            "line 11: tasks.maze.every is refused: every must not exceed the budget of 9 steps: "
+            "line 11: tasks.maze.eval_freq is refused: every must not exceed the budget of 9 steps: "
             "got 10",
         ),
         (
@@ -465,7 +469,7 @@ def test_all_that_is_refused_is_told_at_once(complaints):
     assert [line.split(" is refused")[0] for line in complaints(MAZES, *changes)] == [
         "line 3: tasks.maze",
         "line 16: tasks.corner.learner",
-        "line 17: tasks.corner.every",
+        "line 17: tasks.corner.eval_freq",
     ]
 
 

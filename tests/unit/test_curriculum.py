@@ -7,14 +7,12 @@ import curricle as cr
 from curricle import (
     SARSA,
     Curriculum,
-    CurriculumError,
     Episodes,
     GreedyEvaluation,
     GridWorld,
     Guard,
     Pursuit,
     QLearning,
-    SettingError,
     StateActionPotential,
     Transfer,
     learn,
@@ -25,6 +23,7 @@ from curricle import (
     same_position,
     total,
 )
+from curricle.errors import CurriculumError, SettingError
 
 MAZE = GridWorld(["S...", "....", "...T"])
 TASKS = {
@@ -75,8 +74,8 @@ def test_ancestors_are_the_tasks_trained_before():
 
 def test_transfers_are_found_by_their_target():
     diamond = build(DIAMOND)
-    assert [t.source for t in diamond.into("far")] == ["left", "right"]
-    assert diamond.into("near") == ()
+    assert [t.source for t in diamond.in_edges("far")] == ["left", "right"]
+    assert diamond.in_edges("near") == ()
 
 
 def test_each_task_is_trained_once_and_in_order():
@@ -114,7 +113,7 @@ def test_a_task_without_sources_starts_from_nothing():
 
 def test_a_target_starts_from_its_source_seed_by_seed():
     result = build([("near", "far")]).train(seeds=[4, 2])
-    (edge,) = result.curriculum.into("far")
+    (edge,) = result.curriculum.in_edges("far")
     for k in range(2):
         expected = edge.mapping.read(result["near"].values[k])
         assert (result.potentials["far"][k].values == expected).all()
@@ -137,7 +136,7 @@ def test_knowledge_passes_through_an_intermediate_task():
 @pytest.mark.parametrize("function", [maximum, mean, minimum, total])
 def test_several_sources_are_aggregated(function):
     result = build(DIAMOND, aggregate=function).train()
-    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.into("far")]
+    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.in_edges("far")]
     expected = function(np.stack(phi))
     expected[MAZE.mdp.terminal] = 0
     assert (result.potentials["far"][0].values == expected).all()
@@ -217,7 +216,7 @@ def test_each_task_may_have_its_own_settings():
         CHAIN,
         learner={"left": SARSA(learning_rate=0.5)},
         budget={"near": Episodes(3), "left": 50},
-        every={"near": 10, "left": 25, "far": 50_000},
+        eval_freq={"near": 10, "left": 25, "far": 50_000},
         evaluation={"left": GreedyEvaluation(discounted=False)},
     ).train()
     assert result["near"].learner == QLearning()
@@ -226,7 +225,7 @@ def test_each_task_may_have_its_own_settings():
     assert result["left"].steps.tolist() == [0, 25, 50]
     assert result["far"].steps.tolist() == [0, 50_000, 100_000]
     by_hand = learn(
-        TASKS["left"], SARSA(learning_rate=0.5), 50, potential=result.potentials["left"], every=25,
+        TASKS["left"], SARSA(learning_rate=0.5), 50, potential=result.potentials["left"], eval_freq=25,
         evaluation=GreedyEvaluation(discounted=False), stream="left",
     )  # fmt: skip
     assert same(by_hand, result["left"])
@@ -254,7 +253,7 @@ def test_how_look_back_shapes_the_target_and_leaves_the_source_alone():
 
 def test_an_aggregate_may_be_given_for_one_task():
     result = build(DIAMOND, aggregate={"far": total}).train()
-    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.into("far")]
+    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.in_edges("far")]
     assert (
         result.potentials["far"][0].values == np.where(MAZE.mdp.terminal[:, None], 0, sum(phi))
     ).all()
@@ -289,8 +288,8 @@ def test_a_guard_watches_over_the_tasks_that_have_sources():
     tasks = {name: TASKS[name] for name in ("near", "left", "far")}
     plan = {"tasks": tasks, "transfers": edges(CHAIN), "budget": 2000}
     result = Curriculum(**plan, guard=Guard()).train()
-    assert np.isnan(result["near"].trust).all()
-    assert (result["far"].trust > 0).all()
+    assert np.isnan(result["near"].guard_share).all()
+    assert (result["far"].guard_share > 0).all()
     with pytest.raises(SettingError, match="a guard watches over the potential of a QLearning"):
         Curriculum(**plan, guard=Guard(), learner=SARSA())
     with pytest.raises(SettingError, match="guard must be a Guard: got True"):
@@ -324,9 +323,9 @@ def test_potentials_are_those_that_training_starts_from():
         plan.potentials("far", result.nodes), result.potentials["far"], strict=True
     ):
         np.testing.assert_array_equal(given.values, used.values)
-    alone = plan.potentials("far", result.nodes, transfers=plan.into("far")[:1])
+    alone = plan.potentials("far", result.nodes, transfers=plan.in_edges("far")[:1])
     doubled = plan.potentials("far", result.nodes, function=total)
-    single = plan.into("far")[0].potential(result["left"].values[0])
+    single = plan.in_edges("far")[0].potential(result["left"].values[0])
     np.testing.assert_array_equal(alone[0].values, np.where(MAZE.mdp.terminal[:, None], 0, single))
     assert (doubled[0].values != result.potentials["far"][0].values).any()
     assert plan.potentials("near", result.nodes) == []

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison.controls import check_fit
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
-from curricle.study.alignment import differences
 from curricle.study.config.document import json_schema
 from curricle.study.config.reading import read_study
 from curricle.study.config.study_file import StudyFile
 from curricle.study.config.templates import template
-from curricle.study.controls import check_fit
-from curricle.study.forecast import forecast
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.cost import costs
 
@@ -93,7 +93,7 @@ def broken(target, source):
 
 def made(target, source):
     import curricle as cr
-    return cr.ObservationMapping(target, source, leaning, [1, 0])
+    return cr.transfer.ObservationMapping(target, source, leaning, [1, 0])
 
 class Extractor:
     pass
@@ -129,7 +129,7 @@ def test_a_pursuit_is_seen_as_vectors(read):
     plan = read(HUNT).curriculum("transfer")
     hunt = cr.Pursuit(size=3, predators=2, time_limit=30)
     assert plan.tasks["hunt"] == observed_pursuit(hunt)
-    assert plan.setting("learner", "hunt") == cr.DeepLearner(settings={"learning_rate": 1e-3})
+    assert plan.setting("learner", "hunt") == cr.deep.DeepLearner(settings={"learning_rate": 1e-3})
     assert plan.setting("learner", "chase") == cr.QLearning(learning_rate=0.2, epsilon=0.2)
     assert [edge.mapping.words for edge in plan.transfers] == [
         "predator is predator_1, prey by name",
@@ -142,9 +142,9 @@ def test_a_pursuit_is_seen_as_vectors(read):
 
 def test_an_environment_is_seen_as_it_is(read):
     plan = read(CART).curriculum("transfer")
-    assert plan.tasks["cart"] == cr.observed("CartPole-v1", discount=0.98)
-    assert plan.tasks["short"] == cr.observed("CartPole-v1", time_limit=50)
-    assert plan.setting("learner", "cart") == cr.DeepLearner(
+    assert plan.tasks["cart"] == cr.observation_task("CartPole-v1", discount=0.98)
+    assert plan.tasks["short"] == cr.observation_task("CartPole-v1", time_limit=50)
+    assert plan.setting("learner", "cart") == cr.deep.DeepLearner(
         "PPO",
         envs=2,
         threads=2,
@@ -193,7 +193,7 @@ def test_mappings_are_functions_of_batches(read):
     mapping = read(CART, source, tabular, edge).curriculum("transfer").transfers[0].mapping
     carts = np.zeros((3, 4))
     carts[:, 2] = [-0.05, 0.05, 0.5]
-    q = cr.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
+    q = cr.transfer.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
     assert mapping.pairs(q, carts).tolist() == [[2, -9], [4, -9], [-9, -9]]
     assert mapping.words == "observations by leaning, actions as 1 -1, where by upright finds them"
     made = ('mapping = "identity"', 'factory = "own:made"')
@@ -210,7 +210,9 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
     mine = 'predators = 1\nlearner = { type = "SARSA" }'
     plan = read(other, ("predators = 1", mine), ("[tasks.chase]", deep)).curriculum("transfer")
     assert plan.setting("learner", "chase") == cr.SARSA()
-    assert plan.setting("learner", "hunt") == cr.DeepLearner(envs=3, settings={"batch_size": 8})
+    assert plan.setting("learner", "hunt") == cr.deep.DeepLearner(
+        envs=3, settings={"batch_size": 8}
+    )
 
 
 @pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "weights", "policy"])
@@ -339,7 +341,7 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
 def test_the_schema_knows_them():
     schema = json_schema()
     assert schema["$defs"]["VectorPursuitTask"]["required"] == ["type"]
-    assert {"DeepLearnerTable", "ObservedTask"} <= schema["$defs"].keys()
+    assert {"DeepLearnerTable", "ObservationTask"} <= schema["$defs"].keys()
 
 
 def test_the_template_is_what_it_says(read):
@@ -354,10 +356,10 @@ def test_the_template_is_what_it_says(read):
 def test_costs_are_foreseen(read):
     arms = Arms.of(read(HUNT))
     found = {(one.arm, one.node): one for one in costs(arms, (0, 1), 5)}
-    assert found["direct", "hunt"].steps == 5000
-    assert found["direct", "hunt"].judged == (5000 // 20 + 1) * 5 * 30
-    assert found["direct", "hunt"].table_bytes == 0
-    assert found["direct", "hunt"].seconds > 2 * 5000 * 5e-4
+    assert found["scratch", "hunt"].steps == 5000
+    assert found["scratch", "hunt"].judged == (5000 // 20 + 1) * 5 * 30
+    assert found["scratch", "hunt"].table_bytes == 0
+    assert found["scratch", "hunt"].seconds > 2 * 5000 * 5e-4
 
 
 @pytest.fixture(scope="module")
@@ -365,14 +367,14 @@ def plan():
     chase = cr.Pursuit(3, 1, time_limit=30)
     hunt = observed_pursuit(cr.Pursuit(3, 2, time_limit=30))
     edges = [
-        cr.Transfer("chase", "hunt", cr.predator_mapping(hunt, chase, predator=name))
+        cr.Transfer("chase", "hunt", cr.interop.predator_mapping(hunt, chase, predator=name))
         for name in ("predator_1", "predator_2")
     ]
     return cr.Curriculum(
         {"chase": chase, "hunt": hunt},
         edges,
         aggregate=cr.minimum,
-        learner={"chase": cr.QLearning(learning_rate=0.3), "hunt": cr.DeepLearner()},
+        learner={"chase": cr.QLearning(learning_rate=0.3), "hunt": cr.deep.DeepLearner()},
         budget={"chase": 20_000, "hunt": 1000},
     )
 
@@ -382,7 +384,7 @@ def test_a_forecast_follows_potentials_through_observations(plan):
     assert np.isnan(found.optimum)
     assert not found.solved
     assert not found.exact
-    assert found.untaught < -20
+    assert found.random_return < -20
     assert found["minimum"].mean("start") > -6  # two hunters by what one knows
     assert found["minimum"].used
     assert found["chase -> hunt [1]"].mean("start") < found["minimum"].mean("start")
@@ -407,8 +409,8 @@ def test_a_potential_of_states_gets_a_plain_answer(plan):
             return -np.abs(observations).sum(axis=1)
 
     hunt = plan.tasks["hunt"]
-    edge = cr.Transfer("near", "hunt", cr.ObservationMapping(hunt, hunt))
-    near = cr.Curriculum({"near": hunt, "hunt": hunt}, [edge], learner=cr.DeepLearner())
+    edge = cr.Transfer("near", "hunt", cr.transfer.ObservationMapping(hunt, hunt))
+    near = cr.Curriculum({"near": hunt, "hunt": hunt}, [edge], learner=cr.deep.DeepLearner())
     known = plan.train(1, only="chase")["chase"]
     learnt = type(known)(**{**vars(known), "task": hunt, "values": (Heights(),)})
     found = forecast(near, seeds=1, trained={"near": learnt})
@@ -424,7 +426,7 @@ def test_controls_that_make_no_sense_are_refused(plan):
         with pytest.raises(cr.errors.CurriculumError, match="is seen through observations"):
             check_fit([control], "transfer", plan)
     with pytest.raises(cr.errors.CurriculumError, match="which reads no promises"):
-        check_fit(["scaled"], "transfer", plan.changed("hunt", how="policy"))
+        check_fit(["scaled"], "transfer", plan.replace("hunt", how="policy"))
 
 
 def test_tasks_seen_through_observations_are_told_apart(plan):
@@ -468,9 +470,9 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
 
 
 def test_random_play_draws_from_the_space_alone():
-    from curricle.transfer.playing import random_episodes
+    from curricle.transfer.observation_rollouts import random_episodes
 
-    car = cr.observed("MountainCarContinuous-v0", time_limit=5)
+    car = cr.observation_task("MountainCarContinuous-v0", time_limit=5)
     state = gymnasium.make("CartPole-v1").action_space.sample()
     one, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
     assert np.array_equal(one[0].rewards, other[0].rewards)

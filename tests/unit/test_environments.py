@@ -10,24 +10,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from curricle import (
-    Component,
-    ComputedMDP,
-    FiniteMDP,
-    GridWorld,
-    Pursuit,
-    Rewards,
-    Space,
-    below,
-    rollout,
-    unit,
-)
+from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.errors import SettingError, TaskError
 from curricle.interop.environment import MazeEnvironment, TaskEnvironment, to_gymnasium
 from curricle.interop.figures import AGENT, OBJECTS, PREY, painted, predator
 from curricle.interop.registration import register
 from curricle.interop.scene import scene_of
-from curricle.tasks.task import dynamics
+from curricle.planning import rollout
+from curricle.tasks.task import generative_model
 
 register()
 IDS = ("Curricle/Maze-v0", "Curricle/Pursuit-v0")
@@ -37,11 +27,11 @@ NORTH, EAST, SOUTH, WEST = range(4)
 
 
 def ring_start(n, bits):
-    return 1 + below(bits, n - 1)
+    return 1 + integers(bits, n - 1)
 
 
 def ring_step(n, state, action, bits):
-    right = (action == 1) != (unit(bits) < 0.1)
+    right = (action == 1) != (uniform(bits) < 0.1)
     place = (state + (1 if right else n - 1)) % n
     return place, -1.0, place == 0
 
@@ -66,7 +56,7 @@ TASKS = {
 
 def going_on(task):
     """The states in which an episode may start, as far as the task can tell."""
-    terminal = dynamics(task).terminal
+    terminal = generative_model(task).terminal
     return range(task.states.size) if terminal is None else np.flatnonzero(~terminal).tolist()
 
 

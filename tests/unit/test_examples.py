@@ -38,7 +38,7 @@ def test_example_runs_and_compares(name, capsys):
     example(name).main(seeds=2, **COMPARISONS[name])
     printed = capsys.readouterr().out
     assert "sources charged; 2 seeds" in printed
-    assert "direct" in printed
+    assert "scratch" in printed
 
 
 def test_a_network_learns_from_a_table(capsys, monkeypatch):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison.choice_flips import expected_visits, flips, right_states
 from curricle.errors import SettingError
-from curricle.study.flips import expected_visits, flips, right_states
 
 OPTIMAL = np.array([[True, False], [True, False], [True, False], [True, True], [False, True]])
 
@@ -46,14 +46,14 @@ def test_a_smaller_budget_gives_the_table_that_a_longer_learning_had_then(seeds)
     hunt = cr.Pursuit(3, 2, discount=0.9, time_limit=30)
     judge = cr.GreedyEvaluation(method="exact")
     learning = {"seeds": seeds, "stream": "hunt", "evaluation": judge}
-    longer = cr.learn(hunt, budget=3_000, every=100, **learning)
+    longer = cr.learn(hunt, budget=3_000, eval_freq=100, **learning)
     for place, time in enumerate(longer.steps[1:], 1):
         if time % 700:
             continue
-        shorter = cr.learn(hunt, budget=int(time), every=int(time), **learning)
+        shorter = cr.learn(hunt, budget=int(time), eval_freq=int(time), **learning)
         assert (shorter.greedy_return[:, -1] == longer.greedy_return[:, place]).all()
         rough = {**learning, "evaluation": cr.GreedyEvaluation(method="rollouts", episodes=3)}
-        again = cr.learn(hunt, budget=int(time), every=10, **rough)
+        again = cr.learn(hunt, budget=int(time), eval_freq=10, **rough)
         assert (shorter.values == again.values).all()
 
 

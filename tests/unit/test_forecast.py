@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import node as training
-from curricle.learning import target as judging
+from curricle.curriculum import node as training
+from curricle.planning import target as judging
 
 SUMMED = cr.GreedyEvaluation(discounted=False)
 
@@ -50,7 +50,7 @@ def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
     assert (found.solved, found.exact) == (True, True)
     least, middle, most, twice = (found[name] for name in ("minimum", "mean", "maximum", "total"))
     assert least.mean("start") > middle.mean("start") > most.mean("start")
-    assert found.untaught < middle.mean("start") < least.mean("start") < found.optimum
+    assert found.random_return < middle.mean("start") < least.mean("start") < found.optimum
     assert re.search(
         r"% optimistic: expect steady learning; calibrate with c = 1\.[45]$", least.verdict
     )
@@ -64,11 +64,11 @@ def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
     assert twice.mean("start") == middle.mean("start")
     assert twice.mean("optimistic") < 0.1
     assert twice.verdict.endswith("% optimistic: expect steady learning")
-    assert [one.name for one in found.foreseen if not one.aggregate] == [
+    assert [one.name for one in found.rows if not one.aggregate] == [
         "chase -> hunt [1]",
         "chase -> hunt [2]",
     ]
-    assert [one.used for one in found.foreseen] == [one.name == "minimum" for one in found.foreseen]
+    assert [one.used for one in found.rows] == [one.name == "minimum" for one in found.rows]
 
 
 def test_a_target_too_large_to_solve_is_foreseen_along_its_way(trained):
@@ -97,7 +97,7 @@ def copy_of(task, values, **settings):
     """Return a curriculum that takes a task's own values over, and the source with these."""
     plan = cr.Curriculum(
         tasks={"source": task, "target": task},
-        transfers=[cr.Transfer("source", "target", cr.identity(task))],
+        transfers=[cr.Transfer("source", "target", cr.transfer.identity(task))],
         budget=10,
         **settings,
     )
@@ -199,7 +199,7 @@ def test_of_a_single_transfer_one_potential_is_foreseen():
     plan, sources = copy_of(LINE, Q)
     found = cr.forecast(plan, trained=sources, seeds=1)
     assert found.ranking == ("mean",)
-    assert [one.name for one in found.foreseen] == ["mean"]
+    assert [one.name for one in found.rows] == ["mean"]
     assert found["mean"].used
     assert list(found.coverage) == ["source -> target"]
 
@@ -222,16 +222,16 @@ def test_aggregates_of_ones_own_are_foreseen_beside_the_others():
         ("mean [2]", "maximum"),
     ):
         assert found[mine].seeds == found[theirs].seeds
-    assert [one.name for one in found.foreseen if one.used] == ["<lambda> [1]"]
+    assert [one.name for one in found.rows if one.used] == ["<lambda> [1]"]
 
 
 def test_each_seed_is_judged_as_its_own_source():
     plan = pursuit(3, cr.minimum, budget=20_000)
     found = cr.forecast(plan, seeds=[4, 9])
     result = plan.train([4, 9], trained=found.trained)
-    target = cr.Target.of(plan.tasks["hunt"])
+    target = cr.planning.Target.of(plan.tasks["hunt"])
     for phi, one in zip(result.potentials["hunt"], found["minimum"].seeds, strict=True):
-        assert cr.realism(phi, target) == one
+        assert cr.transfer.potential_quality(phi, target) == one
     starts = [one.start for one in found["minimum"].seeds]
     assert found["minimum"].mean("start") == pytest.approx(np.mean(starts))
     assert starts[0] != starts[1]
@@ -244,7 +244,7 @@ def test_the_target_may_be_any_task_with_transfers_into_it(trained):
         tasks=tasks,
         transfers=[
             cr.Transfer("near", "left", cr.same_position(maze, tasks["near"])),
-            cr.Transfer("left", "far", cr.identity(maze)),
+            cr.Transfer("left", "far", cr.transfer.identity(maze)),
         ],
         budget=500,
         evaluation=SUMMED,
@@ -278,7 +278,7 @@ def test_the_table_holds_the_numbers():
     lines = str(found).split("\n")
     assert lines[0].startswith("Forecast for 'hunt' from 2 seeds of its sources: optimum ")
     assert [line.split(":")[0] for line in lines[1:3]] == list(found.coverage)
-    for one, line in zip(found.foreseen, lines[4:10], strict=True):
+    for one, line in zip(found.rows, lines[4:10], strict=True):
         name, *numbers = re.split(r"\s{2,}", line.strip())
         assert name == one.name + " *" * one.used
         share = float(numbers.pop(1).rstrip("%")) / 100
@@ -302,10 +302,10 @@ def test_the_table_holds_the_numbers():
 def test_a_target_that_makes_no_sense(target, message, trained):
     plan = cr.Curriculum(
         tasks={"near": LINE, "far": LINE, "other": LINE},
-        transfers=[cr.Transfer("near", "far", cr.identity(LINE))],
+        transfers=[cr.Transfer("near", "far", cr.transfer.identity(LINE))],
         budget=10,
     )
-    with pytest.raises(cr.CurriculumError) as caught:
+    with pytest.raises(cr.errors.CurriculumError) as caught:
         cr.forecast(plan, target, seeds=1)
     assert str(caught.value) == message
     assert trained == []
@@ -319,7 +319,7 @@ def test_a_target_that_makes_no_sense(target, message, trained):
     ],
 )
 def test_settings_that_make_no_sense_are_refused_before_training(settings, message, trained):
-    with pytest.raises(cr.SettingError) as caught:
+    with pytest.raises(cr.errors.SettingError) as caught:
         cr.forecast(pursuit(3, cr.mean, budget=10), **settings)
     assert str(caught.value) == message
     assert trained == []
@@ -327,14 +327,14 @@ def test_settings_that_make_no_sense_are_refused_before_training(settings, messa
 
 def test_a_name_that_was_not_foreseen():
     plan, sources = copy_of(LINE, Q)
-    with pytest.raises(cr.CurriculumError) as caught:
+    with pytest.raises(cr.errors.CurriculumError) as caught:
         cr.forecast(plan, seeds=1, trained=sources)["minimum"]
     assert str(caught.value) == "a potential that was foreseen must be one of mean: got 'minimum'"
 
 
 def test_sources_of_other_seeds_are_refused():
     plan, sources = copy_of(LINE, Q)
-    with pytest.raises(cr.CurriculumError, match=r"must have the seeds asked for, \(0, 1\)"):
+    with pytest.raises(cr.errors.CurriculumError, match=r"must have the seeds asked for, \(0, 1\)"):
         cr.forecast(plan, seeds=2, trained=sources)
 
 
@@ -346,12 +346,12 @@ def test_a_calibrated_curriculum_is_foreseen_as_it_will_enter():
     ]
     plan = replace(raw, transfers=transfers)
     found = cr.forecast(plan, seeds=[4, 5])
-    (fitted,) = (one for one in found.foreseen if one.used)
+    (fitted,) = (one for one in found.rows if one.used)
     assert fitted.name == "mean, calibrated"
     result = plan.train([4, 5], trained=found.trained)
-    place = cr.Target.of(plan.tasks["hunt"])
+    place = cr.planning.Target.of(plan.tasks["hunt"])
     for one, phi in zip(fitted.seeds, result.potentials["hunt"], strict=True):
-        assert one.excess == cr.realism(phi, place).excess
+        assert one.excess == cr.transfer.potential_quality(phi, place).excess
     assert fitted.mean("excess") < found["mean"].mean("excess")
     assert fitted.scale == pytest.approx(1.0, abs=0.1)
 
@@ -362,13 +362,15 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
             return potentials.min(axis=0) - 1
 
     found = cr.forecast(pursuit(3, Cautious(), budget=2000), seeds=1)
-    assert any(one.used for one in found.foreseen)
+    assert any(one.used for one in found.rows)
 
 
 def test_what_is_no_curriculum_and_no_aggregate_is_refused(trained):
-    with pytest.raises(cr.CurriculumError, match="what is foreseen must be a Curriculum: got"):
+    with pytest.raises(
+        cr.errors.CurriculumError, match="what is foreseen must be a Curriculum: got"
+    ):
         cr.forecast(cr.GridWorld("S.T"))
-    with pytest.raises(cr.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
+    with pytest.raises(cr.errors.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
         cr.forecast(pursuit(3, cr.mean, budget=100), aggregates=[3])
     assert trained == []
 
@@ -376,8 +378,8 @@ def test_what_is_no_curriculum_and_no_aggregate_is_refused(trained):
 def test_a_weak_start_is_said_to_be_one_and_no_more():
     """Between a tenth and half of the way from untaught to optimal: little to lose by optimism."""
     found = cr.forecast(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
-    whole = found.optimum - found.untaught
-    assert 0.1 < (found["maximum"].mean("start") - found.untaught) / whole < 0.5
+    whole = found.optimum - found.random_return
+    assert 0.1 < (found["maximum"].mean("start") - found.random_return) / whole < 0.5
     assert re.fullmatch(
         r"starts at -\d\S*, a weak start, \d+% optimistic", found["maximum"].verdict
     )

@@ -81,7 +81,7 @@ def test_horizons_are_those_of_the_environments():
     for live in (False, True):
         endless = cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=None, live=live)
         assert endless.time_limit is None
-    walked = cr.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
+    walked = cr.planning.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
     assert len(walked) == 250
     assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
 
@@ -89,9 +89,9 @@ def test_horizons_are_those_of_the_environments():
 def test_the_optimum_is_the_one_that_gymnasium_states():
     lake = cr.from_gymnasium("FrozenLake-v1", discount=0.999)
     judge = cr.GreedyEvaluation("exact", discounted=False)
-    assert cr.Target.of(lake, judge).optimum == pytest.approx(0.74, abs=0.005)
+    assert cr.planning.Target.of(lake, judge).optimum == pytest.approx(0.74, abs=0.005)
     cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.999, time_limit=100)
-    assert cr.Target.of(cliff, judge).optimum == -13
+    assert cr.planning.Target.of(cliff, judge).optimum == -13
 
 
 def test_places_and_moves_have_their_names():
@@ -167,7 +167,7 @@ def test_an_end_that_depends_on_the_transition_is_set_apart():
 
 
 def test_names_that_do_not_fit_an_end_set_apart_are_refused():
-    with pytest.raises(cr.TaskError, match="states must name the environment's 4: got 3"):
+    with pytest.raises(cr.errors.TaskError, match="states must name the environment's 4: got 3"):
         cr.from_gymnasium(Ring, discount=0.5, states=cr.Space([cr.Component("place", 3)]))
 
 
@@ -191,7 +191,7 @@ NOT_TOLD_BY_THE_TABLE = {
 @pytest.mark.parametrize("why", NOT_TOLD_BY_THE_TABLE)
 def test_what_a_table_does_not_tell_is_played_live(why):
     task = cr.from_gymnasium(NOT_TOLD_BY_THE_TABLE[why], discount=0.9)
-    assert isinstance(task, cr.LiveMDP)
+    assert isinstance(task, cr.tasks.LiveMDP)
 
 
 @pytest.mark.parametrize("table", [np.eye(16), [[1.0]], {3: 4}, None, [[[(1.0, 0)]] * 4] * 16])
@@ -201,7 +201,7 @@ def test_what_is_no_list_of_outcomes_is_no_table(table):
             super().__init__()
             self.P = table
 
-    assert isinstance(cr.from_gymnasium(Odd, discount=0.9), cr.LiveMDP)
+    assert isinstance(cr.from_gymnasium(Odd, discount=0.9), cr.tasks.LiveMDP)
 
 
 # -- spaces --------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def test_observations_are_numbered(kind):
     space, observations, expected, names = OBSERVATIONS[kind]
     task = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, observation_space=space,
                              action_space=TWO, observations=observations)  # fmt: skip
-    seen = cr.rollout(task, np.zeros(task.states.size, int)).states.tolist()
+    seen = cr.planning.rollout(task, np.zeros(task.states.size, int)).states.tolist()
     if kind == "dict":  # in the order in which Gymnasium has the keys
         points = [{"dice_1": 1, "dice_2": 2, "card": 1}, {"dice_1": 5, "dice_2": 5, "card": 2}]
         expected = [int(task.states.encode(**point)) for point in points]
@@ -278,7 +278,7 @@ def played_actions(space):
     notes = []
     task = cr.from_gymnasium(lambda: Echo(TWO, space, [0, 1], notes), discount=0.9, time_limit=9)
     for action in range(task.actions.size):
-        cr.rollout(task, [action, action])
+        cr.planning.rollout(task, [action, action])
     return task, notes
 
 
@@ -305,7 +305,7 @@ def test_names_may_be_given():
     assert live.actions == lake.actions
     jack = cr.from_gymnasium("Blackjack-v1", discount=0.9)
     assert jack.states.label(5) == "player=0 dealer=2 ace=usable"
-    with pytest.raises(cr.TaskError, match="actions must name the environment's 4: got 5"):
+    with pytest.raises(cr.errors.TaskError, match="actions must name the environment's 4: got 5"):
         cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
 
 
@@ -316,17 +316,17 @@ def test_an_encode_of_ones_own():
         return int(observation[0] > 0), int(np.clip(10 * observation[2], -1, 1))
 
     task = cr.from_gymnasium("CartPole-v1", discount=0.9, states=place, encode=encode)
-    seen = cr.rollout(task, np.zeros(6, int)).states
+    seen = cr.planning.rollout(task, np.zeros(6, int)).states
     assert seen[0] in (1, 4)  # upright, on one side
     by_number = cr.from_gymnasium(
         "CartPole-v1", discount=0.9, states=place,
         encode=lambda observation: int(place.encode(side=encode(observation)[0],
                                                     lean=encode(observation)[1])),
     )  # fmt: skip
-    np.testing.assert_array_equal(cr.rollout(by_number, np.zeros(6, int)).states, seen)
+    np.testing.assert_array_equal(cr.planning.rollout(by_number, np.zeros(6, int)).states, seen)
     listed = cr.Space(place.components, [[1, 0], [0, 0], [0, -1], [1, -1], [0, 1], [1, 1]])
     numbered = cr.from_gymnasium("CartPole-v1", discount=0.9, states=listed, encode=encode)
-    again = cr.rollout(numbered, np.zeros(6, int)).states
+    again = cr.planning.rollout(numbered, np.zeros(6, int)).states
     for name, values in listed.decode(again).items():
         np.testing.assert_array_equal(values, place.decode(seen)[name])
 
@@ -335,7 +335,7 @@ EDGES = {"position": [-1.2, -0.5, 0.6], "velocity": np.linspace(-0.07, 0.07, 8)}
 
 
 def test_bins_make_numbers_states():
-    bins = cr.Bins(EDGES)
+    bins = cr.interop.Bins(EDGES)
     task = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins)
     assert task.states == bins.states
     assert task.states.shape == (2, 7)
@@ -345,16 +345,16 @@ def test_bins_make_numbers_states():
     assert here["position"] == np.digitize(observation[0], [-0.5])
     assert here["velocity"] == 3
     assert bins.states.components[0].labels == ("below -0.5", "-0.5 and above")
-    assert cr.Bins({"x": [0, 1]}).states.components[0].labels == ("any",)
-    close = cr.Bins({"x": [0, 1, 1 + 1e-12, 1 + 2e-12, 2]}).states.components[0].labels
+    assert cr.interop.Bins({"x": [0, 1]}).states.components[0].labels == ("any",)
+    close = cr.interop.Bins({"x": [0, 1, 1 + 1e-12, 1 + 2e-12, 2]}).states.components[0].labels
     assert len(set(close)) == 4
 
 
 def test_bins_are_values():
-    assert cr.Bins(EDGES) == cr.Bins(dict(EDGES))
-    assert hash(cr.Bins(EDGES)) == hash(cr.Bins(dict(EDGES)))
-    assert cr.Bins(EDGES) != cr.Bins(dict(reversed(EDGES.items())))
-    assert cr.Bins(EDGES) != 3
+    assert cr.interop.Bins(EDGES) == cr.interop.Bins(dict(EDGES))
+    assert hash(cr.interop.Bins(EDGES)) == hash(cr.interop.Bins(dict(EDGES)))
+    assert cr.interop.Bins(EDGES) != cr.interop.Bins(dict(reversed(EDGES.items())))
+    assert cr.interop.Bins(EDGES) != 3
 
 
 BAD_BINS = {
@@ -372,8 +372,8 @@ BAD_BINS = {
 @pytest.mark.parametrize("name", BAD_BINS)
 def test_bad_bins_are_refused(name):
     edges, message = BAD_BINS[name]
-    with pytest.raises(cr.TaskError, match=message):
-        cr.Bins(edges)
+    with pytest.raises(cr.errors.TaskError, match=message):
+        cr.interop.Bins(edges)
 
 
 @pytest.mark.parametrize(
@@ -381,8 +381,8 @@ def test_bad_bins_are_refused(name):
     [([0.0, np.nan], "must be of numbers"), ([0.0], "must have 2 entries")],
 )
 def test_what_is_no_observation_is_refused_by_bins(observation, message):
-    with pytest.raises(cr.TaskError, match=message):
-        cr.Bins(EDGES)(np.array(observation))
+    with pytest.raises(cr.errors.TaskError, match=message):
+        cr.interop.Bins(EDGES)(np.array(observation))
 
 
 BOX = spaces.Box(0, 1, (2,))
@@ -401,7 +401,7 @@ REFUSED = {
         "needs the states it encodes to",
     ),
     "too few bins": (
-        {"observation_space": BOX, "action_space": TWO, "encode": cr.Bins({"x": [0, 1]})},
+        {"observation_space": BOX, "action_space": TWO, "encode": cr.interop.Bins({"x": [0, 1]})},
         r"edges for each entry of an observation, \(2,\): they have edges for 1",
     ),
     "a discount": ({"observation_space": TWO, "action_space": TWO, "discount": 2}, "discount must"),
@@ -415,26 +415,28 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_cannot_be_a_task_is_refused_in_a_sentence(name):
     settings, message = REFUSED[name]
-    with pytest.raises(cr.TaskError, match=message):
+    with pytest.raises(cr.errors.TaskError, match=message):
         cr.from_gymnasium(Echo, **{"discount": 0.9, **settings})
 
 
 def test_what_cannot_be_made_is_refused_in_a_sentence():
-    with pytest.raises(cr.TaskError, match="an environment must be an id"):
+    with pytest.raises(cr.errors.TaskError, match="an environment must be an id"):
         cr.from_gymnasium(5, discount=0.9)
-    with pytest.raises(cr.TaskError, match="takes no arguments: got map_name"):
+    with pytest.raises(cr.errors.TaskError, match="takes no arguments: got map_name"):
         cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9, map_name="8x8")
-    with pytest.raises(cr.TaskError, match="cannot be made again for each seed"):
+    with pytest.raises(cr.errors.TaskError, match="cannot be made again for each seed"):
         cr.from_gymnasium(Echo(TWO, TWO), discount=0.9)
     for limit in (0, 1.5, "5"):
-        with pytest.raises(cr.TaskError, match="time_limit in steps must be a whole number"):
+        with pytest.raises(cr.errors.TaskError, match="time_limit in steps must be a whole number"):
             cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=limit)
     with pytest.raises(gym.error.NameNotFound):
         cr.from_gymnasium("NoSuchThing-v0", discount=0.9)
     for name in ("make", "encode", "act"):
         parts = {"make": Ring, name: 3}
-        with pytest.raises(cr.TaskError, match=f"{name} must be a function: got 3"):
-            cr.LiveMDP(cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)]), **parts)
+        with pytest.raises(cr.errors.TaskError, match=f"{name} must be a function: got 3"):
+            cr.tasks.LiveMDP(
+                cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)]), **parts
+            )
 
 
 # -- live tasks are values -----------------------------------------------------------------------
@@ -449,7 +451,8 @@ def test_live_tasks_made_of_the_same_are_one():
     assert not same_task(jack(), jack(sab=False))
     assert not same_task(jack(), jack(discount=0.8))
     car = [
-        cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=cr.Bins(EDGES)) for _ in range(2)
+        cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=cr.interop.Bins(EDGES))
+        for _ in range(2)
     ]
     assert same_task(*car)
     assert not same_task(car[0], jack())
@@ -511,7 +514,7 @@ def test_each_seed_has_an_environment_of_its_own_and_another_to_be_judged_in():
     log = []
     task = watched(log)
     log.clear()
-    cr.learn(task, budget=50, seeds=3, every=25, evaluation=cr.GreedyEvaluation(episodes=2))
+    cr.learn(task, budget=50, seeds=3, eval_freq=25, evaluation=cr.GreedyEvaluation(episodes=2))
     assert log.count("open") == log.count("close") == 6
     assert log.count("step") > 150
     assert sum(line.startswith("seed") for line in log) == 6
@@ -536,8 +539,8 @@ def test_a_seed_depends_on_itself_alone():
 def test_evaluation_does_not_disturb_learning():
     task = watched([])
     found = [
-        cr.learn(task, budget=300, seeds=2, every=every, evaluation=judge)
-        for every, judge in ((10, None), (10, OFF), (300, cr.GreedyEvaluation(episodes=50)))
+        cr.learn(task, budget=300, seeds=2, eval_freq=eval_freq, evaluation=judge)
+        for eval_freq, judge in ((10, None), (10, OFF), (300, cr.GreedyEvaluation(episodes=50)))
     ]
     for other in found[1:]:
         np.testing.assert_array_equal(found[0].values, other.values)
@@ -554,7 +557,7 @@ def test_few_episodes_judge_a_live_task_unless_asked_otherwise():
         log = []
         task = cr.from_gymnasium(lambda log=log: Short(log), discount=0.9)
         log.clear()
-        cr.learn(task, budget=10, every=10, evaluation=judge)
+        cr.learn(task, budget=10, eval_freq=10, evaluation=judge)
         # Two checkpoints, and one start for each training step; the last step is none.
         resets = sum(line == "reset" or line.startswith("seed") for line in log)
         assert resets == 2 * expected + 11
@@ -594,11 +597,11 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     found = cr.learn(task, rate, 100, potential=phi, guard=cr.Guard(), evaluation=OFF)
     assert found.episodes_used[0] == 100
     assert found.values[0, 0, 0] == pytest.approx(2.0)
-    episode = cr.rollout(task, [0])
+    episode = cr.planning.rollout(task, [0])
     assert (len(episode), episode.truncated, episode.terminated) == (1, True, False)
-    met = cr.follow(phi, episodes=3)
+    met = cr.learning.greedy_rollouts(phi, episodes=3)
     assert met.lengths.tolist() == [1, 1, 1]
-    assert met.tail.tolist() == [0.5, 0.5, 0.5]
+    assert met.bootstrap_discount.tolist() == [0.5, 0.5, 0.5]
 
 
 def test_a_time_limit_reaches_the_environment():
@@ -649,7 +652,8 @@ def test_what_an_environment_raises_surfaces_as_it_is(error, loop, capfd):
     log.clear()
     with pytest.raises(type(error)) as caught:
         cr.learn(
-            task, **{"budget": 10**9, "every": 10**6, "seeds": 3, "evaluation": OFF, **LOOPS[loop]}
+            task,
+            **{"budget": 10**9, "eval_freq": 10**6, "seeds": 3, "evaluation": OFF, **LOOPS[loop]},
         )
     assert caught.value is error
     assert log.count("step") == 40  # at once, and no other seed was begun
@@ -665,7 +669,9 @@ def test_a_guarded_run_stops_too():
     task = watched([], fail)
     phi = cr.StateActionPotential(task, np.ones((2, 2)))
     with pytest.raises(Trouble):
-        cr.learn(task, budget=10**9, every=10**6, potential=phi, guard=cr.Guard(), evaluation=OFF)
+        cr.learn(
+            task, budget=10**9, eval_freq=10**6, potential=phi, guard=cr.Guard(), evaluation=OFF
+        )
 
 
 def fails_at(line, number):
@@ -690,8 +696,8 @@ def test_failures_outside_of_learning_surface_too():
     task = watched([], fails_at("step", 4))
     phi = cr.StateActionPotential(task, np.zeros((2, 2)))
     for work in (
-        lambda: [cr.rollout(task, [0, 0], seed=seed) for seed in range(9)],
-        lambda: cr.follow(phi, episodes=100),
+        lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
+        lambda: cr.learning.greedy_rollouts(phi, episodes=100),
         lambda: cr.calibrate(phi),
     ):
         task.make().log.clear()
@@ -706,13 +712,13 @@ def test_an_environment_that_cannot_be_made_or_closed_says_so():
 
     spaces_of_ring = cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)])
     with pytest.raises(Trouble, match="close"):
-        cr.learn(cr.LiveMDP(*spaces_of_ring, Unclosable), budget=10)
+        cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, Unclosable), budget=10)
 
     def nothing():
         raise Trouble("make")
 
     with pytest.raises(Trouble, match="make"):
-        cr.learn(cr.LiveMDP(*spaces_of_ring, nothing), budget=10)
+        cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, nothing), budget=10)
 
 
 def test_an_interrupt_from_the_keyboard_stops_learning():
@@ -724,7 +730,7 @@ def test_an_interrupt_from_the_keyboard_stops_learning():
 
     task = watched(log, fail)
     with pytest.raises(KeyboardInterrupt):
-        cr.learn(task, budget=10**9, every=10**6, seeds=2, workers=2)
+        cr.learn(task, budget=10**9, eval_freq=10**6, seeds=2, workers=2)
     assert log.count("open") == log.count("close")
 
 
@@ -732,7 +738,7 @@ def test_an_interrupt_from_the_keyboard_stops_learning():
 def test_an_observation_that_is_no_state_is_refused(shown):
     task = cr.from_gymnasium(lambda: Echo(TWO, TWO, [0, shown, 0]), discount=0.9)
     with pytest.raises(
-        cr.TaskError, match=r"must encode to a state, a number in 0\.\.1 or .* state"
+        cr.errors.TaskError, match=r"must encode to a state, a number in 0\.\.1 or .* state"
     ):
         cr.learn(task, budget=10, evaluation=OFF)
 
@@ -763,7 +769,7 @@ def test_a_live_target_is_taught_by_tables():
         transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled), calibrate=True)],
         budget={"tabled": 5000, "live": 2000},
         learner=cr.QLearning(learning_rate=0.5, epsilon=0.3),
-        every={"live": 500},
+        eval_freq={"live": 500},
     )
     result = plan.train(seeds=2)
     assert result["live"].greedy_return[:, 0] == pytest.approx([0.95**5] * 2)
@@ -786,19 +792,23 @@ def test_what_needs_tables_is_refused_in_words():
         lambda: cr.learn(live, budget=10, evaluation=cr.GreedyEvaluation("exact")),
         lambda: cr.compare(plan, seeds=2, controls=["placebo"]),
     ):
-        with pytest.raises(cr.TaskError, match="played live has no tables to look at"):
+        with pytest.raises(cr.errors.TaskError, match="played live has no tables to look at"):
             work()
-    with pytest.raises(cr.SettingError, match="starts as its episodes do: start was 3"):
-        cr.rollout(live, np.zeros(16, int), start=3)
-    with pytest.raises(cr.SettingError, match="a live task starts where its episodes do"):
+    with pytest.raises(cr.errors.SettingError, match="starts as its episodes do: start was 3"):
+        cr.planning.rollout(live, np.zeros(16, int), start=3)
+    with pytest.raises(cr.errors.SettingError, match="a live task starts where its episodes do"):
         cr.certify(live, lambda s, a, after: 1.0 * (a == 1), "reward")
-    with pytest.raises(cr.SettingError, match="budget in episodes needs a task with a time limit"):
+    with pytest.raises(
+        cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
+    ):
         cr.learn(cr.from_gymnasium(Ring, discount=0.9, live=True), budget=cr.Episodes(3))
 
 
 def test_a_comparison_without_evaluation_is_refused():
     plan = cr.Curriculum(tasks={"lake": lake()}, evaluation=OFF, budget=100)
-    with pytest.raises(cr.SettingError, match="rests on greedy evaluation: that of 'lake' is off"):
+    with pytest.raises(
+        cr.errors.SettingError, match="rests on greedy evaluation: that of 'lake' is off"
+    ):
         cr.compare(plan, seeds=2)
 
 
@@ -808,10 +818,10 @@ def test_rollouts_of_tasks_given_by_functions():
 
     line = cr.ComputedMDP(cr.Space([cr.Component("place", 4)]), cr.Space([cr.Component("go", 2)]),
                           lambda n, bits: 0, step, data=4)  # fmt: skip
-    episode = cr.rollout(line, np.ones(4, int))
+    episode = cr.planning.rollout(line, np.ones(4, int))
     assert episode.states.tolist() == [0, 1, 2, 3]
     assert episode.terminated
     chance = np.full((4, 2), 0.5)
-    some = [len(cr.rollout(line, chance, seed=seed)) for seed in range(20)]
+    some = [len(cr.planning.rollout(line, chance, seed=seed)) for seed in range(20)]
     assert len(set(some)) > 3
-    assert cr.rollout(line, np.zeros(4, int), steps=7).truncated
+    assert cr.planning.rollout(line, np.zeros(4, int), steps=7).truncated

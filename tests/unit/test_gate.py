@@ -7,16 +7,16 @@ from hypothesis import given, strategies as st
 from curricle import (
     SARSA,
     Curriculum,
-    Gate,
     GridWorld,
     Guard,
     QLearning,
-    SettingError,
     StateActionPotential,
     StatePotential,
+    StoppingRule,
     learn,
 )
-from curricle.learning.gate import opens
+from curricle.errors import SettingError
+from curricle.learning.stopping import opens
 
 MAZE = GridWorld(["S...", "..P.", "...T"])
 LEARNERS = [
@@ -26,7 +26,7 @@ LEARNERS = [
 ]
 
 
-def oracle(gate: Gate, greedy: list[float], checkpoint: int, step: int) -> bool:
+def oracle(gate: StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
     """The rule in plain words, written anew."""
     n = gate.evaluations
     last, before = greedy[: checkpoint + 1][-n:], greedy[: checkpoint + 1][-2 * n : -n]
@@ -51,7 +51,9 @@ def oracle(gate: Gate, greedy: list[float], checkpoint: int, step: int) -> bool:
     least=st.integers(0, 60),
 )
 def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
-    gate = Gate(100, least=least, value=value, plateau=plateau, evaluations=evaluations, when=when)
+    gate = StoppingRule(
+        100, least=least, value=value, plateau=plateau, evaluations=evaluations, when=when
+    )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
         found = opens(gate.rule(), np.array(greedy), checkpoint, step)
@@ -61,13 +63,13 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
 
 @pytest.mark.parametrize(("learner", "guard"), LEARNERS)
 def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
-    settings = {"every": 50, "seeds": 4, "guard": guard}
+    settings = {"eval_freq": 50, "seeds": 4, "guard": guard}
     potential = None
     if guard:
         ends = ~MAZE.mdp.terminal[:, None]
         potential = StateActionPotential(MAZE, 5.0 * ends * np.ones(MAZE.mdp.outcome_row.shape))
     whole = learn(MAZE, learner, 4000, potential=potential, **settings)
-    gate = Gate(4000, value=150.0, evaluations=3)
+    gate = StoppingRule(4000, value=150.0, evaluations=3)
     gated = learn(MAZE, learner, gate, potential=potential, **settings)
     ended = False
     for k in range(4):
@@ -87,20 +89,22 @@ def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
 
 
 def test_fraction_stands_for_a_return_between_random_and_optimal():
-    whole = learn(MAZE, budget=Gate(20_000, fraction=0.9, evaluations=2), every=100, seeds=3)
+    whole = learn(
+        MAZE, budget=StoppingRule(20_000, fraction=0.9, evaluations=2), eval_freq=100, seeds=3
+    )
     assert (whole.steps_used < 20_000).all()
     last = whole.greedy_return[:, -1]
-    optimum = learn(MAZE, budget=40_000, every=40_000).greedy_return[0, -1]
+    optimum = learn(MAZE, budget=40_000, eval_freq=40_000).greedy_return[0, -1]
     assert (last > 0.8 * optimum).all()
     with pytest.raises(SettingError, match="not both"):
-        Gate(10, value=1.0, fraction=0.5)
+        StoppingRule(10, value=1.0, fraction=0.5)
 
 
 def test_least_and_most_bound_a_gate():
-    easy = Gate(1000, least=600, value=-1e9, evaluations=1)
-    assert learn(MAZE, budget=easy, every=100).steps_used[0] == 600
-    never = Gate(1000, value=1e9)
-    result = learn(MAZE, budget=never, every=100)
+    easy = StoppingRule(1000, least=600, value=-1e9, evaluations=1)
+    assert learn(MAZE, budget=easy, eval_freq=100).steps_used[0] == 600
+    never = StoppingRule(1000, value=1e9)
+    result = learn(MAZE, budget=never, eval_freq=100)
     assert result.steps_used[0] == 1000
     told = never.decisions(result.steps, result.greedy_return[0])
     assert str(told[-1]).startswith("ends; greedy")
@@ -123,32 +127,34 @@ def test_least_and_most_bound_a_gate():
 )
 def test_a_gate_that_makes_no_sense_is_refused(wrong, words):
     with pytest.raises(SettingError, match=words):
-        Gate(**wrong)
+        StoppingRule(**wrong)
 
 
 def test_a_curriculum_charges_each_seed_what_its_gate_let_it_spend():
     plan = Curriculum(
-        {"maze": MAZE}, budget={"maze": Gate(5000, value=150.0, evaluations=1)}, every=50
+        {"maze": MAZE},
+        budget={"maze": StoppingRule(5000, value=150.0, evaluations=1)},
+        eval_freq=50,
     )
     result = plan.train(seeds=5)
     assert len(set(result["maze"].steps_used.tolist())) > 1
 
 
 def test_films_hold_the_policy_at_their_steps():
-    result = learn(MAZE, budget=2000, every=100, seeds=[3, 4], frames=5)
-    film = result.film
-    assert film.seed == 3
-    assert film.steps[[0, -1]].tolist() == [0, 2000]
-    np.testing.assert_array_equal(film.values[-1], result.values[0].astype(np.float32))
-    for step, frame in zip(film.steps[1:], film.values[1:], strict=True):
-        then = learn(MAZE, budget=int(step), every=100, seeds=[3])
+    result = learn(MAZE, budget=2000, eval_freq=100, seeds=[3, 4], snapshots=5)
+    snapshots = result.snapshots
+    assert snapshots.seed == 3
+    assert snapshots.steps[[0, -1]].tolist() == [0, 2000]
+    np.testing.assert_array_equal(snapshots.values[-1], result.values[0].astype(np.float32))
+    for step, frame in zip(snapshots.steps[1:], snapshots.values[1:], strict=True):
+        then = learn(MAZE, budget=int(step), eval_freq=100, seeds=[3])
         np.testing.assert_array_equal(frame, then.values[0].astype(np.float32))
 
 
 def test_films_of_gated_and_shaped_runs_end_with_what_was_learnt():
     phi = StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
-    gate = Gate(5000, value=150.0, evaluations=1)
-    result = learn(MAZE, budget=gate, every=50, frames=6, potential=phi, how="state")
-    assert result.film.steps[-1] == result.steps_used[0]
-    np.testing.assert_allclose(result.film.values[-1], result.values[0], rtol=1e-6)
-    assert learn(MAZE, budget=100).film is None
+    gate = StoppingRule(5000, value=150.0, evaluations=1)
+    result = learn(MAZE, budget=gate, eval_freq=50, snapshots=6, potential=phi, how="state")
+    assert result.snapshots.steps[-1] == result.steps_used[0]
+    np.testing.assert_allclose(result.snapshots.values[-1], result.values[0], rtol=1e-6)
+    assert learn(MAZE, budget=100).snapshots is None

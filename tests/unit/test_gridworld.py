@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from curricle import GridWorld, Rewards, TaskError, solve
+from curricle import GridWorld, Rewards, solve
+from curricle.errors import TaskError
 
 NORTH, EAST, SOUTH, WEST = range(4)
 PAY = Rewards(step=-1, treasure=200, fire=-500, near_fire=-250, pit=-2500)

@@ -16,10 +16,10 @@ from curricle import (
     StateActionPotential,
     StatePotential,
     evaluate,
-    greedy_policy,
     learn,
     solve,
 )
+from curricle.planning import greedy_policy
 
 LINE = GridWorld("S..T")
 ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
@@ -40,33 +40,33 @@ def test_a_budget_of_steps_is_spent_to_the_last_one():
 
 def test_checkpoints_start_at_step_0_and_end_within_the_budget():
     assert learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
-    assert learn(LINE, budget=1000, every=300).steps.tolist() == [0, 300, 600, 900]
+    assert learn(LINE, budget=1000, eval_freq=300).steps.tolist() == [0, 300, 600, 900]
     assert learn(LINE, budget=50).steps.tolist() == list(range(51))
-    assert learn(LINE, budget=1000, every=1000).steps.tolist() == [0, 1000]
+    assert learn(LINE, budget=1000, eval_freq=1000).steps.tolist() == [0, 1000]
 
 
 def test_every_curve_has_an_entry_for_each_seed_and_checkpoint():
-    result = learn(LINE, budget=1000, every=100, seeds=2)
+    result = learn(LINE, budget=1000, eval_freq=100, seeds=2)
     for curve in (result.training_return, result.greedy_return, result.episodes):
         assert curve.shape == (2, 11)
 
 
 def test_a_budget_of_episodes_is_spent_exactly():
-    result = learn(LINE, budget=Episodes(30), seeds=4, every=10)
+    result = learn(LINE, budget=Episodes(30), seeds=4, eval_freq=10)
     assert result.episodes_used.tolist() == [30] * 4
     assert len(set(result.steps_used.tolist())) > 1
     assert result.steps[-1] == result.steps_used.max() // 10 * 10
 
 
 def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
-    result = learn(LINE, budget=Episodes(30), seeds=4, every=10)
+    result = learn(LINE, budget=Episodes(30), seeds=4, eval_freq=10)
     for k, used in enumerate(result.steps_used):
         own = result.steps <= used
         last = own.sum() - 1
         assert (result.greedy_return[k, ~own] == result.greedy_return[k, last]).all()
         assert (result.episodes[k, ~own] == result.episodes[k, last]).all()
         assert np.isnan(result.training_return[k, ~own]).all()
-        alone = learn(LINE, budget=Episodes(30), seeds=[k], every=10)
+        alone = learn(LINE, budget=Episodes(30), seeds=[k], eval_freq=10)
         assert (alone.greedy_return[0] == result.greedy_return[k, own]).all()
 
 
@@ -80,7 +80,7 @@ def test_episodes_are_counted_when_they_end():
     only_way = FiniteMDP.from_outcomes(
         [[[(1.0, 1, 2.0, False)]], [[(1.0, 2, 3.0, True)]], [[]]], start=0, discount=1
     )
-    result = learn(only_way, budget=7, every=1)
+    result = learn(only_way, budget=7, eval_freq=1)
     assert result.episodes.tolist() == [[0, 0, 1, 1, 2, 2, 3, 3]]
     assert result.episodes_used.tolist() == [3]
     expected = [np.nan, np.nan, 5, np.nan, 5, np.nan, 5, np.nan]
@@ -88,17 +88,21 @@ def test_episodes_are_counted_when_they_end():
 
 
 def test_a_time_limit_ends_an_episode_and_pays_for_it():
-    result = learn(GridWorld("S..T", time_limit=3, ends=()), SARSA(learning_rate=0), 30, every=30)
+    result = learn(
+        GridWorld("S..T", time_limit=3, ends=()), SARSA(learning_rate=0), 30, eval_freq=30
+    )
     assert result.episodes_used.tolist() == [10]
 
 
 def test_the_training_return_is_unshaped_and_undiscounted():
     bonus = StateActionPotential(LINE, np.full((4, 4), 1000.0))
-    shaped = learn(LINE, budget=500, every=50, potential=bonus, how="bonus")
+    shaped = learn(LINE, budget=500, eval_freq=50, potential=bonus, how="bonus")
     assert np.nanmax(shaped.training_return) <= 197
     one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
     phi = StatePotential(one_way, [-100, 0])
-    assert learn(one_way, budget=5, every=5, potential=phi, how="state").training_return[0, 1] == 4
+    assert (
+        learn(one_way, budget=5, eval_freq=5, potential=phi, how="state").training_return[0, 1] == 4
+    )
 
 
 # -- seeds ---------------------------------------------------------------------------------------
@@ -185,16 +189,16 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
     large, rolled = Pursuit(size=3, predators=2), GreedyEvaluation("rollouts")
     assert large.mdp.outcome_row.size * 5 > 20_000
     assert same(
-        learn(large, budget=50, every=50, evaluation=rolled),
-        learn(large, budget=50, every=50, evaluation=auto),
+        learn(large, budget=50, eval_freq=50, evaluation=rolled),
+        learn(large, budget=50, eval_freq=50, evaluation=auto),
     )
 
 
 @pytest.mark.parametrize("method", ["exact", "rollouts"])
 def test_evaluation_does_not_disturb_learning(method):
     judge = GreedyEvaluation(method, episodes=7)
-    often = learn(LINE, budget=600, every=1, evaluation=judge)
-    seldom = learn(LINE, budget=600, every=600, evaluation=judge)
+    often = learn(LINE, budget=600, eval_freq=1, evaluation=judge)
+    seldom = learn(LINE, budget=600, eval_freq=600, evaluation=judge)
     assert (often.values == seldom.values).all()
 
 

@@ -7,21 +7,17 @@ from curricle import (
     ENDED,
     UNMAPPED,
     Component,
-    Coverage,
     CurricleError,
     FiniteMDP,
     GridWorld,
     Pursuit,
     Space,
-    StateActionMapping,
     Transfer,
-    compose,
     from_function,
-    identity,
     project,
-    relative_objects,
     same_position,
 )
+from curricle.transfer import Coverage, StateActionMapping, compose, identity, relative_objects
 
 LINE = GridWorld("S..T")
 END = LINE.crop(rows=(0, 1), columns=(2, 4))

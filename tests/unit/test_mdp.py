@@ -6,7 +6,8 @@ from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
-from curricle import FiniteMDP, GridWorld, Pursuit, TaskError, evaluate, solve
+from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
+from curricle.errors import TaskError
 
 P = np.array(
     [[[0.5, 0.5, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 0.25, 0.75]], np.eye(3)[[2, 2]]]

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from curricle.errors import SettingError
-from curricle.study.metrics import (
+from curricle.statistics.metrics import (
     Curve,
     Times,
     asymptotic_performance,
     charge_source,
     fraction_of_optimum,
     jumpstart,
+    mean_return,
     midpoint,
     smooth,
     steps_saved,
     time_to_threshold,
-    total_reward,
     transfer_ratio,
 )
 
@@ -27,7 +27,7 @@ def curve(*rows, steps=STEPS, source=0):
     return Curve(steps, np.array(rows, dtype=float), np.array(source))
 
 
-DIRECT = curve([0, 1, 2, 3, 4], [0, 0, 0, 0, 4])
+SCRATCH = curve([0, 1, 2, 3, 4], [0, 0, 0, 0, 4])
 HELPED = curve([2, 3, 4, 4, 4], [2, 2, 2, 2, 2], source=[150, 200])
 
 
@@ -189,7 +189,7 @@ def test_a_constant_curve_reaches_its_own_value_however_smoothed():
 @pytest.mark.parametrize("threshold", [NAN, np.inf])
 def test_threshold_must_be_finite(threshold):
     with pytest.raises(SettingError, match="threshold must be a finite return"):
-        time_to_threshold(DIRECT, threshold)
+        time_to_threshold(SCRATCH, threshold)
 
 
 @pytest.mark.parametrize(
@@ -224,20 +224,20 @@ def test_times_freeze_their_arrays():
 
 
 def test_steps_saved_is_paired_by_seed():
-    assert steps_saved(DIRECT, HELPED, 2.0).tolist() == [200, 400]
-    assert steps_saved(DIRECT, HELPED, 2.0, strong=True).tolist() == [50, 200]
+    assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
+    assert steps_saved(SCRATCH, HELPED, 2.0, strong=True).tolist() == [50, 200]
 
 
 def test_steps_saved_when_nobody_arrives():
-    assert steps_saved(DIRECT, HELPED, 99.0).tolist() == [0, 0]
-    assert steps_saved(DIRECT, HELPED, 99.0, strong=True).tolist() == [-150, -200]
+    assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]
+    assert steps_saved(SCRATCH, HELPED, 99.0, strong=True).tolist() == [-150, -200]
 
 
 # The strong axis
 
 
 def test_charge_source_shifts_each_seed_by_its_own_source_steps():
-    charged = charge_source(DIRECT, HELPED)
+    charged = charge_source(SCRATCH, HELPED)
     np.testing.assert_allclose(charged.values, [[0, 0, 2.5, 3.5, 4], [0, 0, 2, 2, 2]])
     assert charged.source_steps.tolist() == [0, 0]
     assert charged.steps.tolist() == STEPS.tolist()
@@ -265,28 +265,28 @@ def test_charge_source_reads_leading_nan_as_the_first_measured_value():
 
 
 def test_jumpstart_weak_and_strong():
-    assert jumpstart(DIRECT, HELPED).tolist() == [2, 2]
-    assert jumpstart(DIRECT, HELPED, strong=True).tolist() == [0.5, 2]
+    assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
+    assert jumpstart(SCRATCH, HELPED, strong=True).tolist() == [0.5, 2]
 
 
 def test_strong_jumpstart_is_unknown_beyond_the_baseline():
     strong = jumpstart(
-        DIRECT, curve([2, 2, 2, 2, 2], [2, 2, 2, 2, 2], source=[400, 401]), strong=True
+        SCRATCH, curve([2, 2, 2, 2, 2], [2, 2, 2, 2, 2], source=[400, 401]), strong=True
     )
     assert strong[0] == -2.0
     assert np.isnan(strong[1])
 
 
 def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():
-    assert asymptotic_performance(DIRECT).tolist() == [4, 4]
-    assert asymptotic_performance(DIRECT, fraction=0.4).tolist() == [3.5, 2]
-    assert asymptotic_performance(DIRECT, fraction=1).tolist() == [2, 0.8]
+    assert asymptotic_performance(SCRATCH).tolist() == [4, 4]
+    assert asymptotic_performance(SCRATCH, fraction=0.4).tolist() == [3.5, 2]
+    assert asymptotic_performance(SCRATCH, fraction=1).tolist() == [2, 0.8]
 
 
 @pytest.mark.parametrize("fraction", [0, -0.1, 1.01, NAN])
 def test_asymptotic_performance_refuses(fraction):
     with pytest.raises(SettingError, match="fraction must be above 0 and at most 1"):
-        asymptotic_performance(DIRECT, fraction=fraction)
+        asymptotic_performance(SCRATCH, fraction=fraction)
 
 
 def test_strong_asymptote_is_taken_at_the_same_total_budget():
@@ -295,20 +295,20 @@ def test_strong_asymptote_is_taken_at_the_same_total_budget():
 
 
 def test_total_reward_is_the_mean_height_with_uneven_checkpoints():
-    assert total_reward(DIRECT).tolist() == [2, 0.5]
-    assert total_reward(curve([0, 4, 4], steps=[100, 200, 500])).tolist() == [3.5]
-    assert total_reward(curve([NAN, 4, 4], steps=[0, 1, 2])).tolist() == [4]
+    assert mean_return(SCRATCH).tolist() == [2, 0.5]
+    assert mean_return(curve([0, 4, 4], steps=[100, 200, 500])).tolist() == [3.5]
+    assert mean_return(curve([NAN, 4, 4], steps=[0, 1, 2])).tolist() == [4]
 
 
 def test_total_reward_needs_two_checkpoints():
     with pytest.raises(SettingError, match="an area needs at least 2 checkpoints: got 1"):
-        total_reward(curve([1], steps=[0]))
+        mean_return(curve([1], steps=[0]))
 
 
 def test_transfer_ratio_weak_and_strong():
-    assert transfer_ratio(DIRECT, HELPED).tolist() == [0.75, 3]
+    assert transfer_ratio(SCRATCH, HELPED).tolist() == [0.75, 3]
     # charged heights: (0 + 2.5 + 3.5 + 4 / 2) / 4 = 2 and (2 + 2 + 2 / 2) / 4 = 1.25
-    np.testing.assert_allclose(transfer_ratio(DIRECT, HELPED, strong=True), [0, 1.5])
+    np.testing.assert_allclose(transfer_ratio(SCRATCH, HELPED, strong=True), [0, 1.5])
 
 
 def test_transfer_ratio_is_positive_for_a_gain_among_negative_returns():
@@ -333,13 +333,13 @@ def test_transfer_ratio_is_nan_where_the_baseline_area_is_zero():
 )
 def test_curves_must_pair(measure):
     with pytest.raises(SettingError, match="same seeds, row by row: got 2 and 1 seeds"):
-        measure(DIRECT, curve([0, 1, 2, 3, 4]))
+        measure(SCRATCH, curve([0, 1, 2, 3, 4]))
     with pytest.raises(SettingError, match="got 5 ending at 400 and 2 ending at 100"):
-        measure(DIRECT, curve([0, 1], [0, 1], steps=[0, 100]))
+        measure(SCRATCH, curve([0, 1], [0, 1], steps=[0, 100]))
 
 
 @pytest.mark.parametrize("measure", [jumpstart, transfer_ratio])
 def test_a_strong_comparison_needs_a_direct_learner(measure):
     with pytest.raises(SettingError, match="must have no source steps: got 200"):
-        measure(HELPED, DIRECT, strong=True)
-    assert np.isfinite(measure(HELPED, DIRECT)).all()
+        measure(HELPED, SCRATCH, strong=True)
+    assert np.isfinite(measure(HELPED, SCRATCH)).all()

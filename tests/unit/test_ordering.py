@@ -5,13 +5,13 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.study.ordering import (
+from curricle.statistics.hypothesis_tests import (
     holm,
     performance_profile,
     probability_of_improvement,
     sign_flip_test,
 )
-from curricle.study.statistics import bootstrap, stratified_bootstrap
+from curricle.statistics.intervals import bootstrap, stratified_bootstrap
 
 NAN, INF = np.nan, np.inf
 

@@ -197,6 +197,6 @@ def test_agents_that_each_hunt_as_if_alone_do_far_better_than_random_ones():
     }
     rng = np.random.default_rng(0)
     taught = mean_length(hunt, lambda agent, state: choice[agent][state], 300)
-    untaught = mean_length(hunt, lambda agent, state: rng.integers(5), 100)
+    random_return = mean_length(hunt, lambda agent, state: rng.integers(5), 100)
     assert taught < 8  # about 5 steps; the optimum together is 4.6
-    assert untaught > 10 * taught
+    assert random_return > 10 * taught

@@ -8,17 +8,17 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import curricle as cr
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.errors import CurriculumError, SettingError
-from curricle.report.board import board
-from curricle.report.comparison import draw_comparison
-from curricle.report.flips import collapse_figure, draw_flips
-from curricle.report.forecast import draw_forecast
-from curricle.report.picture import plot, save
-from curricle.report.plotting import COLOURS
-from curricle.report.potentials import draw_potential, draw_sources, shared_limits
-from curricle.report.scales import return_scale, steps_scale
-from curricle.study.comparison import Arm, Comparison
-from curricle.study.curve import Curve
+from curricle.plotting.choice_flips import collapse_figure, draw_flips
+from curricle.plotting.comparison import draw_comparison
+from curricle.plotting.figures import COLOURS
+from curricle.plotting.forecast import draw_forecast
+from curricle.plotting.grid_view import board
+from curricle.plotting.picture import plot, save
+from curricle.plotting.potentials import draw_potential, draw_sources, shared_limits
+from curricle.plotting.scales import return_scale, steps_scale
+from curricle.statistics.curves import Curve
 
 STEPS = np.arange(0, 101, 10)
 
@@ -32,7 +32,7 @@ def arm(values, source_steps=0, control=False, seeds=4):
 
 def comparison(seeds=4, **more):
     arms = {
-        "direct": arm(0.0, seeds=seeds),
+        "scratch": arm(0.0, seeds=seeds),
         "taught": arm(10.0, 20, seeds=seeds),
         "taught, placebo": arm(-5.0, 20, control=True, seeds=seeds),
         **more,
@@ -63,8 +63,8 @@ def greyness(colour):
 def test_a_curve_begins_where_its_sources_end():
     axes = draw_comparison(comparison()).axes[0]
     curves = labelled(axes)
-    assert set(curves) == {"direct", "taught", "taught, placebo"}
-    assert curves["direct"].get_xdata()[0] == 0
+    assert set(curves) == {"scratch", "taught", "taught, placebo"}
+    assert curves["scratch"].get_xdata()[0] == 0
     taught = curves["taught"]
     assert (taught.get_xdata() == np.arange(20, 101, 10)).all()
     assert (taught.get_ydata() == 11.5).all()  # the mean of seeds 10 to 13
@@ -93,9 +93,9 @@ def test_the_curves_show_the_threshold_and_all_steps():
 def test_controls_are_dashed_and_greyer():
     axes = draw_comparison(comparison()).axes[0]
     curves = labelled(axes)
-    assert curves["taught"].get_linestyle() == curves["direct"].get_linestyle() == "-"
+    assert curves["taught"].get_linestyle() == curves["scratch"].get_linestyle() == "-"
     assert curves["taught, placebo"].get_linestyle() == "--"  # what Matplotlib calls any dashes
-    assert curves["direct"].get_color() == COLOURS["black"]
+    assert curves["scratch"].get_color() == COLOURS["black"]
     colours = [curves[name].get_color() for name in ("taught", "taught, placebo")]
     assert greyness(colours[0]) < greyness(colours[1])
 
@@ -114,7 +114,11 @@ def test_a_profile_steps_down_where_a_run_ends():
 def test_gains_have_a_row_each_with_interval_and_p():
     found = comparison()
     axes = draw_comparison(found).axes[2]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["direct", "taught", "placebo"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "scratch",
+        "taught",
+        "placebo",
+    ]
     assert [0, 0] in [list(line.get_xdata()) for line in axes.lines]
     dots = labelled(axes)
     for row, name in enumerate(["taught", "taught, placebo"], 1):
@@ -136,7 +140,7 @@ def test_the_caption_says_seeds_intervals_and_correction():
     said = words(draw_comparison(comparison()))
     for part in ("4 seeds", "95 % percentile bootstrap", "2 arms by Holm", "controls"):
         assert part in said
-    alone = Comparison("hunt", {n: comparison()[n] for n in ("direct", "taught")}, 80, 100, 7.5, 1)
+    alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "taught")}, 80, 100, 7.5, 1)
     said = words(draw_comparison(alone))
     assert "controls" not in said
     assert "of one arm" in said
@@ -160,7 +164,7 @@ def test_twelve_curricula_differ_in_colour_or_dashes(tmp_path):
 
 
 def test_an_arm_without_sources_has_no_lead_in():
-    axes = draw_comparison(comparison(untaught=arm(2.0))).axes[0]
+    axes = draw_comparison(comparison(random_return=arm(2.0))).axes[0]
     assert len([line for line in axes.lines if line.get_linestyle() == ":"]) == 2
 
 
@@ -174,13 +178,13 @@ def test_seeds_whose_sources_end_at_other_steps_are_charged_one_by_one():
 
 
 def test_a_comparison_without_arms_is_refused():
-    alone = Comparison("hunt", {"direct": arm(0.0)}, 80, 100, 7.5, 1)
-    with pytest.raises(SettingError, match="an arm besides 'direct'"):
+    alone = Comparison("hunt", {"scratch": arm(0.0)}, 80, 100, 7.5, 1)
+    with pytest.raises(SettingError, match="an arm besides 'scratch'"):
         draw_comparison(alone)
 
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
-    far = {"direct": arm(-400.0), "taught": arm(-8.0, 20)}
+    far = {"scratch": arm(-400.0), "taught": arm(-8.0, 20)}
     curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
     assert curves.get_yscale() == profile.get_xscale() == "symlog"
     assert "symlog" in curves.get_ylabel()
@@ -257,16 +261,16 @@ def test_a_forecast_has_a_bar_for_each_potential(foreseen):
     figure = draw_forecast(foreseen)
     (axes,) = figure.axes
     names = [label.get_text() for label in axes.get_yticklabels()]
-    assert [name.removesuffix(" (used)") for name in names] == [o.name for o in foreseen.foreseen]
+    assert [name.removesuffix(" (used)") for name in names] == [o.name for o in foreseen.rows]
     assert [name for name in names if name.endswith(" (used)")] == ["mean (used)"]
-    for bar, one in zip(axes.patches, foreseen.foreseen, strict=True):
-        assert bar.get_x() == pytest.approx(foreseen.untaught)
+    for bar, one in zip(axes.patches, foreseen.rows, strict=True):
+        assert bar.get_x() == pytest.approx(foreseen.random_return)
         assert bar.get_x() + bar.get_width() == pytest.approx(one.mean("start"))
         assert f"{one.mean('optimistic'):.0%}" in texts(axes)
         assert f"× {one.scale:.2g}" in texts(axes)
     assert any(text.startswith("optimum −") for text in texts(axes))
     low, high = axes.get_xlim()
-    assert low < foreseen.untaught
+    assert low < foreseen.random_return
     assert foreseen.optimum < high
     assert "3 seeds of the sources" in words(figure)
     assert "no intervals" in words(figure)
@@ -496,7 +500,7 @@ def test_a_calibrated_aggregate_says_its_scale(hunt):
 def test_sources_of_any_grid_are_drawn(keyed):
     plan = cr.Curriculum(
         {"easy": keyed, "hard": keyed},
-        [cr.Transfer("easy", "hard", cr.identity(keyed))],
+        [cr.Transfer("easy", "hard", cr.transfer.identity(keyed))],
         budget=100,
     )
     figure = draw_sources(plan.train(), at={"key": 0})
@@ -556,7 +560,7 @@ def test_a_collapse_is_shown_over_time(plan, trained, hunt, tmp_path):
     for time, place in ((0, 0), (100, 1), (4_000, 3)):
         tables = [one.values for one in phi]
         if time:
-            learning = {"seeds": 2, "potential": phi, "stream": "hunt", "every": 50}
+            learning = {"seeds": 2, "potential": phi, "stream": "hunt", "eval_freq": 50}
             tables = cr.learn(hunt, learner, time, **learning).values
         greedy = [values == values.max(axis=1, keepdims=True) for values in tables]
         right = np.array([(optimal | ~each).all(axis=1)[alive].mean() for each in greedy])

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from curricle import GridWorld, Pursuit, StateActionPotential, StatePotential, linear
+from curricle import GridWorld, Pursuit, StateActionPotential, StatePotential
+from curricle.learning import linear
 
 MAZE = GridWorld("S.T", discount=0.5)
 

@@ -18,7 +18,7 @@ import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.potential_shaping import PotentialShaping
 from curricle.interop.vector_shaping import VectorPotentialShaping
-from curricle.learning.reading import nothing
+from curricle.learning.value_lookup import nothing
 
 N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7
 RNG = np.random.default_rng(0)
@@ -257,7 +257,7 @@ def mapped_potential():
     ]
     plan = cr.Curriculum({"chase": CHASE, "hunt": HUNT}, edges, budget=500)
     potential = plan.train().potentials["hunt"][0]
-    assert isinstance(potential, cr.MappedPotential)
+    assert isinstance(potential, cr.learning.MappedPotential)
     return potential
 
 
@@ -277,7 +277,9 @@ def test_components_number_the_states(layout, kind):
     potential = {
         "by pairs": pair_potential_of_hunt,
         "mapped": mapped_potential,
-        "the same everywhere but at the end": lambda: cr.MappedPotential(HUNT, nothing(25, 5.0)),
+        "the same everywhere but at the end": lambda: cr.learning.MappedPotential(
+            HUNT, nothing(25, 5.0)
+        ),
     }[kind]()
     phi = potential.to_state().at()
     env = PotentialShaping(Positions(*LAYOUTS[layout]), potential)
@@ -394,7 +396,7 @@ def test_terms_are_what_each_source_would_pay_alone(aggregate):
 
 def test_a_changing_potential_goes_by_the_steps_taken():
     frames = RNG.normal(size=(3, N_STATES))
-    weight = cr.linear(1.0, 0.2, steps=80)
+    weight = cr.learning.linear(1.0, 0.2, steps=80)
     phi = cr.StatePotential(task(NONE), frames, frame_steps=[0, 10, 31], weight=weight)
     actions = actions_of(60)
     steps = [move for episode in episodes_of(wander(NONE), actions) for move in episode]
@@ -411,7 +413,7 @@ def test_a_weight_scales_any_potential_and_may_change_too():
     assert paid(PotentialShaping(wander(), table, discount=DISCOUNT, weight=2)) == by_function(
         2 * PHI
     )
-    weight = cr.linear(1.0, 0.2, steps=80)
+    weight = cr.learning.linear(1.0, 0.2, steps=80)
     weighed = cr.StatePotential(task(NONE), PHI, weight=weight)
     env = PotentialShaping(wander(NONE), table, discount=DISCOUNT, weight=weight)
     assert paid(env) == pytest.approx(paid(PotentialShaping(wander(NONE), weighed)), abs=1e-12)
@@ -575,7 +577,10 @@ def test_a_potential_of_something_else_is_found_out_at_the_end():
     with pytest.raises(PotentialError, match=re.escape(said)):
         run_episode(env)
     envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(wander, NONE)] * 2), Clock().batch, discount=DISCOUNT, batched=True
+        SyncVectorEnv([partial(wander, NONE)] * 2),
+        Clock().batch,
+        discount=DISCOUNT,
+        batched=True,
     )
     with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
         run_episode(SomeEnvs(envs))
@@ -677,7 +682,7 @@ def test_the_spec_makes_the_same_environment_again():
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_goes_on_where_the_original_is(clone):
     env = PotentialShaping(
-        gym.make("FrozenLake-v1"), lake_potential(), weight=cr.linear(1.0, 0.0, steps=9)
+        gym.make("FrozenLake-v1"), lake_potential(), weight=cr.learning.linear(1.0, 0.0, steps=9)
     )
     env.reset(seed=0)
     env.step(2)
@@ -870,10 +875,13 @@ def test_batches_may_hold_nonsense_at_ends(mode, potential, settings):
 @pytest.mark.parametrize("batched", [False, True])
 def test_time_is_counted_over_all_sub_environments(batched):
     frames = RNG.normal(size=(2, N_STATES))
-    weight = cr.linear(1.0, 0.0, steps=200)
+    weight = cr.learning.linear(1.0, 0.0, steps=200)
     phi = cr.StatePotential(task(), frames, frame_steps=[0, 20], weight=weight)
     shaped = VectorPotentialShaping(
-        SyncVectorEnv([wander] * 2), phi, batched=batched, weight=cr.linear(1.0, 2.0, steps=90)
+        SyncVectorEnv([wander] * 2),
+        phi,
+        batched=batched,
+        weight=cr.learning.linear(1.0, 2.0, steps=90),
     )
     states, _ = shaped.reset(seed=0)
     taken, n_ended = 0, 0

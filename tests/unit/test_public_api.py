@@ -66,7 +66,7 @@ def test_the_tree_of_exceptions():
         error = getattr(curricle, f"{name}Error")
         assert issubclass(error, curricle.CurricleError)
         assert issubclass(error, ValueError)
-    assert issubclass(curricle.StoreError, curricle.CurricleError)
+    assert issubclass(curricle.errors.StoreError, curricle.CurricleError)
 
 
 def test_unmapped_and_ended_are_told_apart_by_sign():

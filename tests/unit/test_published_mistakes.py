@@ -126,7 +126,7 @@ def test_arrays_handed_out_are_read_only():
         cr.evaluate(maze, solution.policy),
         cr.StatePotential(maze, np.zeros(9)),
         cr.StateActionPotential(maze, np.zeros((9, 4))),
-        cr.identity(maze),
+        cr.transfer.identity(maze),
     ]
     writable = [
         f"{type(owner).__name__}.{name}"
@@ -152,7 +152,7 @@ def test_training_the_target_leaves_the_source_as_it_was():
     maze = small_maze()
     curriculum = cr.Curriculum(
         tasks={"source": maze, "target": maze},
-        transfers=[cr.Transfer("source", "target", cr.identity(maze))],
+        transfers=[cr.Transfer("source", "target", cr.transfer.identity(maze))],
         budget=1000,
     )
     result = curriculum.train(seeds=2)
@@ -178,10 +178,10 @@ def test_frozen_lake_is_learnt_from_an_all_zero_table():
     task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.99, time_limit=200)
     success = cr.learn(
         task,
-        cr.QLearning(learning_rate=cr.harmonic(half=100), epsilon=0.1),
+        cr.QLearning(learning_rate=cr.learning.harmonic(half=100), epsilon=0.1),
         1_000_000,
         seeds=4,
-        every=200_000,
+        eval_freq=200_000,
         evaluation=cr.GreedyEvaluation(discounted=False),
     ).greedy_return
     assert (success[:, -1] > 0.8).all()
@@ -210,7 +210,7 @@ def test_the_discount_has_one_owner():
     consumers = [
         *LEARNERS, cr.learn, cr.solve, cr.evaluate, cr.StatePotential, cr.StateActionPotential,
         cr.StatePotential.shaping_reward, cr.StateActionPotential.look_ahead, cr.Transfer,
-        cr.StateActionMapping, cr.Curriculum, cr.Curriculum.train, cr.rollout,
+        cr.transfer.StateActionMapping, cr.Curriculum, cr.Curriculum.train, cr.planning.rollout,
     ]  # fmt: skip
     for consumer in consumers:
         assert not {"discount", "gamma"} & set(inspect.signature(consumer).parameters), consumer
@@ -264,9 +264,12 @@ def test_a_seed_does_not_depend_on_workers_or_on_other_seeds(kind, method):
 
 
 def test_evaluation_does_not_disturb_learning():
-    def values(every, method):
+    def values(eval_freq, method):
         return cr.learn(
-            small_maze(), budget=1000, every=every, evaluation=cr.GreedyEvaluation(method=method)
+            small_maze(),
+            budget=1000,
+            eval_freq=eval_freq,
+            evaluation=cr.GreedyEvaluation(method=method),
         ).values
 
     often, seldom, exactly = values(7, "rollouts"), values(1000, "rollouts"), values(7, "exact")

@@ -7,7 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from curricle import Pursuit, TaskError, solve
+from curricle import Pursuit, solve
+from curricle.errors import TaskError
 
 STEPS = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 
@@ -28,7 +29,7 @@ def walk(cell, name, size, torus):
 
 
 def joint_dynamics(game, position, action, prey_policy):
-    """Return {(next position, reward): probability}, everybody moving at once."""
+    """Return {(next position, reward): probability}, everybody generative at once."""
     prey, *hunters = position
     moves = names_of(game.moves)
     after = [walk(h, moves[a], game.size, game.torus) for h, a in zip(hunters, action, strict=True)]

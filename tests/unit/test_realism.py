@@ -7,10 +7,10 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning import target as place
+from curricle.planning import target as place
 from curricle.tasks.reachable import reachable_states
-from curricle.transfer import realism as module
-from curricle.transfer.mapped import mapped_potential
+from curricle.transfer import quality as module
+from curricle.transfer.potentials import mapped_potential
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
@@ -110,12 +110,18 @@ def test_every_measure_is_that_of_a_plain_loop(seed):
     phi = random_potential(task, seed)
     if seed % 2:
         phi = phi.rescaled(1.0, -2.0)
-    found = cr.realism(phi, cr.Target.of(task))
+    found = cr.transfer.potential_quality(phi, cr.planning.Target.of(task))
     optimistic, excess, size, right, gloom, where = naive_realism(phi.values, task.mdp)
     assert found.exact
-    assert (found.optimistic, found.right, found.gloomy_state) == (optimistic, right, where)
+    assert (found.optimistic, found.right, found.most_underestimated_state) == (
+        optimistic,
+        right,
+        where,
+    )
     # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
-    assert (found.excess, found.size, found.gloom) == pytest.approx((excess, size, gloom), abs=2e-6)
+    assert (found.excess, found.size, found.largest_underestimate) == pytest.approx(
+        (excess, size, gloom), abs=2e-6
+    )
 
 
 def test_the_loops_see_gloom_and_states_that_are_wrong():
@@ -128,62 +134,75 @@ def test_the_loops_see_gloom_and_states_that_are_wrong():
 def test_the_gloom_counts_on_the_way_of_optimal_policies_only():
     """A cell aside may be spoken ill of; of two cells on the way the worse one is named."""
     maze = cr.GridWorld(["...", "S.T"], discount=0.5)
-    target = cr.Target.of(maze)
+    target = cr.planning.Target.of(maze)
     q = target.solution.action_values.copy()
     q[0] = -1000.0
-    assert cr.realism(cr.StateActionPotential(maze, q), target).gloom == 0.0
+    assert (
+        cr.transfer.potential_quality(
+            cr.StateActionPotential(maze, q), target
+        ).largest_underestimate
+        == 0.0
+    )
     q[3:5] = [[-40.0], [-50.0]]  # worth 98.5 and 199, but saying nothing promises 0 at least
-    found = cr.realism(cr.StateActionPotential(maze, q), target)
-    assert (found.gloom, found.gloomy_state) == (50.0, 4)
+    found = cr.transfer.potential_quality(cr.StateActionPotential(maze, q), target)
+    assert (found.largest_underestimate, found.most_underestimated_state) == (50.0, 4)
 
 
 def test_gloom_is_more_than_silence():
     """Where the truth is 98.5, promising 10 is no gloom, nor is promising nothing; -10 is."""
     for promise, gloom in ((10.0, 0.0), (0.0, 0.0), (-10.0, 10.0)):
         phi = cr.StateActionPotential(LINE, np.full((3, 4), promise))
-        assert cr.realism(phi, cr.Target.of(LINE)).gloom == gloom
+        assert (
+            cr.transfer.potential_quality(phi, cr.planning.Target.of(LINE)).largest_underestimate
+            == gloom
+        )
 
 
 @pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_task, range(20))])
 def test_the_optimum_is_realistic(task):
-    target = cr.Target.of(task)
+    target = cr.planning.Target.of(task)
     phi = cr.StateActionPotential(task, target.solution.action_values)
-    found = cr.realism(phi, target)
-    assert (found.optimistic, found.excess, found.right, found.gloom) == (0.0, 0.0, 1.0, 0.0)
+    found = cr.transfer.potential_quality(phi, target)
+    assert (found.optimistic, found.excess, found.right, found.largest_underestimate) == (
+        0.0,
+        0.0,
+        1.0,
+        0.0,
+    )
     assert found.rank == pytest.approx(1.0)
-    assert found.gloomy_state == -1
+    assert found.most_underestimated_state == -1
     assert found.start == pytest.approx(target.optimum)
 
 
 def test_what_is_within_the_proven_error_is_not_called_optimistic():
-    target = cr.Target.of(MAZE)
+    target = cr.planning.Target.of(MAZE)
     error = target.solution.error_bound
     assert 0 < error <= 1e-6
     values = target.solution.action_values
     for shift, share in ((error / 2, 0.0), (error * 2 + 1e-9, 1.0)):
-        found = cr.realism(cr.StateActionPotential(MAZE, values + shift), target)
+        found = cr.transfer.potential_quality(cr.StateActionPotential(MAZE, values + shift), target)
         assert found.optimistic == share
 
 
 def test_the_bounds_of_a_target():
     """Of the line: the first cell is worth 98.5 at best and x at random, the second y."""
-    target = cr.Target.of(LINE)
+    target = cr.planning.Target.of(LINE)
     assert target.optimum == 98.5
     # x = -1 + (3 x + y) / 8, y = (199 - 3) / 4 + (x + 2 y) / 8
     x, _ = np.linalg.solve([[5 / 8, -1 / 8], [-1 / 8, 6 / 8]], [-1.0, 49.0])
-    assert target.untaught == pytest.approx(x)
+    assert target.random_return == pytest.approx(x)
     assert target.typical_reward == 1.0  # cells pay -1, -1 and 199
 
 
 def test_the_typical_reward_is_the_median_of_those_that_are_paid():
     outcomes = [[[(0.5, 0, 0.0), (0.5, 0, -2.0)], [(0.5, 0, 4.0), (0.5, 0, 7.0)]]]
     task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.5, terminal=[False])
-    assert cr.Target.of(task).typical_reward == 4.0
+    assert cr.planning.Target.of(task).typical_reward == 4.0
 
 
 def test_a_target_with_rewards_of_nothing_is_measured_in_ones():
     idle = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0)]]], start=0, discount=0.5, terminal=[False])
-    assert cr.Target.of(idle).typical_reward == 1.0
+    assert cr.planning.Target.of(idle).typical_reward == 1.0
 
 
 # -- ranks ---------------------------------------------------------------------------------------
@@ -199,31 +218,33 @@ def scipy_rank(phi, target):
 @pytest.mark.parametrize("task", [MAZE, random_task(3)])
 def test_ranks_correlate_as_scipy_has_it(task, levels):
     """With 2 levels nearly all of phi is tied; in the maze Q* has ties of its own."""
-    target = cr.Target.of(task)
+    target = cr.planning.Target.of(task)
     rng = np.random.default_rng(levels)
     noisy = target.solution.action_values + rng.normal(size=target.solution.action_values.shape)
     edges = np.quantile(noisy, np.linspace(0, 1, levels + 1)[1:-1])
     phi = cr.StateActionPotential(task, np.searchsorted(edges, noisy).astype(float))
-    found = cr.realism(phi, target).rank
+    found = cr.transfer.potential_quality(phi, target).rank
     assert found == pytest.approx(scipy_rank(phi, target), abs=1e-12)
     assert 0.2 < abs(found) < 0.9999
 
 
 def test_what_does_not_vary_has_no_rank_and_is_nowhere_right():
     phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
-    found = cr.realism(phi, cr.Target.of(MAZE))
+    found = cr.transfer.potential_quality(phi, cr.planning.Target.of(MAZE))
     assert np.isnan(found.rank)
     assert found.right == 0.0  # it prefers what is wrong as much as what is right
 
 
 def test_many_pairs_are_ranked_by_some_of_them(monkeypatch):
     hunt = cr.Pursuit(3, 2, discount=0.9)
-    target, phi = cr.Target.of(hunt), random_potential(hunt, 0)
+    target, phi = cr.planning.Target.of(hunt), random_potential(hunt, 0)
     phi = cr.StateActionPotential(hunt, target.solution.action_values + phi.values)
-    full = cr.realism(phi, target).rank
+    full = cr.transfer.potential_quality(phi, target).rank
     assert full == pytest.approx(scipy_rank(phi, target), abs=1e-12)
     monkeypatch.setattr(module, "RANKED", 2000)
-    one, same, other = (cr.realism(phi, target, seed=seed).rank for seed in (0, 0, 1))
+    one, same, other = (
+        cr.transfer.potential_quality(phi, target, seed=seed).rank for seed in (0, 0, 1)
+    )
     assert one == same != other
     # The standard error of a correlation of 2,000 pairs is below 1 / sqrt(2000) = 0.022.
     assert one == pytest.approx(full, abs=0.09)
@@ -237,12 +258,15 @@ def test_many_pairs_are_ranked_by_some_of_them(monkeypatch):
 @pytest.mark.parametrize("task", [MAZE, random_task(5)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
     monkeypatch.setattr(place, "LARGEST_FOLLOWED", largest)
-    target = cr.Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
+    target = cr.planning.Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):
         phi = random_potential(task, seed)
         learnt = cr.learn(task, budget=1, seeds=[seed], potential=phi, evaluation=target.evaluation)
-        assert cr.realism(phi, target, seed=seed).start == learnt.greedy_return[0, 0]
+        assert (
+            cr.transfer.potential_quality(phi, target, seed=seed).start
+            == learnt.greedy_return[0, 0]
+        )
 
 
 def test_a_potential_read_on_the_fly_is_judged_like_its_array():
@@ -253,9 +277,11 @@ def test_a_potential_read_on_the_fly_is_judged_like_its_array():
     ]
     values = cr.solve(chase).action_values
     lazy = mapped_potential(hunt, edges, [values, values], cr.minimum)
-    target = cr.Target.of(hunt)
+    target = cr.planning.Target.of(hunt)
     array = cr.StateActionPotential(hunt, lazy.values)
-    assert cr.realism(lazy, target) == cr.realism(array, target)
+    assert cr.transfer.potential_quality(lazy, target) == cr.transfer.potential_quality(
+        array, target
+    )
 
 
 # -- without Q* ----------------------------------------------------------------------------------
@@ -270,10 +296,10 @@ def unsolved(monkeypatch):
 @pytest.mark.parametrize("shift", [0.0, 2.0, -2.0])
 def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
     """What its own policy earns is Q* then; a shift is seen as what it is."""
-    target = cr.Target.of(MAZE)
+    target = cr.planning.Target.of(MAZE)
     assert target.solution is None
     assert target.evaluation.method == "rollouts"
-    found = cr.realism(optimum(MAZE, shift), target)
+    found = cr.transfer.potential_quality(optimum(MAZE, shift), target)
     assert not found.exact
     assert found.excess == pytest.approx(shift, abs=1e-5)
     assert found.rank == pytest.approx(1.0, abs=0.01)  # equal but for rounding, it may be swapped
@@ -281,8 +307,8 @@ def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
         assert found.optimistic == (shift > 0)
     best = cr.solve(MAZE, tolerance=1e-6)
     assert found.start == pytest.approx(best.start_value, abs=1e-5)
-    assert np.isnan([found.right, found.gloom, target.optimum]).all()
-    assert found.gloomy_state == -1
+    assert np.isnan([found.right, found.largest_underestimate, target.optimum]).all()
+    assert found.most_underestimated_state == -1
 
 
 @pytest.mark.usefixtures("unsolved")
@@ -296,17 +322,17 @@ def test_the_estimate_counts_what_lies_beyond_a_cut():
         time_limit=5,
     )
     phi = cr.StateActionPotential(ring, np.full((2, 1), -10.0))
-    found = cr.realism(phi, cr.Target.of(ring))
+    found = cr.transfer.potential_quality(phi, cr.planning.Target.of(ring))
     assert (found.excess, found.size) == pytest.approx((0.0, 10.0))
 
 
 def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
     """Not every policy ends, so there is no Q* without the limit."""
     maze = cr.GridWorld("S.T", discount=1.0, time_limit=10)
-    target = cr.Target.of(maze)
+    target = cr.planning.Target.of(maze)
     assert target.solution is None
     phi = cr.StateActionPotential(maze, np.tile([0.0, 198.0, 0.0, 0.0], (3, 1)))
-    found = cr.realism(phi, target)
+    found = cr.transfer.potential_quality(phi, target)
     assert (found.start, found.excess, found.size) == pytest.approx((198.0, -0.5, 198.5))
 
 
@@ -317,10 +343,12 @@ def test_a_large_pursuit_is_judged_along_its_way():
         cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
         for name in hunt.predator_names
     ]
-    values, target = cr.solve(chase).action_values, cr.Target.of(hunt, episodes=200)
+    values, target = cr.solve(chase).action_values, cr.planning.Target.of(hunt, episodes=200)
     assert target.solution is None
     found = {
-        g.__name__: cr.realism(mapped_potential(hunt, edges, [values, values], g), target)
+        g.__name__: cr.transfer.potential_quality(
+            mapped_potential(hunt, edges, [values, values], g), target
+        )
         for g in (cr.minimum, cr.mean, cr.maximum)
     }
     least, middle, most = found.values()
@@ -332,11 +360,11 @@ def test_a_large_pursuit_is_judged_along_its_way():
         assert 0.5 < one.optimistic <= 1
     assert 0 < least.excess < middle.excess < most.excess
     assert least.rank > most.rank
-    assert min(least.start, middle.start) > most.start > target.untaught
+    assert min(least.start, middle.start) > most.start > target.random_return
 
 
 def start(n, bits):
-    return 1 + cr.below(bits, n - 1)
+    return 1 + cr.tasks.integers(bits, n - 1)
 
 
 def step(n, state, action, bits):
@@ -351,10 +379,14 @@ def test_a_task_given_by_functions_is_judged_along_its_way():
     ring = cr.ComputedMDP(space, moves, start, step, data=n, discount=0.5)
     away = np.stack([np.arange(n), (n - np.arange(n)) % n], axis=1)
     q = -2 * (1 - 0.5**away)
-    found = cr.realism(cr.StateActionPotential(ring, q), cr.Target.of(ring, episodes=100))
+    found = cr.transfer.potential_quality(
+        cr.StateActionPotential(ring, q), cr.planning.Target.of(ring, episodes=100)
+    )
     assert not found.exact
     assert (found.excess, found.rank) == pytest.approx((0.0, 1.0), abs=1e-9)
-    found = cr.realism(cr.StateActionPotential(ring, q - 1), cr.Target.of(ring, episodes=100))
+    found = cr.transfer.potential_quality(
+        cr.StateActionPotential(ring, q - 1), cr.planning.Target.of(ring, episodes=100)
+    )
     assert (found.excess, found.optimistic) == (pytest.approx(-1.0), 0.0)
     assert -2 < found.start < -1
 

@@ -3,19 +3,9 @@
 import numpy as np
 import pytest
 
-from curricle import (
-    SARSA,
-    Curriculum,
-    CurriculumError,
-    Episodes,
-    Guard,
-    Pursuit,
-    QLearning,
-    Return,
-    SettingError,
-    Transfer,
-    project,
-)
+from curricle import SARSA, Curriculum, Episodes, Guard, Pursuit, QLearning, Transfer, project
+from curricle.curriculum import Return
+from curricle.errors import CurriculumError, SettingError
 
 HUNT = Pursuit(size=3, predators=2, time_limit=50)
 CHASE = Pursuit(size=3, predators=1, time_limit=50)
@@ -23,7 +13,7 @@ CHASE = Pursuit(size=3, predators=1, time_limit=50)
 
 def plan(back, **settings):
     """The mean of two hopeful sources: it starts well, and is lost in the first thousand steps."""
-    given = {"budget": {"chase": 1500, "hunt": 9000}, "every": {"hunt": 150}} | settings
+    given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}} | settings
     return Curriculum(
         {"chase": CHASE, "hunt": HUNT},
         [
@@ -50,7 +40,7 @@ def test_a_target_that_never_loses_anything_is_trained_as_without():
 
 def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
     found = plan(ALWAYS).train(seeds=4, charge=True)
-    extra = found.courses["hunt"].extra
+    extra = found.retrained["hunt"].extra
     assert (extra > 0).any()
     assert set(extra.tolist()) <= {0, 400, 800}
     np.testing.assert_array_equal(found.source_steps("hunt"), 1500 + extra)
@@ -97,7 +87,7 @@ def test_going_back_takes_what_the_source_knows_by_then():
     back = Return(lost=1.0, again=20_000, most=1)
     budget = {"chase": 500, "hunt": 60_000}
     found, without = (plan(one, budget=budget).train(seeds=4, charge=True) for one in (back, None))
-    went = found.courses["hunt"].extra > 0
+    went = found.retrained["hunt"].extra > 0
     assert went.any()
     gained = found["hunt"].greedy_return[went, -1] - without["hunt"].greedy_return[went, -1]
     assert gained.mean() > 1.0
@@ -123,7 +113,7 @@ def test_calibrated_potentials_do_not_go_back():
 
 
 def test_other_learners_go_back_too():
-    found = plan(ALWAYS).changed("hunt", learner=SARSA()).train(seeds=2)
+    found = plan(ALWAYS).replace("hunt", learner=SARSA()).train(seeds=2)
     assert found["hunt"].steps_used.tolist() == [9000, 9000]
 
 

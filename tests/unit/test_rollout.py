@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from curricle import FiniteMDP, GridWorld, rollout
+from curricle import FiniteMDP, GridWorld
+from curricle.planning import rollout
 
 LINE = GridWorld("S..T", discount=0.5)
 

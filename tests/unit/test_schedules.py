@@ -2,7 +2,8 @@
 
 import pytest
 
-from curricle import SARSA, GridWorld, QLearning, constant, exponential, harmonic, learn, linear
+from curricle import SARSA, GridWorld, QLearning, learn
+from curricle.learning import constant, exponential, harmonic, linear
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.study.sequential import add_seeds
+from curricle.statistics.sequential import add_seeds
 
 NAN = np.nan
 NOISE = np.random.default_rng(7).normal(size=1000)

@@ -11,13 +11,13 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
-from curricle.interop.observed import observed
+from curricle.interop.observation_tasks import observation_task
 from curricle.interop.potential_shaping import PotentialShaping
 from curricle.interop.shaping_sources import stack
 from curricle.interop.vector_shaping import VectorPotentialShaping
 from curricle.transfer.aggregation import aggregate, aggregate_numbers
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.values import FunctionValues, TableValues
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.value_sources import FunctionValues, TableValues
 
 SIZE, DISCOUNT, LIMIT = 5, 0.9, 4
 PHI = np.array([3.0, -2.0, 5.0, 1.0, np.nan])  # nobody may ask for the end's
@@ -131,7 +131,7 @@ def test_vectors_are_read_in_one_go():
 
 
 def test_a_potential_over_observations_states_the_discount_and_the_space():
-    task = observed(walk, discount=0.8)
+    task = observation_task(walk, discount=0.8)
     phi = ObservationPotential.of(task, TableValues(PAIRS))
     env = PotentialShaping(walk(), phi)
     assert env.discount == 0.8

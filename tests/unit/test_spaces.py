@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from curricle import Component, Space, TaskError
+from curricle import Component, Space
+from curricle.errors import TaskError
 
 BOX = Space([Component("row", 2, low=5), Component("column", 3)])
 LISTED = Space(

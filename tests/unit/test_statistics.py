@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.study.statistics import (
+from curricle.statistics.intervals import (
     Interval,
     bootstrap,
     interquartile_mean,
@@ -89,7 +89,7 @@ def test_the_fast_mean_equals_the_general_path():
 def test_blocks_do_not_change_the_result(monkeypatch):
     values = normal(12, 5)
     whole = bootstrap(values, np.median, resamples=101)
-    monkeypatch.setattr("curricle.study.statistics.BLOCK", 7)
+    monkeypatch.setattr("curricle.statistics.intervals.BLOCK", 7)
     assert np.array_equal(bootstrap(values, np.median, resamples=101).low, whole.low)
 
 
@@ -205,8 +205,12 @@ def test_paired_difference_cancels_what_the_seed_gives_to_both():
 
 def test_paired_difference_is_the_bootstrap_of_the_differences():
     a, b = normal(8, seed=1), normal(8, seed=2)
-    paired, direct = paired_difference(a, b, seed=5), bootstrap(a - b, seed=5)
-    assert (paired.estimate, paired.low, paired.high) == (direct.estimate, direct.low, direct.high)
+    paired, scratch = paired_difference(a, b, seed=5), bootstrap(a - b, seed=5)
+    assert (paired.estimate, paired.low, paired.high) == (
+        scratch.estimate,
+        scratch.low,
+        scratch.high,
+    )
 
 
 def test_paired_difference_changes_sign_with_its_arms():

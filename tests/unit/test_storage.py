@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import GreedyEvaluation, QLearning, SettingError, SparseValues, Storage
-from curricle.transfer.mapped import mapped_potential
+from curricle import GreedyEvaluation, QLearning, Storage
+from curricle.errors import SettingError
+from curricle.learning import SparseValues
+from curricle.transfer.potentials import mapped_potential
 
 CHASE, HUNT = cr.Pursuit(3, 1), cr.Pursuit(3, 2, time_limit=40)
 FAR = cr.Pursuit(4, 2, time_limit=40)
@@ -17,7 +19,7 @@ AGGREGATES = {"min": cr.minimum, "max": cr.maximum, "mean": cr.mean, "total": cr
 LEARNERS = {
     "greedy": QLearning(learning_rate=0.3, epsilon=0.2, initial_value=-1.5),
     "softmax": QLearning(learning_rate=0.3, inverse_temperature=1.0),
-    "harmonic": QLearning(learning_rate=cr.harmonic(0.9, 0.05, half=5)),
+    "harmonic": QLearning(learning_rate=cr.learning.harmonic(0.9, 0.05, half=5)),
 }
 
 
@@ -76,14 +78,14 @@ def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
 
 def test_states_not_met_are_judged_as_they_would_be_made():
     # Hardly any learning: nearly all states that an evaluation visits have no row yet.
-    both(FAR, QLearning(), 3, potential=potential(FAR), evaluation=ROLLED, every=1)
+    both(FAR, QLearning(), 3, potential=potential(FAR), evaluation=ROLLED, eval_freq=1)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("limit", [None, 30])
 def test_exact_evaluation_reads_sparse_tables(limit, dtype):
     small = cr.Pursuit(2, 2, time_limit=limit)
-    both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, every=50, dtype=dtype)
+    both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, eval_freq=50, dtype=dtype)
 
 
 def test_tables_of_tasks_are_learnt_sparsely_too():
@@ -93,7 +95,9 @@ def test_tables_of_tasks_are_learnt_sparsely_too():
 
 def test_automatic_storage_is_sparse_where_dense_does_not_fit():
     values = HUNT.states.size * HUNT.actions.size * 8
-    kind = {m: cr.learn(HUNT, budget=100, storage=Storage(memory=m)) for m in (values, 2 * values)}
+    kind = {
+        m: cr.learn(HUNT, budget=100, storage=Storage(memory_limit=m)) for m in (values, 2 * values)
+    }
     assert isinstance(kind[values].values[0], SparseValues)
     assert isinstance(kind[2 * values].values, np.ndarray)
 
@@ -121,10 +125,10 @@ def test_ten_thousand_million_states_are_learnt():
 def limited(rows, **settings):
     one = Storage("sparse")
     bytes_a_row = 10_000 / one.rows_within(10_000_000, HUNT.actions.size) * 1000
-    storage = Storage("sparse", memory=int((rows + 0.5) * bytes_a_row))
+    storage = Storage("sparse", memory_limit=int((rows + 0.5) * bytes_a_row))
     assert storage.rows_within(storage.limit, HUNT.actions.size) == rows
     learner = QLearning(epsilon=0.5)
-    return cr.learn(HUNT, learner, 20_000, every=20, storage=storage, **settings)
+    return cr.learn(HUNT, learner, 20_000, eval_freq=20, storage=storage, **settings)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 17, 100])
@@ -132,7 +136,7 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     phi = potential(HUNT)
     short = limited(rows, potential=phi, evaluation=ROLLED)
     whole = cr.learn(
-        HUNT, QLearning(epsilon=0.5), 20_000, every=20, potential=phi, evaluation=ROLLED
+        HUNT, QLearning(epsilon=0.5), 20_000, eval_freq=20, potential=phi, evaluation=ROLLED
     )
     assert short.out_of_memory.all()
     assert not whole.out_of_memory.any()
@@ -146,7 +150,7 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     # The values, too, are those of a run of just as many steps.
     used = int(short.steps_used[0])
     if used:
-        again = cr.learn(HUNT, QLearning(epsilon=0.5), used, every=min(20, used), potential=phi)
+        again = cr.learn(HUNT, QLearning(epsilon=0.5), used, eval_freq=min(20, used), potential=phi)
         met = short.values[0]
         np.testing.assert_array_equal(again.values[0][met.states], met.values)
         assert again.episodes_used[0] == short.episodes_used[0]
@@ -161,14 +165,16 @@ def test_a_run_that_just_fits_is_not_out_of_memory():
     line = cr.GridWorld("S..T").mdp  # three states are met
     rows = Storage("sparse").rows_within
     enough = next(m for m in range(1, 10_000) if rows(m, 4) == 3)
-    fits = cr.learn(line, budget=500, storage=Storage("sparse", memory=enough))
+    fits = cr.learn(line, budget=500, storage=Storage("sparse", memory_limit=enough))
     assert not fits.out_of_memory[0]
     assert fits.steps_used[0] == 500
-    assert cr.learn(line, budget=500, storage=Storage("sparse", memory=enough - 1)).out_of_memory[0]
+    assert cr.learn(
+        line, budget=500, storage=Storage("sparse", memory_limit=enough - 1)
+    ).out_of_memory[0]
 
 
 def test_episodes_that_memory_cut_short_are_out_of_memory():
-    short = cr.learn(HUNT, budget=cr.Episodes(500), storage=Storage("sparse", memory=5000))
+    short = cr.learn(HUNT, budget=cr.Episodes(500), storage=Storage("sparse", memory_limit=5000))
     assert short.out_of_memory[0]
     assert short.episodes_used[0] < 500
 
@@ -180,34 +186,34 @@ def test_values_need_not_be_kept(kind, learner):
         learner = LEARNERS["softmax"]
     settings = {"budget": 1000, "seeds": 3, "evaluation": ROLLED}
     kept = cr.learn(HUNT, learner, storage=Storage(kind), **settings)
-    dropped = cr.learn(HUNT, learner, storage=Storage(kind, keep=False), **settings)
+    dropped = cr.learn(HUNT, learner, storage=Storage(kind, save_values=False), **settings)
     assert dropped.values is None
     same_curves(kept, dropped)
 
 
 def test_seeds_that_keep_nothing_need_memory_only_one_at_a_time():
     values = 2 * HUNT.states.size * HUNT.actions.size * 8
-    one = Storage("dense", memory=values, keep=False)
+    one = Storage("dense", memory_limit=values, save_values=False)
     cr.learn(HUNT, budget=50, seeds=5, workers=1, storage=one, evaluation=ROLLED)
     with pytest.raises(SettingError, match="values of 5 seeds must fit"):
-        cr.learn(HUNT, budget=50, seeds=5, workers=1, storage=Storage("dense", memory=values))
+        cr.learn(HUNT, budget=50, seeds=5, workers=1, storage=Storage("dense", memory_limit=values))
 
 
 def test_dense_tables_that_do_not_fit_are_refused_before_they_are_made():
     tracemalloc.start()
     wanted = r"25,000,000 states|100,000,000 states x 125 actions in float64 take 101 GB"
     with pytest.raises(SettingError, match=wanted):
-        cr.learn(cr.Pursuit(10, 3), budget=10, storage=Storage("dense", memory="8 GB"))
+        cr.learn(cr.Pursuit(10, 3), budget=10, storage=Storage("dense", memory_limit="8 GB"))
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
 
 
 def test_a_curriculum_asks_for_sources_whose_values_are_kept():
     edge = cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"))
-    for storage in (Storage("sparse"), Storage(keep=False)):
+    for storage in (Storage("sparse"), Storage(save_values=False)):
         tasks = {"chase": CHASE, "hunt": HUNT}
         curriculum = cr.Curriculum(tasks, [edge], budget=50, storage={"chase": storage})
-        with pytest.raises(cr.CurriculumError, match="those of 'chase', which 'hunt' reads"):
+        with pytest.raises(cr.errors.CurriculumError, match="those of 'chase', which 'hunt' reads"):
             curriculum.train()
 
 
@@ -235,8 +241,8 @@ SIZES = {"1.5 GiB": 3 * 2**29, "2 GB": 2 * 10**9, " 2GB ": 2 * 10**9, "7 B": 7, 
 
 @pytest.mark.parametrize("text", SIZES)
 def test_memory_is_read_with_its_unit(text):
-    assert Storage(memory=text).limit == SIZES[text]
-    assert Storage(memory=SIZES[text]).limit == SIZES[text]
+    assert Storage(memory_limit=text).limit == SIZES[text]
+    assert Storage(memory_limit=SIZES[text]).limit == SIZES[text]
 
 
 BAD = ["", "GB", ". GB", "1.2.3 GB", "2 gb", "2 TB", "-2 GB", "2", "1e3 MB", "0 GB", "0.1 B"]
@@ -246,7 +252,7 @@ BAD += ["9" * 400 + " GB", "nan GB", 0, -1, 1.5, True, None.__class__]
 @pytest.mark.parametrize("memory", BAD, ids=lambda m: str(m)[:10])
 def test_memory_that_is_none_is_refused(memory):
     with pytest.raises(SettingError, match=r"memory (must be|in bytes must)"):
-        Storage(memory=memory)
+        Storage(memory_limit=memory)
 
 
 @pytest.mark.parametrize(
@@ -284,7 +290,7 @@ def test_as_many_actions_as_can_be_numbered():
         return cr.FiniteMDP.from_outcomes([last, [[]] * n], start=0, discount=0.9)
 
     hopeful = QLearning(learning_rate=1, epsilon=0, initial_value=1.0)
-    most = cr.learn(bandit(32_768), hopeful, 100_000, every=100_000)
+    most = cr.learn(bandit(32_768), hopeful, 100_000, eval_freq=100_000)
     assert most.greedy_return[0, -1] == 1
     with pytest.raises(SettingError, match="at most 32,768 actions: got 32,769"):
         cr.learn(bandit(32_769), budget=10)
@@ -312,7 +318,7 @@ def test_single_precision_is_exact_where_nothing_is_rounded():
 def test_single_precision_is_close_to_double(kind):
     # All explore at random, so that rounding changes no path.
     learner, chase = kind(learning_rate=0.1, epsilon=1.0), cr.Pursuit(3, 1)
-    settings = {"budget": 20_000, "evaluation": ROLLED, "every": 20_000}
+    settings = {"budget": 20_000, "evaluation": ROLLED, "eval_freq": 20_000}
     double = cr.learn(chase, learner, **settings).values
     single = cr.learn(chase, learner, storage=Storage(dtype="float32"), **settings).values
     assert single.dtype == np.float32

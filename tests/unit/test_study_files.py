@@ -36,7 +36,7 @@ def reduced(path):
         gate = "most" in task["budget"] if isinstance(task.get("budget"), dict) else False
         short = f"{{ most = {STEPS}, least = 0 }}" if gate else STEPS
         changes.append(f"tasks.{name}.budget={short}")
-        changes += [f"tasks.{name}.every={STEPS}"] if "every" in task else []
+        changes += [f"tasks.{name}.eval_freq={STEPS}"] if "eval_freq" in task else []
     for arm, patch in arms.items():
         for task, patched in patch.get("tasks", {}).items():
             if "budget" in patched:
@@ -54,7 +54,7 @@ def needed(study):
     if '"gymnasium"' in words:
         pytest.importorskip("curricle.interop.gymnasium")
     if '"most"' in words:
-        pytest.importorskip("curricle.learning.gate")
+        pytest.importorskip("curricle.learning.stopping")
 
 
 def test_it_reads_and_comes_back_equal(path):

@@ -21,7 +21,7 @@ UNIT_FILES = (
     "unit.json",
     "run.npz",
     "values.npz",
-    "film.npz",
+    "snapshots.npz",
     "curves.parquet",
     "decisions.parquet",
 )
@@ -61,7 +61,7 @@ def refused(contents):
         ("tasks.maze.budget=700", "budget is 600 there and 700 here"),
         ("tasks.maze.rewards.step=-2", r"rewards\.step is -1\.0 there and -2\.0 here"),
         ("arms.state.how=look_ahead", 'how is "state" there and "look_ahead" here'),
-        ("direct=false", "direct is true there and false here"),
+        ("scratch=false", "direct is true there and false here"),
         ("transfers.0.scale=2", "transfers"),
     ],
 )
@@ -72,7 +72,8 @@ def test_another_study_is_refused(study_file, copied, refused, change, words, re
 
 
 @pytest.mark.parametrize(
-    "change", ["name=other", "threshold=3", "window=1", "block=4", "frames=0", "seeds=1"]
+    "change",
+    ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "snapshots=0", "seeds=1"],
 )
 def test_what_only_concerns_its_reading_may_change(study_file, finished, copied, contents, change):
     run_study(read_study(study_file, set=[change]), copied, resume=True)
@@ -178,7 +179,7 @@ def flipped(content):
 @pytest.mark.parametrize("harm", [cut, emptied, flipped])
 @pytest.mark.parametrize("name", UNIT_FILES)
 def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, name, harm):
-    file = StudyFolder(copied).units()[0].path / name  # the first has a film
+    file = StudyFolder(copied).units()[0].path / name  # the first has a snapshots
     file.write_bytes(harm(file.read_bytes()))
     before = contents(copied)
     with pytest.raises(StoreError, match=re.escape(str(file))) as caught:

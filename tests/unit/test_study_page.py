@@ -14,28 +14,28 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.errors import SettingError
-from curricle.learning.planning import greedy_policy
-from curricle.report import promises as promises_room, stories as stories_room
+from curricle.planning.solution import greedy_policy
+from curricle.plotting.learning_curves import draw_learning_curves
+from curricle.report import forecast_section as promises_room, stories as stories_room
 from curricle.report.episodes import before_and_after
 from curricle.report.findings import findings, forest, headline, table, too_few
+from curricle.report.forecast_section import promises
 from curricle.report.graph import CARD, graphs
 from curricle.report.inline import inline_svg
-from curricle.report.learning_curves import draw_learning_curves
-from curricle.report.promises import promises
+from curricle.report.replay import stories
 from curricle.report.stage import stage
-from curricle.report.stories import stories
 from curricle.report.storyboard import LEVELS, storyboard
 from curricle.report.study_page import StudyRecord, study_page
-from curricle.study.comparison import Arm, Comparison
-from curricle.study.curve import Curve
+from curricle.statistics.curves import Curve
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $x^2$ </script>"
 """A name that would do harm in HTML, in a script and in Matplotlib's mathematics."""
 
 
-def film(result, name, moments=5):
+def snapshots(result, name, moments=5):
     """Five moments of seed 0, each learnt anew: a shorter budget is a prefix of a longer one."""
     node, curriculum = result[name], result.curriculum
     phi = (result.potentials.get(name) or [None])[0]
@@ -50,7 +50,7 @@ def film(result, name, moments=5):
             int(n),
             seeds=[0],
             potential=phi,
-            every=int(n),
+            eval_freq=int(n),
             stream=name,
         ).values[0]
         for n in steps[1:]
@@ -63,14 +63,16 @@ def record(name, plans, seeds, **settings):
     comparison = cr.compare(plans, seeds=seeds, **settings)
     first = next(iter(plans.values()))
     target = first.target
-    direct = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
-    results = {"direct": direct.train(seeds)}
+    scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
+    results = {"scratch": scratch.train(seeds)}
     results |= {arm: plan.train(seeds) for arm, plan in plans.items()}
-    films = {
-        (arm, node): film(result, node) for arm, result in results.items() for node in result.nodes
+    snapshots = {
+        (arm, node): snapshots(result, node)
+        for arm, result in results.items()
+        for node in result.nodes
     }
     environment = {"curricle": "0.1.0", "command": "curricle run study.toml <now>"}
-    return StudyRecord(name, comparison, results, films, {}, environment)
+    return StudyRecord(name, comparison, results, snapshots, {}, environment)
 
 
 def hunt_plan(aggregate, **transfer):
@@ -259,7 +261,7 @@ def line(height, source=0, seeds=8, control=False):
 
 
 def compared(seeds=8, threshold=5.0, **arms):
-    own = {"direct": line(0, seeds=seeds), **arms}
+    own = {"scratch": line(0, seeds=seeds), **arms}
     return Comparison("hunt", own, 80, 100, threshold, 1)
 
 
@@ -315,9 +317,9 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
 
 def test_saved_steps_are_bounds_where_seeds_never_got_there():
     cells = table(compared(good=line(10, 20), bad=line(1)))
-    assert cells["good"]["saved_charged"].text == "≥ 80.0"
-    assert cells["bad"]["saved_charged"].below == "never reached"
-    reverse = Comparison("hunt", {"direct": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
+    assert cells["good"]["strong_steps_saved"].text == "≥ 80.0"
+    assert cells["bad"]["strong_steps_saved"].below == "never reached"
+    reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
     assert table(reverse)["bad"]["saved"].text.startswith("≤ ")
 
 
@@ -359,7 +361,7 @@ def test_both_axes_have_one_scale_and_all_arms(pursuit):
         assert len(axes.collections) == len(comparison.arms)  # a band each
     curves = {line.get_label(): line for line in charged.lines}
     assert curves["min"].get_xdata()[0] >= comparison["min"].curve.source_steps.min()
-    assert curves["direct"].get_xdata()[0] == 0
+    assert curves["scratch"].get_xdata()[0] == 0
     free_curves = {line.get_label(): line for line in free.lines}
     mean = comparison["min"].curve.values.mean(axis=0)
     assert free_curves["min"].get_ydata() == pytest.approx(
@@ -392,7 +394,7 @@ def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
     assert graph.arms == ("min", "mean")
     assert [node.name for node in graph.nodes] == ["chase", "hunt"]
     assert [spark.arms for spark in graph.nodes[0].sparks] == [("min", "mean")]
-    assert [spark.arms for spark in graph.nodes[1].sparks] == [("min",), ("mean",), ("direct",)]
+    assert [spark.arms for spark in graph.nodes[1].sparks] == [("min",), ("mean",), ("scratch",)]
     (edge,) = graph.edges
     assert [words.split(";")[0] for words in edge.words] == [
         "predator is predator_1, prey by name",
@@ -417,7 +419,7 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     maze = cr.GridWorld(["...T", "....", "S..."])
     tasks = dict.fromkeys("abcd", maze)
     pairs = [("a", "c"), ("b", "c"), ("c", "d"), ("a", "d")]
-    edges = [cr.Transfer(*pair, cr.identity(maze)) for pair in pairs]
+    edges = [cr.Transfer(*pair, cr.transfer.identity(maze)) for pair in pairs]
     result = cr.Curriculum(tasks, edges, budget=100).train()
     (graph,) = graphs({"taught": result}, {})
     top = {node.name: node.top for node in graph.nodes}
@@ -497,7 +499,7 @@ def test_a_map_of_too_many_cells_is_not_drawn():
     result = cr.Curriculum({"wide": wide}, budget=10).train()
     shape = (2, wide.states.size, 4)
     short = SimpleNamespace(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
-    assert stories({"direct": result}, {("direct", "wide"): short}) == ((), ("wide",))
+    assert stories({"scratch": result}, {("scratch", "wide"): short}) == ((), ("wide",))
 
 
 def test_walls_and_ends_cover_what_is_no_state(maze):
@@ -536,27 +538,27 @@ def test_frames_are_thinned_but_the_ends_are_kept():
 
 def test_many_cells_get_fewer_frames(maze, monkeypatch):
     monkeypatch.setattr(stories_room, "MOST_CELL_FRAMES", 1)
-    found, _ = stories(maze.results, maze.films)
+    found, _ = stories(maze.results, maze.snapshots)
     assert {len(story.board.steps) for story in found} == {3}
 
 
 def test_a_page_has_room_for_so_many_cells_and_targets_come_first(maze, monkeypatch):
     monkeypatch.setattr(stories_room, "MOST_CELLS", 3 * 15)  # three arms in the target
-    found, left_out = stories(maze.results, maze.films)
+    found, left_out = stories(maze.results, maze.snapshots)
     assert {story.task for story in found} == {"maze"}
     assert left_out == ("corner",)
 
 
 def test_arms_that_learnt_alike_share_a_story(pursuit, maze):
-    told, left_out = stories(pursuit.results, pursuit.films)
+    told, left_out = stories(pursuit.results, pursuit.snapshots)
     assert [(story.task, story.arms) for story in told] == [
-        ("hunt", ("direct",)),
+        ("hunt", ("scratch",)),
         ("hunt", ("min",)),
         ("hunt", ("mean",)),
         ("chase", ("min", "mean")),
     ]
     assert left_out == ()
-    told, _ = stories(maze.results, maze.films)
+    told, _ = stories(maze.results, maze.snapshots)
     assert [story.arms for story in told if story.task == "corner"] == [("3x3",), ("2x2",)]
 
 
@@ -565,10 +567,10 @@ def test_arms_that_learnt_alike_share_a_story(pursuit, maze):
 
 def test_both_episodes_start_alike_and_earn_what_the_task_pays(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
-    shot = pursuit.films["min", "hunt"]
+    shot = pursuit.snapshots["min", "hunt"]
     before, after = before_and_after(shot, stage(hunt), discounted=True)
     assert (before.cells[0] == after.cells[0]).all()
-    followed = cr.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
+    followed = cr.planning.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
     assert after.earned[-1] == pytest.approx(followed.discounted_return(0.9))
     decoded = hunt.states.decode(followed.states)
     assert (after.cells[:, 1] == decoded["predator_1"]).all()
@@ -578,7 +580,7 @@ def test_both_episodes_start_alike_and_earn_what_the_task_pays(pursuit):
 def test_tasks_without_tables_have_no_episodes(pursuit, monkeypatch):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     monkeypatch.setattr("curricle.report.episodes.LARGEST_TABLE", 10)
-    assert before_and_after(pursuit.films["min", "hunt"], stage(hunt), discounted=True) is None
+    assert before_and_after(pursuit.snapshots["min", "hunt"], stage(hunt), discounted=True) is None
 
 
 def test_a_state_off_the_strip_has_no_episode():
@@ -640,7 +642,7 @@ def test_a_study_of_one_seed_without_films_or_reasons_is_told():
     found = Reader(study_page(study))
     assert found.problems == []
     assert "One seed allows neither intervals nor tests." in found.words
-    assert "No films were kept" in found.words
+    assert "No snapshots were kept" in found.words
     assert "nan" not in found.words.lower().split()
 
 
@@ -654,7 +656,7 @@ def test_an_arm_without_transfers_is_told_without_a_forecast(maze):
 
 
 def test_a_study_of_the_direct_learner_alone_is_refused(maze):
-    comparison = replace(maze.comparison, arms={"direct": maze.comparison.direct})
-    study = StudyRecord("alone", comparison, {"direct": maze.results["direct"]})
-    with pytest.raises(SettingError, match="needs an arm besides 'direct'"):
+    comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
+    study = StudyRecord("alone", comparison, {"scratch": maze.results["scratch"]})
+    with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
         study_page(study)

@@ -72,24 +72,28 @@ def assert_same_results(folder, finished):
     for arm, node in wanted.arms.keys:
         one, other = (study.result(arm, node, values=True) for study in (found, wanted))
         assert_equal(one, other)
-        assert one.film.seed == other.film.seed == 0
-        np.testing.assert_array_equal(one.film.values, other.film.values)
+        assert one.snapshots.seed == other.snapshots.seed == 0
+        np.testing.assert_array_equal(one.snapshots.values, other.snapshots.values)
 
 
 def by_hand(study_file, arm):
     """One arm's curriculum as an equal total makes it, trained at once."""
     study = read_study(study_file)
     arms = Arms.of(study)
-    plan = study.curriculum(arm).changed("maze", budget=arms.total, every=arms.every)
+    plan = study.curriculum(arm).replace("maze", budget=arms.total, eval_freq=arms.eval_freq)
     return plan.train(study.document.seeds, charge=True, workers=1)
 
 
 # -- how it is run -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("block", "workers"), [(1, 3), (3, 1), (100, 2)])
-def test_block_and_workers_change_nothing(study_file, finished, tmp_path, block, workers):
-    run_study(read_study(study_file, set=[f"block={block}"]), tmp_path / "out", workers=workers)
+@pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 3), (3, 1), (100, 2)])
+def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_per_unit, workers):
+    run_study(
+        read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"]),
+        tmp_path / "out",
+        workers=workers,
+    )
     assert_same_results(tmp_path / "out", finished)
 
 
@@ -136,7 +140,7 @@ def test_an_interrupted_run_goes_on_with_other_blocks(study_file, finished, tmp_
 
     with pytest.raises(KeyboardInterrupt):
         run_study(read_study(study_file), tmp_path / "out", workers=2, progress=interrupt)
-    other = read_study(study_file, set=["block=3"])
+    other = read_study(study_file, set=["seeds_per_unit=3"])
     run_study(other, tmp_path / "out", resume=True, workers=2)
     assert_same_results(tmp_path / "out", finished)
 
@@ -195,7 +199,7 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
         ("chain", "corner"),  # the same in the arm "state", whose maze alone is taught otherwise
         ("chain", "easy"),
         ("chain", "maze"),
-        ("direct", "maze"),
+        ("scratch", "maze"),
         ("state", "easy"),
         ("state", "maze"),
     ]
@@ -203,14 +207,14 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
 
 def test_direct_is_the_target_learnt_by_itself(study_file, finished):
     study = Study(finished)
-    found = study.result("direct", "maze", values=True)
+    found = study.result("scratch", "maze", values=True)
     task = read_study(study_file).curriculum("chain").tasks["maze"]
     frames = study.file.document.frames
     learnt = cr.learn(
-        task, budget=study.arms.total, seeds=4, every=50, stream="maze", frames=frames
+        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=frames
     )
     assert_equal(found, learnt)
-    np.testing.assert_array_equal(found.film.values, learnt.film.values)
+    np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)
 
 
 @pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])
@@ -246,7 +250,7 @@ def test_the_comparison_is_that_of_compare(study_file, finished):
 def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
     path = tmp_path / "alone.toml"
     path.write_text(study_file.read_text().partition("[arms.chain]")[0])
-    changes = ["direct=false", "tasks.maze.budget={ most = 400, value = 180.0, evaluations = 1 }"]
+    changes = ["scratch=false", "tasks.maze.budget={ most = 400, value = 180.0, evaluations = 1 }"]
     study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
     plan = read_study(path, set=changes).curriculum("transfer")
     assert study.arms.total is None
@@ -308,7 +312,7 @@ def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, fi
         )
     assert isinstance(caught.value.__cause__, LookupError)
     assert "LookupError: a rule of the thesis is not met" in str(caught.value)
-    assert {unit.arm for unit in stored[1:]} >= {"direct", "chain"}
+    assert {unit.arm for unit in stored[1:]} >= {"scratch", "chain"}
     assert len(Study(tmp_path / "out").folder.units()) == len(stored) - 1 == pool.trained
     (tmp_path / "broken").unlink()
     run_study(study, tmp_path / "out", resume=True, workers=2)
@@ -316,7 +320,7 @@ def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, fi
 
 
 def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
-    changes = ["tasks.easy.storage.keep=false"]
+    changes = ["tasks.easy.storage.save_values=false"]
     with pytest.raises(StudyError, match=r"values must be kept.*'easy'") as caught:
         run_study(read_study(study_file, set=changes), tmp_path / "out", executor=Inline())
     assert caught.value.__cause__ is None  # it is a mistake in the file, not in the study's code
@@ -325,7 +329,7 @@ def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
 SPARSE = """
 name = "hunt"
 seeds = "3,7,8"
-block = 2
+seeds_per_unit = 2
 budget = 400
 [tasks.chase]
 type = "pursuit"
@@ -346,12 +350,12 @@ def test_sparse_tables_are_stored_and_read(tmp_path):
     (tmp_path / "hunt.toml").write_text(SPARSE)
     study = read_study(tmp_path / "hunt.toml")
     found = run_study(study, tmp_path / "out", workers=2)
-    plan = study.curriculum("transfer").changed("hunt", budget=800, every=4)
+    plan = study.curriculum("transfer").replace("hunt", budget=800, eval_freq=4)
     learnt = plan.train([3, 7, 8], charge=True)["hunt"]
     stored = found.result("transfer", "hunt", values=True)
     assert_equal(stored, learnt, values=False)
     for one, other in zip(stored.values, learnt.values, strict=True):
         np.testing.assert_array_equal(one.states, other.states)
         np.testing.assert_array_equal(one.values, other.values)
-    assert stored.film is None
+    assert stored.snapshots is None
     assert found.result("transfer", "hunt").values is None

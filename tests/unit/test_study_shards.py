@@ -20,7 +20,7 @@ def one_arm(study_file, tmp_path_factory):
     """The study with one arm beside the direct one, and four blocks to share."""
     path = tmp_path_factory.mktemp("shards") / "chain.toml"
     text = study_file.read_text().partition("[arms.chain]")[0]
-    path.write_text(text.replace("block = 2", "block = 1"))
+    path.write_text(text.replace("seeds_per_unit = 2", "seeds_per_unit = 1"))
     return path
 
 
@@ -70,10 +70,13 @@ def test_parts_that_do_the_same_are_taken_once(part, finished, tmp_path, content
 @pytest.mark.parametrize("blocks", [(3, 2), (2, 3), (4, 1), (1, 4)])
 def test_parts_in_other_blocks_count_each_seed_once(part, finished, tmp_path, blocks):
     a, b = blocks
-    parts = [part("a", 'seeds="0-2"', f"block={a}"), part("b", 'seeds="1-3"', f"block={b}")]
+    parts = [
+        part("a", 'seeds="0-2"', f"seeds_per_unit={a}"),
+        part("b", 'seeds="1-3"', f"seeds_per_unit={b}"),
+    ]
     whole = merge(tmp_path / "whole", parts)
     assert whole.result("transfer", "maze").seeds == (0, 1, 2, 3)
-    assert whole.result("transfer", "maze").film.seed == 0
+    assert whole.result("transfer", "maze").snapshots.seed == 0
     assert_same_tables(tmp_path / "whole", finished)
 
 

@@ -5,9 +5,9 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.study.statistics import bootstrap
-from curricle.study.survival import median_time, restricted_mean_time, survival
-from curricle.study.threshold import Times
+from curricle.statistics.censored import median_time, restricted_mean_time, survival
+from curricle.statistics.intervals import bootstrap
+from curricle.statistics.thresholds import Times
 
 INF = np.inf
 
@@ -151,8 +151,8 @@ def test_restricted_mean_by_hand():
 
 def test_restricted_mean_is_the_bootstrap_of_the_minima():
     sample = times(200.0, 400.0, -900.0, 500.0)
-    direct = bootstrap([200.0, 400.0, 450.0, 450.0], seed=3)
-    assert numbers(restricted_mean_time(sample, 450.0, seed=3)) == numbers(direct)
+    scratch = bootstrap([200.0, 400.0, 450.0, 450.0], seed=3)
+    assert numbers(restricted_mean_time(sample, 450.0, seed=3)) == numbers(scratch)
 
 
 @pytest.mark.parametrize("seed", range(10))

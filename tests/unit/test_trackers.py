@@ -70,7 +70,7 @@ def some_result(seeds=(0, 7), n=5, guarded=False):
         steps_used=used,
         episodes_used=np.ones(len(seeds), np.int64),
         out_of_memory=np.zeros(len(seeds), np.bool_),
-        trust=rng.random(shape) if guarded else np.full(shape, np.nan),
+        guard_share=rng.random(shape) if guarded else np.full(shape, np.nan),
     )
 
 
@@ -80,7 +80,7 @@ def expected(result, k):
         "rollout/ep_rew_mean": result.training_return,
         "eval/mean_reward": result.greedy_return,
         "time/episodes": result.episodes,
-        "curricle/trust": result.trust,
+        "curricle/trust": result.guard_share,
     }
     found = {}
     for tag, curve in curves.items():
@@ -109,7 +109,7 @@ def test_a_seed_ends_where_its_budget_did_and_holds_no_nan():
 
 def test_a_checkpoint_at_which_nothing_was_measured_is_left_out():
     result = some_result()
-    nothing = np.full(result.trust.shape, np.nan)
+    nothing = np.full(result.guard_share.shape, np.nan)
     result = replace(result, greedy_return=nothing, episodes=nothing)
     assert [step for step, _ in checkpoints(result, 0)] == [100, 300, 400]
 
@@ -317,7 +317,7 @@ def read_wandb(file):
         length, kind = int.from_bytes(content[at + 4 : at + 6], "little"), content[at + 6]
         record += content[at + 7 : at + 7 + length]
         at += 7 + length
-        if kind in (1, 4):  # whole, or the last piece
+        if kind in (1, 4):  # whole, or the last inlined
             yield Record.FromString(record)
             record = b""
 
@@ -371,11 +371,11 @@ sys.addaudithook(lambda event, arguments: calls.append((event, arguments)) if (
 ) else None)
 
 from curricle.interop.trackers import open_trackers
-from curricle.learning.learn import learn
+from curricle.learning.training import learn
 from curricle.tasks.gridworld import GridWorld
 
 result = learn(GridWorld("S.T"), budget=100, seeds=2)
-for arm in ("direct", "mean"):
+for arm in ("scratch", "mean"):
     trackers = open_trackers(sys.argv[2:], "corridor", {"budget": 100}, sys.argv[1])
     trackers.record(arm, "maze", result)
     trackers.close()
@@ -429,10 +429,10 @@ class Diary:
         self._hear("close")
 
 
-ALL = ["start", "direct/hunt", "mean/hunt", "close"]
+ALL = ["start", "scratch/hunt", "mean/hunt", "close"]
 PLACES = {
     "start": "at the start of the study",
-    "direct/hunt": "at arm 'direct', task 'hunt'",
+    "scratch/hunt": "at arm 'scratch', task 'hunt'",
     "close": "at the end of the study",
 }
 
@@ -441,7 +441,7 @@ PLACES = {
 def test_a_failing_tracker_is_reported_and_off_and_stops_nobody(place):
     broken, well, said = Diary(place), Diary(), []
     trackers = open_trackers([broken, well], "hunting", {}, "results", said.append)
-    trackers.record("direct", "hunt", some_result())
+    trackers.record("scratch", "hunt", some_result())
     trackers.record("mean", "hunt", some_result())
     trackers.close()
     assert broken.heard == ALL[: ALL.index(place) + 1]
@@ -453,7 +453,7 @@ def test_a_failing_tracker_is_reported_and_off_and_stops_nobody(place):
 def test_each_of_two_failures_is_told():
     trackers = Trackers([Diary("start"), Diary("close", ValueError("x"))], report=lambda _: None)
     trackers.start("hunting", {}, Path("results"))
-    trackers.record("direct", "hunt", some_result())
+    trackers.record("scratch", "hunt", some_result())
     trackers.close()
     assert [failure.split(": ")[1] for failure in trackers.failures] == ["OSError", "ValueError"]
 
@@ -469,7 +469,7 @@ def test_an_interruption_passes(place):
 
     def study():
         trackers.start("hunting", {}, Path("results"))
-        trackers.record("direct", "hunt", some_result())
+        trackers.record("scratch", "hunt", some_result())
         trackers.close()
 
     with pytest.raises(KeyboardInterrupt):
@@ -497,7 +497,7 @@ def test_logs_that_stay_empty_are_spoken_of(tmp_path):
 
 def test_no_trackers_do_nothing(tmp_path, capsys):
     trackers = open_trackers([], "hunting", CONFIGURATION, tmp_path)
-    trackers.record("direct", "hunt", some_result())
+    trackers.record("scratch", "hunt", some_result())
     trackers.close()
     assert not list(tmp_path.iterdir())
     assert capsys.readouterr() == ("", "")

@@ -8,10 +8,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings, strategies as st
 
-from curricle import FunctionValues, Pursuit, TableValues, Transfer, minimum, project
+from curricle import Pursuit, Transfer, minimum, project
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.environment import TaskEnvironment
-from curricle.interop.observed import observed
+from curricle.interop.observation_tasks import observation_task
 from curricle.interop.pettingzoo import to_pettingzoo
 from curricle.interop.vector_pursuit import (
     PursuitVectors,
@@ -19,9 +19,10 @@ from curricle.interop.vector_pursuit import (
     observed_pursuit,
     predator_mapping,
 )
-from curricle.tasks.observed import ObservedTask
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer import FunctionValues, TableValues
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.observation_potential import ObservationPotential
 
 NAME = "Curricle/VectorPursuit-v0"
 RULES = {
@@ -361,10 +362,14 @@ def np_value(vectors, actions):
 
 def test_tasks_and_predators_that_are_none_are_refused():
     hunt, chase = observed_pursuit(Pursuit(3, 2)), Pursuit(3, 1)
-    for target, source in ((observed("CartPole-v1"), chase), (Pursuit(3, 2), chase), (hunt, "it")):
+    for target, source in (
+        (observation_task("CartPole-v1"), chase),
+        (Pursuit(3, 2), chase),
+        (hunt, "it"),
+    ):
         with pytest.raises(MappingError, match="pursuits seen as vectors"):
             predator_mapping(target, source, predator="predator_1")
-    rescaled = ObservedTask(lambda: gymnasium.wrappers.RescaleObservation(hunt.make(), 0, 1))
+    rescaled = ObservationTask(lambda: gymnasium.wrappers.RescaleObservation(hunt.make(), 0, 1))
     with pytest.raises(MappingError, match="pursuits seen as vectors"):
         predator_mapping(rescaled, chase, predator="predator_1")
     with pytest.raises(MappingError, match="'predator' must be read from a target component"):

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.certificate.bonus import Fit, Moves, explanation, fit
-from curricle.tasks.places import action_name, state_name
+from curricle.tasks.labels import action_name, state_name
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.learn import check_potential
 from curricle.learning.potential import (
     MappedPotential,
     StateActionPotential,
@@ -17,9 +16,10 @@ from curricle.learning.potential import (
     finite,
 )
 from curricle.learning.schedules import constant
+from curricle.learning.training import check_potential
 from curricle.learning.ways import How
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, dynamics
+from curricle.tasks.task import Task, generative_model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -106,9 +106,9 @@ class Given:
 
 def checked(task: Task, potential: Any, how: str, shaping_discount: float | None = None) -> Given:
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
-    moving = dynamics(task)
+    generative = generative_model(task)
     one_of("how", how, (*get_args(How), "reward"), SettingError)
-    discount = moving.discount
+    discount = generative.discount
     if shaping_discount is not None:
         if how != "state":
             raise SettingError(
@@ -116,7 +116,7 @@ def checked(task: Task, potential: Any, how: str, shaping_discount: float | None
                 f"how='state': got how={how!r}"
             )
         discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
-    if how == "look_back" and moving.discount == 0:
+    if how == "look_back" and generative.discount == 0:
         raise SettingError("look_back divides by the discount, which must be positive: got 0")
     if how == "reward" or callable(potential):
         if how != "reward" or not callable(potential):
@@ -132,9 +132,11 @@ def checked(task: Task, potential: Any, how: str, shaping_discount: float | None
 
 
 def _array(task: Task, given: Any, how: str) -> FloatArray:
-    moving = dynamics(task)
+    generative = generative_model(task)
     values = numbers("a potential", given, PotentialError)
-    shape: tuple[int, ...] = (moving.states.size, moving.actions.size)[: 1 + (how != "state")]
+    shape: tuple[int, ...] = (generative.states.size, generative.actions.size)[
+        : 1 + (how != "state")
+    ]
     if values.shape != shape:
         raise PotentialError(
             f"a potential for how={how!r} must have the task's shape {shape}: got {values.shape}"

@@ -1,6 +1,6 @@
 """What sampled steps say of a shaping, where a task is too large to be looked at state by state.
 
-Walks of the uniform policy can refute that F comes of a potential, never prove that it does.
+RandomRollouts of the uniform policy can refute that F comes of a potential, never prove that it does.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from curricle.certificate.diagnosis import different_by_action, two_ways_in
 from curricle.certificate.given import Given
 from curricle.certificate.shaped import bonus_values
 from curricle.learning.potential import StateActionPotential, StatePotential
-from curricle.learning.wandering import Walks, wander
-from curricle.tasks.places import state_name
-from curricle.tasks.task import dynamics
+from curricle.planning.random_rollouts import RandomRollouts, random_rollouts
+from curricle.tasks.labels import state_name
+from curricle.tasks.task import generative_model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -23,9 +23,9 @@ IntArray = npt.NDArray[np.int64]
 LONGEST = 200
 """Steps at which a walk is cut off."""
 BRANCHES, DEPTH = 40, 3
-"""Walks from one state, and their steps, that look for two ways to the same place."""
+"""RandomRollouts from one state, and their steps, that look for two ways to the same place."""
 MOMENTS, SHORT = 50, 20
-"""Walks that follow a changing potential in time, and their steps."""
+"""RandomRollouts that follow a changing potential in time, and their steps."""
 ROUNDING = 1e-9
 """Relative size of what sums of differences may leave."""
 
@@ -72,9 +72,9 @@ def sampled(given: Given, steps: int, seed: int) -> Sampled:
         return _reward(given, steps, seed)
     if given.changing:
         return in_time(given, seed)
-    limit = dynamics(given.task).time_limit
+    limit = generative_model(given.task).time_limit
     length = max(2, min(steps, LONGEST, LONGEST if limit is None else limit))
-    walks = wander(given.task, walks=max(1, steps // length), length=length, seed=seed)
+    walks = random_rollouts(given.task, walks=max(1, steps // length), length=length, seed=seed)
     if given.how == "look_back":
         return _look_back(given, walks)
     here, paid, taken = (_of_states if given.how == "state" else _of_pairs)(given, walks)
@@ -84,20 +84,22 @@ def sampled(given: Given, steps: int, seed: int) -> Sampled:
 # -- F of a potential telescopes -----------------------------------------------------------------
 
 
-def _of_states(given: Given, walks: Walks) -> tuple[FloatArray, FloatArray, IntArray]:
+def _of_states(given: Given, walks: RandomRollouts) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return Phi(s_t), F of each step, and the steps taken."""
     phi, states = given.potential, walks.states
-    if given.raw or given.discount != dynamics(given.task).discount:
+    if given.raw or given.discount != generative_model(given.task).discount:
         here = given.final()[states]
         return here, given.discount * here[:, 1:] - here[:, :-1], walks.length
     here = phi.at()[states]
     paid = phi.shaping_reward(states[:, :-1], states[:, 1:])
-    if dynamics(given.task).terminal is None:  # learning takes them for 0 when it comes there
+    if (
+        generative_model(given.task).terminal is None
+    ):  # learning takes them for 0 when it comes there
         paid = np.where(walks.ending, -here[:, :-1], paid)
     return here, paid, walks.length
 
 
-def _of_pairs(given: Given, walks: Walks) -> tuple[FloatArray, FloatArray, IntArray]:
+def _of_pairs(given: Given, walks: RandomRollouts) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return phi(s_t, a_t), F of each step with the action taken next, and the steps that have one.
 
     A walk that was cut off has none after its last step. At an end any action is as good: the
@@ -106,7 +108,7 @@ def _of_pairs(given: Given, walks: Walks) -> tuple[FloatArray, FloatArray, IntAr
     s, a = walks.states, walks.actions
     here = np.zeros(s.shape)
     here[:, :-1] = given.at_pairs(s[:, :-1].ravel(), a.ravel()).reshape(a.shape)
-    discount = dynamics(given.task).discount
+    discount = generative_model(given.task).discount
     phi = given.potential
     if isinstance(phi, StateActionPotential):
         paid = np.zeros(a.shape)
@@ -119,10 +121,10 @@ def _of_pairs(given: Given, walks: Walks) -> tuple[FloatArray, FloatArray, IntAr
 
 
 def _telescoping(
-    given: Given, walks: Walks, here: FloatArray, paid: FloatArray, taken: IntArray
+    given: Given, walks: RandomRollouts, here: FloatArray, paid: FloatArray, taken: IntArray
 ) -> Sampled:
     """Compare the discounted sums of F from every step on with gamma^n Phi(s_n) - Phi(s_t)."""
-    gamma = dynamics(given.task).discount
+    gamma = generative_model(given.task).discount
     left = taken[:, None] - np.arange(paid.shape[1])
     sums = discounted_sums(paid, left > 0, gamma)
     last = np.take_along_axis(here, taken[:, None], axis=1)
@@ -159,10 +161,10 @@ def discounted_sums(paid: FloatArray, counts: npt.NDArray[np.bool_], discount: f
 def in_time(given: Given, seed: int) -> Sampled:
     """Check that a changing potential telescopes in time: F = gamma Phi(s', t + 1) - Phi(s, t).
 
-    Walks start at moments all over the time in which it changes (Devlin, Kudenko 2012).
+    RandomRollouts start at moments all over the time in which it changes (Devlin, Kudenko 2012).
     """
     phi: StatePotential = given.potential
-    walks = wander(given.task, walks=MOMENTS, length=SHORT, seed=seed)
+    walks = random_rollouts(given.task, walks=MOMENTS, length=SHORT, seed=seed)
     over = int(
         phi.frame_steps[-1] + (0 if phi.weight.first == phi.weight.last else phi.weight.span)
     )
@@ -177,12 +179,12 @@ def in_time(given: Given, seed: int) -> Sampled:
             here[w, t] = phi.at(moment)[s[t]]
             if t < walks.length[w]:
                 paid[w, t] = phi.shaping_reward(s[t], s[t + 1], step=moment)
-    if dynamics(given.task).terminal is None:
+    if generative_model(given.task).terminal is None:
         paid = np.where(walks.ending, -here[:, :-1], paid)
     return _telescoping(given, walks, here, paid, walks.length)
 
 
-def _look_back(given: Given, walks: Walks) -> Sampled:
+def _look_back(given: Given, walks: RandomRollouts) -> Sampled:
     """Look for a state that is entered in more than one way, with different phi."""
     into = walks.taken & ~walks.ending
     s, a, after = walks.states[:, :-1][into], walks.actions[into], walks.states[:, 1:][into]
@@ -202,16 +204,16 @@ def _look_back(given: Given, walks: Walks) -> Sampled:
 
 def _reward(given: Given, steps: int, seed: int) -> Sampled:
     """Look for what no potential would pay: along walks, and around states on them."""
-    task, gamma = given.task, dynamics(given.task).discount
-    limit = dynamics(task).time_limit
+    task, gamma = given.task, generative_model(given.task).discount
+    limit = generative_model(task).time_limit
     length = min(max(1, steps // 2), LONGEST, LONGEST if limit is None else limit)
-    walks = wander(task, walks=max(1, steps // 2 // length), length=length, seed=seed)
+    walks = random_rollouts(task, walks=max(1, steps // 2 // length), length=length, seed=seed)
     paid = _paid(given, walks)
     rng = np.random.default_rng(seed)
     begun = np.unique(walks.states[:, :-1][walks.taken])
     number = min(len(begun), max(1, steps // 2 // (BRANCHES * DEPTH)))
     bases = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
-    near = wander(task, walks=len(bases), length=DEPTH, seed=seed + 1, starts=bases)
+    near = random_rollouts(task, walks=len(bases), length=DEPTH, seed=seed + 1, starts=bases)
     paid_near = _paid(given, near)
     enough = RECOGNISED * max(abs(paid).max(), abs(paid_near).max())
     found = [_meeting(given, near, paid_near, gamma, enough), _returning(given, walks, paid, gamma)]
@@ -220,7 +222,7 @@ def _reward(given: Given, steps: int, seed: int) -> Sampled:
     return Sampled(total, max(apart for apart, _ in found), contradictions)
 
 
-def _paid(given: Given, walks: Walks) -> FloatArray:
+def _paid(given: Given, walks: RandomRollouts) -> FloatArray:
     """Return F of each step, (W, L), 0 where none was taken."""
     taken, paid = walks.taken, np.zeros(walks.actions.shape)
     transition = walks.states[:, :-1][taken], walks.actions[taken], walks.states[:, 1:][taken]
@@ -229,7 +231,7 @@ def _paid(given: Given, walks: Walks) -> FloatArray:
 
 
 def _meeting(
-    given: Given, walks: Walks, paid: FloatArray, gamma: float, enough: float
+    given: Given, walks: RandomRollouts, paid: FloatArray, gamma: float, enough: float
 ) -> tuple[float, str]:
     """Return how far apart ways of equal length between two states are paid, and where.
 
@@ -260,7 +262,9 @@ def _meeting(
     return worst, said
 
 
-def _returning(given: Given, walks: Walks, paid: FloatArray, gamma: float) -> tuple[float, str]:
+def _returning(
+    given: Given, walks: RandomRollouts, paid: FloatArray, gamma: float
+) -> tuple[float, str]:
     """Return how far apart the Phi are that loops through a state, or ways to an end, ask for.
 
     A loop of n steps is paid (gamma^n - 1) Phi(s), the way to an end -Phi(s).
@@ -300,7 +304,7 @@ def _returning(given: Given, walks: Walks, paid: FloatArray, gamma: float) -> tu
     return float(apart[worst]), f"not potential-based: {said}"
 
 
-def _cut(walks: Walks) -> npt.NDArray[np.bool_]:
+def _cut(walks: RandomRollouts) -> npt.NDArray[np.bool_]:
     """Return the place of the last state of each walk that was cut off, (W, L + 1)."""
     last = np.arange(walks.states.shape[1]) == walks.length[:, None]
     return np.asarray(last & ~walks.terminated[:, None])

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.planning import EPSILON, Solution, solve
+from curricle.planning.solution import EPSILON, Solution, solve
+from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.places import action_name, state_name
 from curricle.tasks.reachable import reachable_states
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task

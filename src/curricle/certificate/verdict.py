@@ -34,7 +34,7 @@ class Counterexample:
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> from curricle.certificate.certify import certify
+    >>> from curricle.certificate.certification import certify
     >>> maze = GridWorld("S.T")
     >>> found = certify(maze, lambda s, a, after: 300 * (after == s), "reward").counterexample
     >>> found.components, found.actions
@@ -99,7 +99,7 @@ class Certificate:
     Examples
     --------
     >>> from curricle import GridWorld, StatePotential
-    >>> from curricle.certificate.certify import certify
+    >>> from curricle.certificate.certification import certify
     >>> maze = GridWorld("S.T")
     >>> certificate = certify(maze, StatePotential(maze, [0.0, 1.0, 0.0]), "state")
     >>> bool(certificate), certificate.states, certificate.loss

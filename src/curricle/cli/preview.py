@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from curricle.curriculum import Curriculum
+from curricle.comparison.forecasting import Forecast, forecast
+from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.result import LearningResult, without_curves
-from curricle.learning.target import Target
+from curricle.planning.target import Target
 from curricle.report.graph import mapping_words
 from curricle.study.config.study_file import StudyFile
-from curricle.study.forecast import Forecast, forecast
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.cost import Cost, costs
 from curricle.study.runner.folder import STUDY
-from curricle.study.runner.recalling import finished
 from curricle.study.runner.run import left_to_do
+from curricle.study.runner.stored_sources import finished
 from curricle.study.runner.study import Study
-from curricle.transfer.edge import transfer_names
+from curricle.transfer.edges import transfer_names
 
 
 def preview(study: StudyFile) -> Iterator[str]:
@@ -34,13 +34,13 @@ def preview(study: StudyFile) -> Iterator[str]:
         yield f"arm{'s' * (len(names) > 1)} {', '.join(names)}"
         yield from lines
     yield ""
-    yield from _bill(costs(arms, seeds, study.document.block))
+    yield from _bill(costs(arms, seeds, study.document.seeds_per_unit))
     try:
         study.check_networks()
     except ImportError as error:
         yield f"a network is to learn: {error}"
     for name, curriculum in arms.curricula.items():
-        if curriculum.into(curriculum.target):
+        if curriculum.in_edges(curriculum.target):
             yield ""
             yield f"arm {name}: {_foreseen(curriculum)}"
 
@@ -55,7 +55,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
         yield f"  {name}: {task}; {learner}; {_budget(node.budget)}"
-        edges = curriculum.into(name)
+        edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = "" if node.deep else f"; {edge.mapping.coverage()}"
             yield f"    {label}: {mapping_words(edge)}{cover}"

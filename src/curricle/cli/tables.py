@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import one_of
+from curricle.comparison.comparison import ROUNDING, SCRATCH
 from curricle.errors import StoreError
-from curricle.study.comparison import DIRECT, ROUNDING
 from curricle.study.runner.study import Study
 
 
@@ -29,7 +29,7 @@ def study_lines(study: Study, arm: str | None, node: str | None) -> Iterator[str
                     f"{spread:>16}"
                 )
     yield "(means over seeds; the greedy return with its standard deviation)"
-    if DIRECT in study.arms.curricula and study.seeds:
+    if SCRATCH in study.arms.curricula and study.seeds:
         yield ""
         yield str(study.comparison)
 

@@ -54,7 +54,8 @@ class AgentsVecEnv(VecEnv):
 
     Examples
     --------
-    >>> from curricle import Pursuit, to_pettingzoo
+    >>> from curricle import Pursuit
+    >>> from curricle.interop import to_pettingzoo
     >>> hunt = AgentsVecEnv(to_pettingzoo(Pursuit(size=5, predators=3), observation="vector"))
     >>> hunt.num_envs, hunt.action_space, hunt.reset().shape
     (3, Discrete(5), (3, 14))

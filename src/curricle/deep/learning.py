@@ -11,31 +11,31 @@ from curricle.checks import instance, one_of
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
-from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.gate import NO_GATE, Gate
-from curricle.learning.learn import charges, preludes
 from curricle.learning.result import LearningResult, learning_result
-from curricle.learning.run import Prelude
-from curricle.learning.target import not_solved
+from curricle.learning.run import WarmUp
+from curricle.learning.stopping import NEVER_STOPS, StoppingRule
+from curricle.learning.training import charges, warm_ups
 from curricle.learning.ways import BY_NETWORKS, RESIDUAL, How
-from curricle.tasks.observed import ObservedTask
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.playing import longest_episode
-from curricle.transfer.values import ValueSource
+from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.target import not_solved
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.observation_rollouts import longest_episode
+from curricle.transfer.value_sources import ValueSource
 
 
 def learn_deep(
-    task: ObservedTask,
+    task: ObservationTask,
     learner: DeepLearner | None = None,
     budget: Budget = 100_000,
     *,
     seeds: int | Sequence[int] = 1,
     potential: ValueSource | Sequence[ValueSource] | None = None,
     how: How = "initialise",
-    every: int | None = None,
+    eval_freq: int | None = None,
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
-    before: Sequence[Prelude] | None = None,
+    warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
     saves: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
@@ -44,10 +44,10 @@ def learn_deep(
 
     Parameters
     ----------
-    task : ObservedTask
+    task : ObservationTask
     learner : DeepLearner
         Default DQN as Stable-Baselines3 sets it up.
-    budget : int, Episodes or Gate
+    budget : int, Episodes or StoppingRule
         As in :func:`learn`. A run ends at the very step, within a rollout if need be.
     seeds : int or sequence of int
         As in :func:`learn`: a seed's result depends on nothing but it, the stream and the settings
@@ -61,11 +61,11 @@ def learn_deep(
         - ``"policy"``: what the sources would do, and not what they value. An off-policy learner
           of numbered actions acts on it with a probability that falls from 1 to 0 over the first
           half of the budget (Fernandez, Veloso 2006); others start with the source's actor.
-    every : int, optional
+    eval_freq : int, optional
         Steps between checkpoints of the curves; a hundredth of the budget by default.
     evaluation : GreedyEvaluation, optional
         By rollouts, 5 by default.
-    stream, before, charged
+    stream, warm_up, charged
         As in :func:`learn`.
     saves : path, optional
         A folder for checkpoints, from which a killed run goes on, to the same result: network,
@@ -87,27 +87,27 @@ def learn_deep(
 
     Examples
     --------
-    >>> from curricle import observed
+    >>> from curricle import observation_task
     >>> learner = DeepLearner("DQN", settings={"learning_starts": 50})
-    >>> result = learn_deep(observed("CartPole-v1"), learner, 200, seeds=[3], every=100)
+    >>> result = learn_deep(observation_task("CartPole-v1"), learner, 200, seeds=[3], eval_freq=100)
     >>> result.steps, result.steps_used, result.values[0].of_actions
     (array([  0, 100, 200]), array([200]), True)
     """
     learner = DeepLearner() if learner is None else learner
-    instance("a task for a deep learner", task, ObservedTask, SettingError)
+    instance("a task for a deep learner", task, ObservationTask, SettingError)
     instance("learner", learner, DeepLearner, SettingError)
     numbers = seed_tuple(seeds)
     steps, episodes = limits(budget)
-    every = spacing(every, budget)
+    eval_freq = spacing(eval_freq, budget)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
-    longest = longest_run(task.longest, budget, every)
+    longest = longest_run(task.longest, budget, eval_freq)
     learner.algorithm_class()
     phis = _potentials(task, potential, how, len(numbers))
     spent = charges(charged, len(numbers), steps)
-    acted = preludes(before, spent, steps, episodes)
-    gate = NO_GATE
-    if isinstance(budget, Gate):
+    acted = warm_ups(warm_up, spent, steps, episodes)
+    gate = NEVER_STOPS
+    if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
         gate = budget.rule()
@@ -115,7 +115,7 @@ def learn_deep(
         longest_episode(task, discounted=evaluation.discounted)
     from curricle.deep.training import DeepRun
 
-    run = DeepRun(task, learner, how, steps, episodes, every, longest, evaluation, gate, stream)
+    run = DeepRun(task, learner, how, steps, episodes, eval_freq, longest, evaluation, gate, stream)
     done = []
     for k, seed in enumerate(numbers):
         place = None if saves is None else Path(saves) / f"seed-{seed}.checkpoint"
@@ -123,11 +123,11 @@ def learn_deep(
         if progress is not None:
             progress(seed)
     values = tuple(outcome.values for outcome in done)
-    return learning_result(task, learner, numbers, values, done, every)  # type: ignore[arg-type]
+    return learning_result(task, learner, numbers, values, done, eval_freq)  # type: ignore[arg-type]
 
 
 def _potentials(
-    task: ObservedTask, given: Any, how: How, n_seeds: int
+    task: ObservationTask, given: Any, how: How, n_seeds: int
 ) -> list[ObservationPotential | None]:
     """Return the potential of each seed, checked against the task and the way."""
     one_of("how of a deep learner", how, BY_NETWORKS, SettingError)

@@ -17,15 +17,15 @@ from curricle.deep.reuse import reusing
 from curricle.deep.shaped import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.learning.ways import OF_NETWORKS, RESIDUAL, How
-from curricle.tasks.observed import ObservedTask
-from curricle.transfer.observed_potential import ObservationPotential
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer.observation_potential import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """What of an actor-critic's parameters is the critic's."""
 
 
 def model_for(
-    task: ObservedTask,
+    task: ObservationTask,
     learner: DeepLearner,
     how: How = "initialise",
     potential: ObservationPotential | None = None,
@@ -37,7 +37,7 @@ def model_for(
 
     Parameters
     ----------
-    task : ObservedTask
+    task : ObservationTask
     learner : DeepLearner
     how : str
         As :func:`learn_deep` says.
@@ -54,8 +54,8 @@ def model_for(
 
     Examples
     --------
-    >>> from curricle import observed
-    >>> model = model_for(observed("CartPole-v1", discount=0.9), DeepLearner("PPO"))
+    >>> from curricle import observation_task
+    >>> model = model_for(observation_task("CartPole-v1", discount=0.9), DeepLearner("PPO"))
     >>> type(model).__name__, model.gamma
     ('PPO', 0.9)
     """
@@ -103,7 +103,7 @@ def check_learner(learner: DeepLearner, how: How | None = None) -> None:
 
 
 def network_values(
-    task: ObservedTask,
+    task: ObservationTask,
     learner: DeepLearner,
     how: How,
     potential: ObservationPotential | None,
@@ -120,8 +120,9 @@ def network_values(
 
     Examples
     --------
-    >>> from curricle import learn_deep, observed
-    >>> cart, dqn = observed("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
+    >>> from curricle import observation_task
+    >>> from curricle.deep import learn_deep
+    >>> cart, dqn = observation_task("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
     >>> trained = learn_deep(cart, dqn, 100).values[0]
     >>> again = network_values(cart, dqn, "initialise", None, trained.parameters())
     >>> import numpy as np

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import PotentialError
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.values import no_actions
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.value_sources import no_actions
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class NetworkValues:
     ----------
     policy : stable_baselines3.common.policies.BasePolicy
         ``model.policy`` of a model.
-    taken_off : ObservationPotential, optional
+    values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. What is learnt then is Q - Phi, and Phi is put back.
 
     Raises
@@ -42,8 +42,8 @@ class NetworkValues:
     ((5,), (5,), True)
     """
 
-    def __init__(self, policy: Any, taken_off: ObservationPotential | None = None):
-        self.policy, self.taken_off = policy, taken_off
+    def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
+        self.policy, self.values_offset = policy, values_offset
         kinds = ("q_net", "quantile_net", "value_net", "critic")
         found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
         if not found:
@@ -136,9 +136,9 @@ class NetworkValues:
         return np.asarray(each.min(axis=0))
 
     def _put_back(self, found: FloatArray, observations: Any) -> FloatArray:
-        if self.taken_off is None:
+        if self.values_offset is None:
             return found
-        phi = self.taken_off.v(observations)
+        phi = self.values_offset.v(observations)
         return found + (phi[:, None] if found.ndim == 2 else phi)
 
 

@@ -32,8 +32,9 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     Examples
     --------
     >>> from stable_baselines3 import DQN
-    >>> from curricle import FunctionValues, ObservationPotential, observed
-    >>> car = observed("MountainCar-v0", discount=0.98)
+    >>> from curricle import observation_task
+    >>> from curricle.transfer import FunctionValues, ObservationPotential
+    >>> car = observation_task("MountainCar-v0", discount=0.98)
     >>> push_along = FunctionValues(
     ...     lambda cars, actions: np.sign(cars[:, 1:]) * (actions - 1.0), actions=3)
     >>> phi = ObservationPotential.of(car, push_along)

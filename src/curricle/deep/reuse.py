@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.observation_potential import ObservationPotential
 
 REUSED = 0.5
 """Part of the budget in which the sources' policy is acted on, ever more rarely."""

@@ -13,36 +13,36 @@ from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
-from curricle.learning.evaluation import GreedyEvaluation
-from curricle.learning.gate import GateRule, opens
-from curricle.learning.kernels import Record
-from curricle.learning.run import NO_PRELUDE, Outcome, Prelude, stream_start
+from curricle.learning.general_loop import Record
+from curricle.learning.run import NO_WARM_UP, Outcome, WarmUp, stream_start
+from curricle.learning.stopping import StoppingKernel, opens
 from curricle.learning.ways import How
-from curricle.tasks.draws import scramble_number
-from curricle.tasks.observed import ObservedTask
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.playing import mean_return, stage_for
+from curricle.planning.evaluation import GreedyEvaluation
+from curricle.tasks.draws import splitmix64_number
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.observation_rollouts import mean_return, stage_for
 
 
 class DeepRun(NamedTuple):
     """How each seed is trained."""
 
-    task: ObservedTask
+    task: ObservationTask
     learner: DeepLearner
     how: How
     steps: int
     episodes: int
-    every: int
+    eval_freq: int
     longest: int
     evaluation: GreedyEvaluation
-    gate: GateRule
+    gate: StoppingKernel
     stream: str
 
     def train(
         self,
         seed: int,
         potential: ObservationPotential | None,
-        before: Prelude = NO_PRELUDE,
+        before: WarmUp = NO_WARM_UP,
         charged: int = 0,
         saves: Path | None = None,
     ) -> Outcome:
@@ -53,7 +53,7 @@ class DeepRun(NamedTuple):
         with checkpoint.apart(self.learner.threads):
             saved = None if saves is None else checkpoint.load(saves, words)
             if saved is None:
-                small = scramble_number(start) >> 33
+                small = splitmix64_number(start) >> 33
                 model = model_for(
                     self.task, self.learner, self.how, potential, seed=small, steps=left
                 )
@@ -72,7 +72,7 @@ class DeepRun(NamedTuple):
     def _learn(self, model: Any, scribe: "Scribe", left: int, *, fresh: bool) -> None:
         if model.env is None:  # it could not be saved: a new episode begins
             other = model_for(self.task, self.learner, seed=scribe.start >> 33, steps=1)
-            other.env.seed(scramble_number(scribe.start ^ model.num_timesteps) >> 33)
+            other.env.seed(splitmix64_number(scribe.start ^ model.num_timesteps) >> 33)
             model.set_env(other.env, force_reset=True)
         rollout = getattr(model, "n_steps", 1) * model.n_envs
         if rollout > left and hasattr(model, "rollout_buffer"):
@@ -107,15 +107,15 @@ class Progress:
     over: bool = False
 
     @classmethod
-    def begun(cls, run: DeepRun, before: Prelude) -> "Progress":
+    def begun(cls, run: DeepRun, before: WarmUp) -> "Progress":
         """Return what is written down at the start."""
-        size = run.longest // run.every + 1
-        returns, greedy, trust = np.full((3, size), np.nan)
+        size = run.longest // run.eval_freq + 1
+        returns, greedy, guard_share = np.full((3, size), np.nan)
         no_frames = np.zeros(0, np.int64), np.zeros((0, 0, 0), np.float32)
-        record = Record(returns, greedy, trust, np.zeros(size, np.int64), *no_frames)
-        spent = before.note(record, run.every)
+        record = Record(returns, greedy, guard_share, np.zeros(size, np.int64), *no_frames)
+        spent = before.note(record, run.eval_freq)
         since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
-        first = -(-spent.steps // run.every)
+        first = -(-spent.steps // run.eval_freq)
         return cls(record, spent.steps, spent.steps, spent.episodes, first, since)
 
 
@@ -157,7 +157,7 @@ class Scribe(BaseCallback):
         progress.steps = progress.before + self.num_timesteps
         self._count(self.locals["infos"])
         spent = progress.steps >= self.most or progress.episodes >= self.run.episodes
-        while progress.checkpoint * self.run.every <= progress.steps:
+        while progress.checkpoint * self.run.eval_freq <= progress.steps:
             if progress.checkpoint >= len(progress.record.greedy_return):
                 break
             if self._write(self._judged(progress.checkpoint)):
@@ -175,7 +175,7 @@ class Scribe(BaseCallback):
         """Return the greedy policy's mean return at a checkpoint; NaN where it is not judged."""
         if self._stage is None:
             return float("nan")
-        seed = scramble_number(self.start ^ (number + 1))
+        seed = splitmix64_number(self.start ^ (number + 1))
         episodes = self._stage.play(self._greedy, seed)
         return mean_return(episodes, self.run.evaluation.weight(self.run.task.discount))
 
@@ -193,7 +193,7 @@ class Scribe(BaseCallback):
             record.training_return[here] = np.mean(progress.returns)
             progress.returns.clear()
         progress.checkpoint += 1
-        return bool(opens(self.run.gate, record.greedy_return, here, here * self.run.every))
+        return bool(opens(self.run.gate, record.greedy_return, here, here * self.run.eval_freq))
 
     def end(self) -> None:
         """Note that the run is over."""

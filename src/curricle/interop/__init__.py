@@ -1,1 +1,5 @@
 """Other people's worlds: Gymnasium and PettingZoo, both ways, and trackers of runs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,12 +12,12 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.coding import Coding, Form
 from curricle.learning.run import compiled
 from curricle.tasks.draws import draw
-from curricle.tasks.dynamics import Functions, first_state, transition
+from curricle.tasks.generative_models import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.live import is_live
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component
-from curricle.tasks.task import dynamics
+from curricle.tasks.task import generative_model
 
 if TYPE_CHECKING:
     from curricle.interop.scene import Scene
@@ -107,7 +107,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         render_mode: RenderMode | None = None,
     ):
         self.task, self.render_mode = task, render_mode
-        rules = dynamics(task)
+        rules = generative_model(task)
         if is_live(task):
             raise TaskError(f"a task that is played live is an environment already: got {task!r}")
         one_of("observation", observation, ("index", "components"), SettingError)

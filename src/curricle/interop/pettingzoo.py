@@ -1,4 +1,4 @@
-"""Pursuit as an environment of PettingZoo: an agent for each predator, all moving at once."""
+"""Pursuit as an environment of PettingZoo: an agent for each predator, all generative at once."""
 
 from copy import copy
 from typing import Any, Literal

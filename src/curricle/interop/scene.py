@@ -23,10 +23,10 @@ from curricle.interop.figures import (
     predator,
 )
 from curricle.tasks.gridworld import MOVES, GridWorld
-from curricle.tasks.places import values_of
+from curricle.tasks.labels import values_of
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space
-from curricle.tasks.task import dynamics
+from curricle.tasks.task import generative_model
 
 Pixels = npt.NDArray[np.uint8]
 SIDE = 640
@@ -69,7 +69,11 @@ def scene_of(task: Any) -> Scene:
     """
     if isinstance(task, GridWorld):
         return MazeScene(task)
-    return PursuitScene(task) if isinstance(task, Pursuit) else NameScene(dynamics(task).states)
+    return (
+        PursuitScene(task)
+        if isinstance(task, Pursuit)
+        else NameScene(generative_model(task).states)
+    )
 
 
 class Canvas:

@@ -19,9 +19,9 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule
 from curricle.tasks.spaces import Space, whole
-from curricle.tasks.task import dynamics
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.values import ValueSource
+from curricle.tasks.task import generative_model
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.value_sources import ValueSource
 
 FloatArray = npt.NDArray[np.float64]
 Steps = int | npt.NDArray[np.int64]
@@ -174,7 +174,7 @@ def source(
     if over_a_task(potential):
         if isinstance(potential, StateActionPotential):
             potential = potential.to_state()
-        states = dynamics(potential.task).states
+        states = generative_model(potential.task).states
         state_of = _numbering(space, states) if encode is None else encode
         return StateSource(name, potential, state_of, states.size, _fixed(potential), batched)
     if isinstance(potential, ObservationPotential) and potential.task.observations != space:
@@ -301,7 +301,10 @@ def _values(
 ) -> FloatArray:
     """Return Phi(s, t) of n states, (n,) float64."""
     if isinstance(potential, MappedPotential):
-        phi, terminal = potential.rows(states).max(axis=1), dynamics(potential.task).terminal
+        phi, terminal = (
+            potential.rows(states).max(axis=1),
+            generative_model(potential.task).terminal,
+        )
         return phi if terminal is None else np.where(terminal[states], 0.0, phi)
     frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
     return np.asarray(weights(potential.weight, steps) * potential.values[frame, states])

@@ -27,10 +27,10 @@ from curricle.interop.shaping_sources import (
     weights,
 )
 from curricle.learning.schedules import Schedule, schedule
-from curricle.tasks.task import dynamics
+from curricle.tasks.task import generative_model
 from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate
-from curricle.transfer.observed_potential import ObservationPotential
+from curricle.transfer.observation_potential import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -198,7 +198,7 @@ def one_discount(potentials: Mapping[str, Potential], discount: float | None) ->
     stated = {}
     for name, each in potentials.items():
         if over_a_task(each):
-            stated[f"the task of {name!r}"] = dynamics(each.task).discount
+            stated[f"the task of {name!r}"] = generative_model(each.task).discount
         elif isinstance(each, ObservationPotential):
             stated[f"the task of {name!r}"] = each.task.discount
     if discount is not None:

@@ -30,7 +30,7 @@ class TensorBoard:
     >>> board = TensorBoard()
     >>> with tempfile.TemporaryDirectory() as place:
     ...     board.start("corridor", {"budget": 100}, Path(place))
-    ...     board.record("direct", "maze", learn(GridWorld("S.T"), budget=100, seeds=2))
+    ...     board.record("scratch", "maze", learn(GridWorld("S.T"), budget=100, seeds=2))
     ...     board.close()
     ...     for folder in sorted(Path(place).rglob("seed-*")):
     ...         print(folder.relative_to(place).as_posix())

@@ -75,7 +75,7 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> result = learn(GridWorld("S.T"), budget=20, seeds=1, every=10)
+    >>> result = learn(GridWorld("S.T"), budget=20, seeds=1, eval_freq=10)
     >>> for step, values in checkpoints(result, 0):
     ...     print(step, sorted(values))
     0 ['eval/mean_reward', 'time/episodes']
@@ -94,8 +94,8 @@ def run_name(arm: str, node: str, seed: int) -> str:
 
     Examples
     --------
-    >>> run_name("direct", "hunt", 3)
-    'direct/hunt/seed-3'
+    >>> run_name("scratch", "hunt", 3)
+    'scratch/hunt/seed-3'
     """
     return f"{arm}/{node}/seed-{seed}"
 

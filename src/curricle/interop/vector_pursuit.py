@@ -12,12 +12,12 @@ from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
-from curricle.tasks.observed import ObservedTask, Registered
+from curricle.tasks.observation_task import ObservationTask, Registered
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, frozen
 from curricle.transfer.by_name import ComponentMapping, by_names, read_components
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from curricle.transfer.observed import ObservationMapping
+from curricle.transfer.observation_mapping import ObservationMapping
 
 IntArray = npt.NDArray[np.int64]
 Vectors = npt.NDArray[np.float32]
@@ -197,7 +197,7 @@ class VectorPursuitEnvironment(VectorPursuit):
         super().__init__(Pursuit(**rules), acting=acting, render_mode=render_mode)
 
 
-def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservedTask:
+def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservationTask:
     """Return a pursuit as a task for deep learners, which see its vectors.
 
     Equal pursuits give equal tasks. The discount is the pursuit's; at its time limit the
@@ -220,7 +220,7 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservedTas
     --------
     >>> hunt = Pursuit(size=5, predators=3)
     >>> observed_pursuit(hunt)
-    ObservedTask(Curricle/VectorPursuit-v0(size=5, predators=3), discount 0.99, ...)
+    ObservationTask(Curricle/VectorPursuit-v0(size=5, predators=3), discount 0.99, ...)
     >>> observed_pursuit(hunt).n_actions, observed_pursuit(hunt, acting="first").n_actions
     (125, 5)
     """
@@ -232,12 +232,12 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservedTas
     }
     if acting != "all":
         told["acting"] = acting
-    return ObservedTask(Registered("Curricle/VectorPursuit-v0", told), pursuit.discount)
+    return ObservationTask(Registered("Curricle/VectorPursuit-v0", told), pursuit.discount)
 
 
 def predator_mapping(
-    target: ObservedTask,
-    source: ObservedTask | Pursuit,
+    target: ObservationTask,
+    source: ObservationTask | Pursuit,
     *,
     unmapped_value: float = 0.0,
     **renaming: str,
@@ -250,9 +250,9 @@ def predator_mapping(
 
     Parameters
     ----------
-    target : ObservedTask
+    target : ObservationTask
         Of :func:`observed_pursuit`, or made of the registered environment.
-    source : ObservedTask or Pursuit
+    source : ObservationTask or Pursuit
         One as `target`, or a pursuit whose values are a table, read at its states' numbers.
     unmapped_value : float
     **renaming : str
@@ -268,7 +268,7 @@ def predator_mapping(
     --------
     Each of three predators reads the values of one that hunts alone.
 
-    >>> from curricle import TableValues
+    >>> from curricle.transfer import TableValues
     >>> hunt, chase = observed_pursuit(Pursuit(size=5, predators=3)), Pursuit(size=5, predators=1)
     >>> by_second = predator_mapping(hunt, chase, predator="predator_2")
     >>> q = np.zeros((chase.states.size, chase.actions.size))
@@ -345,7 +345,7 @@ def _cells_of(pursuit: Pursuit, states: IntArray) -> IntArray:
 
 def _environment(role: str, task: Any) -> VectorPursuit:
     """Return the environment of a task, if it is a pursuit seen as vectors."""
-    made = task.make().unwrapped if isinstance(task, ObservedTask) else None
+    made = task.make().unwrapped if isinstance(task, ObservationTask) else None
     if not isinstance(made, VectorPursuit) or task.observations != made.observation_space:
         raise MappingError(
             f"a mapping of predators needs pursuits seen as vectors: the {role} is {task!r}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.gate import Gate
-from curricle.learning.kernels import NO_LIMIT
+from curricle.learning.general_loop import NO_LIMIT
+from curricle.learning.stopping import StoppingRule
 
 MOST_CHECKPOINTS = 10_000_000
 
@@ -39,7 +39,7 @@ class Episodes:
         return f"{self.number:,} episodes"
 
 
-Budget = int | Episodes | Gate
+Budget = int | Episodes | StoppingRule
 """Steps, episodes, or steps up to a gate."""
 
 
@@ -47,34 +47,34 @@ def limits(budget: Budget) -> tuple[int, int]:
     """Return the steps and the episodes at which a budget is spent at the latest."""
     if isinstance(budget, Episodes):
         return int(NO_LIMIT), budget.number
-    if isinstance(budget, Gate):
+    if isinstance(budget, StoppingRule):
         return budget.most, int(NO_LIMIT)
     return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
 
 
-def spacing(every: int | None, budget: Budget) -> int:
+def spacing(eval_freq: int | None, budget: Budget) -> int:
     """Return the steps between checkpoints; a hundredth of a step budget where not given."""
-    if every is None:
+    if eval_freq is None:
         return 100 if isinstance(budget, Episodes) else max(1, limits(budget)[0] // 100)
-    steps = whole_number("every, the steps between checkpoints,", every, 1, SettingError)
+    steps = whole_number("every, the steps between checkpoints,", eval_freq, 1, SettingError)
     if steps > limits(budget)[0]:
         raise SettingError(
-            f"every must not exceed the budget of {limits(budget)[0]} steps: got {every}"
+            f"every must not exceed the budget of {limits(budget)[0]} steps: got {eval_freq}"
         )
     return steps
 
 
-def longest_run(time_limit: int | None, budget: Budget, every: int) -> int:
+def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
     """Return the steps that a run can take at most, or raise SettingError if it knows no bound."""
     steps, episodes = limits(budget)
     if isinstance(budget, Episodes):
         if time_limit is None:
             raise SettingError("a budget in episodes needs a task with a time limit: none set")
         steps = episodes * time_limit
-    if steps // every > MOST_CHECKPOINTS:
+    if steps // eval_freq > MOST_CHECKPOINTS:
         raise SettingError(
             f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: {steps:,} steps at most, "
-            f"one every {every:,}, are {steps // every:,}"
+            f"one every {eval_freq:,}, are {steps // eval_freq:,}"
         )
     return steps
 

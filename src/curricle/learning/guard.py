@@ -11,12 +11,12 @@ import numpy as np
 
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
-from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import Acting, acting_values, spent_checkpoints, write
-from curricle.learning.sampling import choose, highest
+from curricle.learning.exploration import choose, highest
+from curricle.learning.general_loop import Acting, acting_values, spent_checkpoints, write
 from curricle.learning.schedules import rate_of
-from curricle.tasks.draws import STRIDE, piece, scramble
-from curricle.tasks.dynamics import cut_short, failed, first_state, transition
+from curricle.planning.policy_evaluation import greedy_return
+from curricle.tasks.draws import STRIDE, inlined, splitmix64
+from curricle.tasks.generative_models import cut_short, failed, first_state, transition
 
 FEWEST = 5
 """Episodes of each learner before they are compared."""
@@ -96,7 +96,7 @@ class GuardRule(NamedTuple):
     forgetting: float
 
 
-@piece
+@inlined
 def remember(mean, variance, episodes, learner, returned, forgetting):
     """Take one more return into a learner's running mean and variance."""
     part = max(forgetting, 1.0 / (episodes[learner] + 1.0))
@@ -106,7 +106,7 @@ def remember(mean, variance, episodes, learner, returned, forgetting):
     episodes[learner] += 1.0
 
 
-@piece
+@inlined
 def judged(guard, mean, variance, episodes, ahead, share):
     """Return which learner is ahead and the share of phi's, after an episode."""
     if min(episodes[0], episodes[1]) < FEWEST:
@@ -119,7 +119,9 @@ def judged(guard, mean, variance, episodes, ahead, share):
     return ahead, share
 
 
-def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budget, every, record):
+def train_guarded(
+    model, horizon, rule, guard, q, evaluation, stream, done, budget, eval_freq, record
+):
     """Learn in place on `q` (2, S, A), the second one started as phi; fill `record`.
 
     Return steps and episodes done and which table is ahead. The other arguments are those of
@@ -132,14 +134,14 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
     ahead, share, acting = 1, guard.share, 1
     step, episodes, ended, ended_return = done
     view = Acting(q[1:], none, 0.0, room)
-    checkpoint = spent_checkpoints(evaluation, model, view, step, every, record)
-    record.trust[:checkpoint] = share
+    checkpoint = spent_checkpoints(evaluation, model, view, step, eval_freq, record)
+    record.guard_share[:checkpoint] = share
     counter = stream[0] + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
     while True:
-        if step == checkpoint * every:
+        if step == checkpoint * eval_freq:
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
-            record.trust[checkpoint] = share
+            record.guard_share[checkpoint] = share
             so_far = step, episodes, ended, ended_return, value
             if write(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
@@ -147,7 +149,7 @@ def train_guarded(model, horizon, rule, guard, q, evaluation, stream, done, budg
         if step >= budget.steps or episodes >= budget.episodes or failed(model):
             return step, episodes, ahead
         if fresh:
-            state, counter = first_state(model, scramble(counter)), counter + STRIDE
+            state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return = 0, 0.0
         acting_values(Acting(q[acting : acting + 1], none, 0.0, room), state, values)
         action, bits, counter = choose(rule.exploration, values, step, counter)

@@ -7,8 +7,8 @@ import numpy as np
 
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.learning import kernels
-from curricle.learning.sampling import EpsilonGreedy, Rule, Softmax
+from curricle.learning import general_loop
+from curricle.learning.exploration import EpsilonGreedy, Rule, Softmax
 from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
 
 
@@ -80,7 +80,7 @@ class QLearning(Learner):
     QLearning(learning_rate=0.2, epsilon=None, inverse_temperature=None, initial_value=0.0)
     """
 
-    update: ClassVar[int] = kernels.Q_LEARNING
+    update: ClassVar[int] = general_loop.Q_LEARNING
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class SARSA(Learner):
     0.2
     """
 
-    update: ClassVar[int] = kernels.SARSA
+    update: ClassVar[int] = general_loop.SARSA
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class ExpectedSARSA(Learner):
     2.0
     """
 
-    update: ClassVar[int] = kernels.EXPECTED_SARSA
+    update: ClassVar[int] = general_loop.EXPECTED_SARSA
 
 
 @dataclass(frozen=True)
@@ -121,5 +121,5 @@ class DoubleQLearning(Learner):
     2
     """
 
-    update: ClassVar[int] = kernels.DOUBLE_Q_LEARNING
+    update: ClassVar[int] = general_loop.DOUBLE_Q_LEARNING
     tables: ClassVar[int] = 2

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError
-from curricle.learning.reading import TOTAL, Reading, read_all, read_some
 from curricle.learning.schedules import Schedule, constant, schedule
+from curricle.learning.value_lookup import TOTAL, Reading, read_all, read_some
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, dynamics
+from curricle.tasks.task import Task, generative_model
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,15 +59,15 @@ class StatePotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        moving = dynamics(self.task)
-        n_states = moving.states.size
+        generative = generative_model(self.task)
+        n_states = generative.states.size
         values = finite(self.values, "Phi")
         if values.ndim not in (1, 2) or values.shape[-1] != n_states or not values.size:
             raise PotentialError(
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
                 f"{values.shape}"
             )
-        values = _zero_at_end(moving.terminal, values.reshape(-1, n_states))
+        values = _zero_at_end(generative.terminal, values.reshape(-1, n_states))
         steps = np.array(self.frame_steps, dtype=np.int64)
         if steps.shape != (len(values),) or steps[0] != 0 or (np.diff(steps) <= 0).any():
             raise PotentialError(
@@ -86,7 +86,7 @@ class StatePotential:
         self, state: npt.ArrayLike, next_state: npt.ArrayLike, *, step: int = 0
     ) -> FloatArray:
         """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, of the shape of the states."""
-        discount = dynamics(self.task).discount
+        discount = generative_model(self.task).discount
         here, there = np.asarray(state), np.asarray(next_state)
         return np.asarray(discount * self.at(step + 1)[there] - self.at(step)[here])
 
@@ -125,14 +125,14 @@ class StateActionPotential:
     weight: Any = 1.0
 
     def __post_init__(self) -> None:
-        moving = dynamics(self.task)
-        shape = (moving.states.size, moving.actions.size)
+        generative = generative_model(self.task)
+        shape = (generative.states.size, generative.actions.size)
         values = finite(self.values, "phi")
         if values.shape != shape:
             raise PotentialError(
                 f"a state-action potential must have shape {shape}: got {values.shape}"
             )
-        ends = None if moving.terminal is None else moving.terminal[:, None]
+        ends = None if generative.terminal is None else generative.terminal[:, None]
         _freeze(self, values=_zero_at_end(ends, values))
         object.__setattr__(self, "weight", schedule(self.weight))
 
@@ -157,7 +157,7 @@ class StateActionPotential:
         next_action: npt.ArrayLike,
     ) -> FloatArray:
         """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
-        phi, discount = self.values, dynamics(self.task).discount
+        phi, discount = self.values, generative_model(self.task).discount
         here = phi[np.asarray(state), np.asarray(action)]
         there = phi[np.asarray(next_state), np.asarray(next_action)]
         return np.asarray(discount * there - here)
@@ -201,11 +201,11 @@ class MappedPotential:
     @cached_property
     def values(self) -> FloatArray:
         """Phi as an array after all, (S, A) float64; 0 at terminal states."""
-        moving = dynamics(self.task)
-        phi = np.empty((moving.states.size, moving.actions.size))
+        generative = generative_model(self.task)
+        phi = np.empty((generative.states.size, generative.actions.size))
         read_all(self.reading, phi)
-        if moving.terminal is not None:
-            phi[moving.terminal] = 0.0
+        if generative.terminal is not None:
+            phi[generative.terminal] = 0.0
         return frozen(phi)
 
     def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
@@ -213,7 +213,7 @@ class MappedPotential:
 
         Ends of the task are not told apart: what the sources say of them is returned.
         """
-        phi = np.empty((len(states), dynamics(self.task).actions.size))
+        phi = np.empty((len(states), generative_model(self.task).actions.size))
         read_some(self.reading, np.asarray(states, np.int64), phi)
         return phi
 

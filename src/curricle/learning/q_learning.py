@@ -6,19 +6,19 @@ value was lowered, so that a step scans no row: several times faster than the ge
 
 import numpy as np
 
-from curricle.learning.judging import greedy_return
-from curricle.learning.kernels import spent_checkpoints, write
-from curricle.learning.rows import is_full, place, prepare
-from curricle.learning.sampling import TIED, act, best_of
+from curricle.learning.exploration import TIED, act, best_of
+from curricle.learning.general_loop import spent_checkpoints, write
 from curricle.learning.schedules import rate_of
-from curricle.tasks.draws import STRIDE, piece, scramble
-from curricle.tasks.dynamics import cut_short, failed, first_state, transition
-from curricle.tasks.machine import of_width, prefetch
+from curricle.learning.tables import is_full, place, prepare
+from curricle.planning.policy_evaluation import greedy_return
+from curricle.tasks.draws import STRIDE, inlined, splitmix64
+from curricle.tasks.generative_models import cut_short, failed, first_state, transition
+from curricle.tasks.simd import of_width, prefetch
 
 NOWHERE = np.uint64(2**64 - 1)
 
 
-@piece
+@inlined
 def update(q, best, greedy, row, change):
     """Move q(row, action) towards the target, and what is kept of the row with it.
 
@@ -37,7 +37,9 @@ def update(q, best, greedy, row, change):
         greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
 
 
-def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budget, every, record):
+def train_q_learning(
+    model, horizon, rule, table, evaluation, stream, done, budget, eval_freq, record
+):
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
@@ -55,13 +57,13 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
     far = len(table.far) > 0
     prepare(table)
     step, episodes, ended, ended_return = done
-    checkpoint = spent_checkpoints(evaluation, model, table, step, every, record)
+    checkpoint = spent_checkpoints(evaluation, model, table, step, eval_freq, record)
     episode_return, counter = 0.0, stream[0] + STRIDE
-    state, last, counter = first_state(model, scramble(counter)), step + limit, counter + STRIDE
+    state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = place(table, state, False)
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
-        if step == checkpoint * every:
+        if step == checkpoint * eval_freq:
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
             if write(record, checkpoint, so_far, q, q, budget.gate):
                 return step, episodes
@@ -69,10 +71,10 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
         spent = step >= budget.steps or episodes >= budget.episodes
         if spent or is_full(table, row) or failed(model):
             return step, episodes
-        stop = min(checkpoint * every, budget.steps)
+        stop = min(checkpoint * eval_freq, budget.steps)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
-            next_state, reward, over = transition(model, state, action, scramble(bits))
+            next_state, reward, over = transition(model, state, action, splitmix64(bits))
             next_row = place(table, next_state, over)
             if is_full(table, next_row):
                 row = next_row
@@ -100,7 +102,7 @@ def train_q_learning(model, horizon, rule, table, evaluation, stream, done, budg
                 episodes, last = episodes + 1, step + limit
                 if episodes == budget.episodes or failed(model):
                     break
-                state, counter = first_state(model, scramble(counter)), counter + STRIDE
+                state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
                 row = place(table, state, False)
                 if is_full(table, row):
                     break

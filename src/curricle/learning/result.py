@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.learning.film import Film
 from curricle.learning.learners import Learner
 from curricle.learning.run import Outcome
+from curricle.learning.snapshots import Snapshots
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
@@ -48,7 +48,7 @@ class LearningResult:
     out_of_memory : (K,) bool
         Whether a sparse table was full before the budget was spent. The run then ended at the
         step that needed another row.
-    film : Film or None
+    snapshots : Snapshots or None
         Tables of the first seed on the way, if asked for.
 
     Examples
@@ -69,8 +69,8 @@ class LearningResult:
     steps_used: IntArray
     episodes_used: IntArray
     out_of_memory: npt.NDArray[np.bool_]
-    trust: FloatArray
-    film: Film | None = None
+    guard_share: FloatArray
+    snapshots: Snapshots | None = None
 
     def __repr__(self) -> str:
         return (
@@ -86,46 +86,46 @@ def learning_result(
     seeds: tuple[int, ...],
     values: Any,
     done: list[Outcome],
-    every: int,
+    eval_freq: int,
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
-    n = max(outcome.steps for outcome in done) // every + 1
+    n = max(outcome.steps for outcome in done) // eval_freq + 1
     training = np.stack([outcome.record.training_return[:n] for outcome in done])
     greedy = np.stack([outcome.record.greedy_return[:n] for outcome in done])
     episodes = np.stack([outcome.record.episodes[:n] for outcome in done])
-    trust = np.stack([outcome.record.trust[:n] for outcome in done])
+    guard_share = np.stack([outcome.record.guard_share[:n] for outcome in done])
     for k, outcome in enumerate(done):
-        last = outcome.steps // every
-        for held in (greedy, episodes, trust):
+        last = outcome.steps // eval_freq
+        for held in (greedy, episodes, guard_share):
             held[k, last + 1 :] = held[k, last]
     return LearningResult(
         task=task,
         learner=learner,
         seeds=seeds,
         values=frozen(values) if isinstance(values, np.ndarray) else values,
-        steps=frozen(np.arange(n) * every),
+        steps=frozen(np.arange(n) * eval_freq),
         training_return=frozen(training),
         greedy_return=frozen(greedy),
         episodes=frozen(episodes),
         steps_used=frozen(np.array([outcome.steps for outcome in done])),
         episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
-        trust=frozen(trust),
-        film=_film(seeds[0], done[0], None if values is None else values[0], every),
+        guard_share=frozen(guard_share),
+        snapshots=_film(seeds[0], done[0], None if values is None else values[0], eval_freq),
     )
 
 
-def _film(seed: int, outcome: Outcome, last: Any, every: int) -> Film | None:
+def _film(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots | None:
     """Return what was kept of a seed's tables, the last of them included; None if nothing was."""
     record = outcome.record
     if not len(record.frame_at):
         return None
-    shot = record.frame_at * every <= outcome.steps
-    steps, frames = record.frame_at[shot] * every, record.frames[shot]
+    shot = record.frame_at * eval_freq <= outcome.steps
+    steps, frames = record.frame_at[shot] * eval_freq, record.frames[shot]
     if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
         steps = np.append(steps, outcome.steps)
         frames = np.concatenate([frames, last[None].astype(np.float32)])
-    return Film(seed, frozen(steps), frozen(frames))
+    return Snapshots(seed, frozen(steps), frozen(frames))
 
 
 def without_curves(
@@ -153,7 +153,7 @@ def without_curves(
         steps_used=steps_used,
         episodes_used=np.zeros(len(seeds), np.int64),
         out_of_memory=np.zeros(len(seeds), np.bool_),
-        trust=none,
+        guard_share=none,
     )
 
 
@@ -183,7 +183,7 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
         result,
         seeds=result.seeds[k : k + 1],
         values=values,
-        film=None if k else result.film,
+        snapshots=None if k else result.snapshots,
         **rows,
     )
 
@@ -228,7 +228,7 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
             first += len(part.seeds)
         return frozen(rows[order])
 
-    films = [part.film for part in parts if part.film is not None]
+    snapshots = [part.snapshots for part in parts if part.snapshots is not None]
     return replace(
         max(parts, key=lambda part: len(part.steps)),
         seeds=tuple(sorted(seeds)),
@@ -236,9 +236,9 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         training_return=silent("training_return"),
         greedy_return=held("greedy_return"),
         episodes=held("episodes"),
-        trust=held("trust"),
+        guard_share=held("trust"),
         steps_used=joined("steps_used"),
         episodes_used=joined("episodes_used"),
         out_of_memory=joined("out_of_memory"),
-        film=min(films, key=lambda film: film.seed) if films else None,
+        snapshots=min(snapshots, key=lambda snapshots: snapshots.seed) if snapshots else None,
     )

@@ -11,28 +11,32 @@ import numpy.typing as npt
 from numba import njit
 
 from curricle.errors import SettingError
-from curricle.learning import kernels
-from curricle.learning.film import frame_checkpoints
-from curricle.learning.gate import NO_GATE, GateRule, opens
+from curricle.learning import general_loop
 from curricle.learning.guard import Guard, train_guarded
-from curricle.learning.judging import Exact, Off, Rollouts
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.q_learning import train_q_learning
-from curricle.learning.reading import nothing, read_all
-from curricle.learning.rows import Dense, Number, Sparse, reorder
 from curricle.learning.schedules import constant
+from curricle.learning.snapshots import frame_checkpoints
+from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, opens
 from curricle.learning.storage import SparseValues, Storage
-from curricle.tasks.draws import scramble_number
-from curricle.tasks.dynamics import Functions
+from curricle.learning.tables import Dense, Number, Sparse, reorder
+from curricle.learning.value_lookup import nothing, read_all
+from curricle.planning.policy_evaluation import Exact, Off, Rollouts
+from curricle.tasks.draws import splitmix64_number
+from curricle.tasks.generative_models import Functions
 from curricle.tasks.live import opened
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Dynamics
+from curricle.tasks.task import GenerativeModel
 
 FloatTable = npt.NDArray[np.floating[Any]]
 Potential = StatePotential | StateActionPotential | MappedPotential
 
-WAYS = {"look_back": kernels.LOOK_BACK, "bonus": kernels.BONUS, "advice": kernels.ADVICE}
+WAYS = {
+    "look_back": general_loop.LOOK_BACK,
+    "bonus": general_loop.BONUS,
+    "advice": general_loop.ADVICE,
+}
 NEAR = 32_768
 """Bytes of a table that stays in the processor's nearest cache."""
 UNROLLED = 64
@@ -45,7 +49,7 @@ AS_VALUES = ("initialise", "look_ahead")
 class Outcome:
     """What one seed leaves: its record, its values if kept, what it spent."""
 
-    record: kernels.Record
+    record: general_loop.Record
     values: FloatTable | SparseValues | None
     steps: int
     episodes: int
@@ -53,7 +57,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Prelude:
+class WarmUp:
     """The episodes that a seed acted in its task before it began to learn there.
 
     Attributes
@@ -65,7 +69,7 @@ class Prelude:
 
     Examples
     --------
-    >>> Prelude(np.array([3, 4]), np.array([1.0, 2.0])).steps
+    >>> WarmUp(np.array([3, 4]), np.array([1.0, 2.0])).steps
     7
     """
 
@@ -77,19 +81,19 @@ class Prelude:
         """Steps in all."""
         return int(self.lengths.sum())
 
-    def note(self, record: kernels.Record, every: int) -> kernels.Spent:
+    def note(self, record: general_loop.Record, eval_freq: int) -> general_loop.Spent:
         """Fill the checkpoints of a record before the end of this; return what is left to note."""
         ends = np.cumsum(self.lengths)
-        checkpoint = -(-ends // every)
+        checkpoint = -(-ends // eval_freq)
         n = int(checkpoint.max(initial=0))
         ended = np.bincount(checkpoint, minlength=n + 1)
         earned = np.bincount(checkpoint, self.returns, minlength=n + 1)
         record.episodes[:n] = np.cumsum(ended)[:n]
         np.divide(earned[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
-        return kernels.Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
+        return general_loop.Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
 
 
-NO_PRELUDE = Prelude(np.zeros(0, np.int64), np.zeros(0))
+NO_WARM_UP = WarmUp(np.zeros(0, np.int64), np.zeros(0))
 
 
 class _Seed(NamedTuple):
@@ -99,8 +103,8 @@ class _Seed(NamedTuple):
     steps: int
     potential: Any
     out: FloatTable | None
-    record: kernels.Record
-    spent: kernels.Spent
+    record: general_loop.Record
+    spent: general_loop.Spent
 
 
 @dataclass(frozen=True)
@@ -111,25 +115,25 @@ class Run:
     that a run can take at most.
     """
 
-    task: Dynamics
+    task: GenerativeModel
     learner: Learner
     how: str
     steps: int
     episodes: int
-    every: int
+    eval_freq: int
     longest: int
     evaluation: Exact | Rollouts | Off
     storage: Storage
     rows: int
     guard: Guard | None = None
-    gate: GateRule = NO_GATE
+    gate: StoppingKernel = NEVER_STOPS
 
     def train(
         self,
         start: int,
         potential: Potential | None,
         out: FloatTable | None = None,
-        before: Prelude = NO_PRELUDE,
+        warm_up: WarmUp = NO_WARM_UP,
         charged: int = 0,
         frames: int = 0,
     ) -> Outcome:
@@ -138,13 +142,15 @@ class Run:
         `out`, (S, A), is where dense values are to go; they are dropped without it. `charged` steps
         are off the budget. Up to `frames` tables are kept on the way.
         """
-        size = self.longest // self.every + 1
+        size = self.longest // self.eval_freq + 1
         shape = (0, 0) if self.rows else (self.task.states.size, self.task.actions.size)
         frame_at = frame_checkpoints(0 if self.rows else frames, size, max(1, shape[0] * shape[1]))
-        returns, greedy, trust = np.full((3, size), np.nan)
+        returns, greedy, guard_share = np.full((3, size), np.nan)
         pictures = np.zeros((len(frame_at), *shape), np.float32)
-        record = kernels.Record(returns, greedy, trust, np.zeros(size, int), frame_at, pictures)
-        spent = before.note(record, self.every)
+        record = general_loop.Record(
+            returns, greedy, guard_share, np.zeros(size, int), frame_at, pictures
+        )
+        spent = warm_up.note(record, self.eval_freq)
         seed = _Seed(start, self.steps - charged, potential, out, record, spent)
         if self.guard is not None:
             return self._train_guarded(self.guard, seed)
@@ -153,11 +159,11 @@ class Run:
     @property
     def plain(self) -> bool:
         """Whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        q_learning = self.learner.update == kernels.Q_LEARNING and self.how in AS_VALUES
+        q_learning = self.learner.update == general_loop.Q_LEARNING and self.how in AS_VALUES
         return q_learning and self.guard is None
 
     def _train_plainly(self, seed: _Seed) -> Outcome:
-        key = np.uint64(scramble_number(seed.start))
+        key = np.uint64(splitmix64_number(seed.start))
         table: Dense | Sparse
         if self.rows:
             table = self._sparse(seed.potential, key)
@@ -167,7 +173,7 @@ class Run:
             table = self._dense(q, key)
         steps, episodes = self._loop(train_q_learning, len(table.q), seed, table)
         values: FloatTable | SparseValues | None = seed.out
-        if isinstance(table, Sparse) and self.storage.keep:
+        if isinstance(table, Sparse) and self.storage.save_values:
             met = slice(1, int(table.used[0]))
             order = np.argsort(table.states[met])
             states, q = table.states[met][order].astype(np.int64), table.q[met]
@@ -179,7 +185,7 @@ class Run:
 
     def _passed(self, seed: _Seed, steps: int) -> bool:
         """Return whether a run that ended at so many steps had passed its gate."""
-        checkpoint, beyond = divmod(steps, self.every)
+        checkpoint, beyond = divmod(steps, self.eval_freq)
         return not beyond and bool(opens(self.gate, seed.record.greedy_return, checkpoint, steps))
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
@@ -190,11 +196,11 @@ class Run:
         for table in q:
             self._fill(table, potential if self.how in AS_VALUES else None)
         shaped = shaping(potential, self.how)
-        steps, episodes = self._loop(kernels.train, q.shape[1], seed, shaped, q)
+        steps, episodes = self._loop(general_loop.train, q.shape[1], seed, shaped, q)
         for checkpoint, frame in zip(seed.record.frame_at, seed.record.frames, strict=True):
-            frame += taken_off(potential, self.how, checkpoint * self.every)
+            frame += values_offset(potential, self.how, checkpoint * self.eval_freq)
         if seed.out is not None:
-            seed.out[...] = q.mean(axis=0) + taken_off(potential, self.how, steps)
+            seed.out[...] = q.mean(axis=0) + values_offset(potential, self.how, steps)
         return Outcome(seed.record, seed.out, steps, episodes, False)
 
     def _train_guarded(self, guard: Guard, seed: _Seed) -> Outcome:
@@ -212,14 +218,14 @@ class Run:
         with opened(self.task.model, seed.start) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
-                (self.task.discount, np.int64(kernels.NO_LIMIT if limit is None else limit)),
+                (self.task.discount, np.int64(general_loop.NO_LIMIT if limit is None else limit)),
                 self.learner.rule(rows, self.task.actions.size),
                 *tables,
                 self.evaluation.for_run(seed.start),
                 np.array([seed.start], dtype=np.uint64),
                 seed.spent,
-                kernels.Bounds(seed.steps, self.episodes, self.gate),
-                self.every,
+                general_loop.Bounds(seed.steps, self.episodes, self.gate),
+                self.eval_freq,
                 seed.record,
             )
 
@@ -291,16 +297,16 @@ def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
     return njit(nogil=True, cache=not users_code)(loop)
 
 
-def shaping(potential: Potential | None, how: str) -> kernels.Shaping:
+def shaping(potential: Potential | None, how: str) -> general_loop.Shaping:
     """Return what the general loop is to add; nothing where phi is written into the table."""
     # Read-only like every potential: another kind of array would be another compilation.
     none = frozen(np.zeros((1, 1)))
-    nothing_added = kernels.Shaping(
-        kernels.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
+    nothing_added = general_loop.Shaping(
+        general_loop.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
     )
     if isinstance(potential, StatePotential):
         return nothing_added._replace(
-            way=kernels.STATE,
+            way=general_loop.STATE,
             weight=potential.weight,
             frame_steps=potential.frame_steps,
             state_values=potential.values,
@@ -312,7 +318,7 @@ def shaping(potential: Potential | None, how: str) -> kernels.Shaping:
     )
 
 
-def taken_off(potential: Potential | None, how: str, step: int) -> Any:
+def values_offset(potential: Potential | None, how: str, step: int) -> Any:
     """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
     if isinstance(potential, StatePotential):
         return potential.at(step)[:, None]
@@ -322,7 +328,7 @@ def taken_off(potential: Potential | None, how: str, step: int) -> Any:
 
 
 def rows_allowed(
-    task: Dynamics, tables: int, storage: Storage, seeds: int, at_once: int, steps: int
+    task: GenerativeModel, tables: int, storage: Storage, seeds: int, at_once: int, steps: int
 ) -> int:
     """Return the rows a sparse table may have, or 0 if tables are dense; a run has `tables`.
 
@@ -332,7 +338,7 @@ def rows_allowed(
         Before anything is allocated, when the tables do not fit the memory.
     """
     n_states, n_actions = task.states.size, task.actions.size
-    held = seeds if storage.keep else min(at_once, seeds)
+    held = seeds if storage.save_values else min(at_once, seeds)
     needed = held * storage.dense_bytes(n_states, n_actions, tables)
     if storage.kind == "dense" or (storage.kind == "auto" and needed <= storage.limit):
         if needed > storage.limit:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.tasks.dispatch import ByType
+from curricle.tasks.overloads import Overloaded
 
 # Shapes of a schedule.
 CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)
@@ -140,7 +140,7 @@ def rate_of(learning_rate, row, action, step):
     """Return the learning rate of an update; one that goes by visits counts them."""
 
 
-values_at, rates_of = ByType(at), ByType(rate_of)
+values_at, rates_of = Overloaded(at), Overloaded(rate_of)
 
 
 @values_at.body(Constant)

@@ -46,33 +46,33 @@ class Storage:
 
     Examples
     --------
-    >>> Storage(dtype="float32", memory="1.5 GiB").limit
+    >>> Storage(dtype="float32", memory_limit="1.5 GiB").limit
     1610612736
     """
 
     kind: Literal["auto", "dense", "sparse"] = "auto"
     dtype: Literal["float64", "float32"] = "float64"
-    memory: int | str | None = None
-    keep: bool = True
+    memory_limit: int | str | None = None
+    save_values: bool = True
 
     def __post_init__(self) -> None:
         one_of("kind of storage", self.kind, ("auto", "dense", "sparse"), SettingError)
         one_of("dtype", self.dtype, ("float64", "float32"), SettingError)
-        instance("keep", self.keep, bool, SettingError)
+        instance("keep", self.save_values, bool, SettingError)
         _ = self.limit
 
     @property
     def limit(self) -> int:
         """The memory that the tables may take, in bytes."""
-        if self.memory is None:
+        if self.memory_limit is None:
             return _physical_memory() // 2
-        if not isinstance(self.memory, str):
-            return whole_number("memory in bytes", self.memory, 1, SettingError)
-        match = re.fullmatch(r"\s*([0-9]{1,18}(?:\.[0-9]*)?)\s*([A-Za-z]+)\s*", self.memory)
+        if not isinstance(self.memory_limit, str):
+            return whole_number("memory in bytes", self.memory_limit, 1, SettingError)
+        match = re.fullmatch(r"\s*([0-9]{1,18}(?:\.[0-9]*)?)\s*([A-Za-z]+)\s*", self.memory_limit)
         if not match or match[2] not in UNITS or float(match[1]) * UNITS[match[2]] < 1:
             raise SettingError(
                 f"memory must be 1 byte or more, or a number with one of {', '.join(UNITS)}: got "
-                f"{self.memory!r}"
+                f"{self.memory_limit!r}"
             )
         return int(float(match[1]) * UNITS[match[2]])
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from curricle import GridWorld, relative_objects
+from curricle import GridWorld
 from curricle.paper.settings import Claim, FigureResult, Tick, verdict
-from curricle.report.plotting import draw_maze, new_figure
+from curricle.plotting.figures import draw_maze, new_figure
+from curricle.transfer import relative_objects
 
 SOURCE = ["..T", ".P.", "..."]
 TARGETS = {

@@ -1,9 +1,11 @@
 """F2: the maze with its optimal path, and learning it with and without transfer."""
 
-from curricle import Curve, Solution, Trajectory, rollout, solve, time_to_threshold
+from curricle import solve
 from curricle.paper import transferred_maze as runs
 from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
-from curricle.report.plotting import COLOURS, draw_curve, draw_maze, new_figure
+from curricle.planning import Solution, Trajectory, rollout
+from curricle.plotting.figures import COLOURS, draw_curve, draw_maze, new_figure
+from curricle.statistics import Curve, time_to_threshold
 
 SIZE = 4
 OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}
@@ -15,7 +17,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     arena = maze(-5)
     optimal = {step: solve(maze(step)) for step in OPTIMUM}
     path = rollout(arena, optimal[-5.0].policy)
-    direct = runs.direct(arena, seeds, workers)
+    scratch = runs.scratch(arena, seeds, workers)
     tick("maze, learnt directly")
     curve, _ = runs.transferred(arena, runs.corner(arena, SIZE), seeds, workers)
     tick(f"maze, source of size {SIZE}")
@@ -23,7 +25,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
     panel = axes[0, 1]
-    draw_curve(panel, direct.curve, label="without transfer", colour="black", window=runs.WINDOW)
+    draw_curve(panel, scratch.curve, label="without transfer", colour="black", window=runs.WINDOW)
     draw_curve(
         panel,
         curve,
@@ -40,9 +42,9 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         strong=True,
         dashes="--",
     )
-    panel.axhline(direct.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
+    panel.axhline(scratch.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
     panel.annotate(
-        "threshold", (0, direct.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
+        "threshold", (0, scratch.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
     )
     panel.set(
         xlabel="steps",
@@ -56,10 +58,10 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
         caption="Left: the maze (start lower left), step reward -5. Right: mean over "
-        f"{seeds} seeds with 95 % bootstrap bands, moving mean of 10 checkpoints.",
+        f"{seeds} seeds with 95 % bootstrap bands, generative mean of 10 checkpoints.",
         figure=figure,
-        tables={"figure2": runs.curve_table({"direct": direct.curve, "transfer": curve})},
-        claims=_claims(optimal, path, direct, curve),
+        tables={"figure2": runs.curve_table({"scratch": scratch.curve, "transfer": curve})},
+        claims=_claims(optimal, path, scratch, curve),
         settings={
             **runs.SETTINGS,
             "step reward": "-5 (as run)",
@@ -69,13 +71,13 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
 
 
 def _claims(
-    optimal: dict[float, Solution], path: Trajectory, direct: runs.Direct, curve: Curve
+    optimal: dict[float, Solution], path: Trajectory, scratch: runs.Scratch, curve: Curve
 ) -> tuple[Claim, ...]:
     times = {
-        strong: time_to_threshold(curve, direct.threshold, window=runs.WINDOW, strong=strong)
+        strong: time_to_threshold(curve, scratch.threshold, window=runs.WINDOW, strong=strong)
         for strong in (False, True)
     }
-    saved = {strong: over_seeds(direct.times.steps - times[strong].steps) for strong in times}
+    saved = {strong: over_seeds(scratch.times.steps - times[strong].steps) for strong in times}
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
     return (
         Claim(
@@ -97,7 +99,7 @@ def _claims(
             f"source of size {SIZE}, step reward -5; paired over seeds",
             verdict(saved[False]["low"] > 0),
             {
-                "direct learner, steps to threshold": over_seeds(direct.times.steps),
+                "direct learner, steps to threshold": over_seeds(scratch.times.steps),
                 "steps saved, source steps free": saved[False],
                 "steps saved, source steps charged": saved[True],
             },

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle import GridWorld, rollout, solve, time_to_threshold
+from curricle import GridWorld, solve
 from curricle.paper import transferred_maze as runs
 from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
-from curricle.report.plotting import COLOURS, draw_maze, new_figure
+from curricle.planning import rollout
+from curricle.plotting.figures import COLOURS, draw_maze, new_figure
+from curricle.statistics import time_to_threshold
 
 SIZES = range(2, 11)
 """Size 1 is the treasure alone: no state to learn in, so its transfer is nothing."""
@@ -45,15 +47,15 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     results, longer = {}, {}
     for step, name in STEP_REWARDS.items():
         arena = maze(step)
-        direct = runs.direct(arena, seeds, workers)
+        scratch = runs.scratch(arena, seeds, workers)
         tick(f"maze {name}, learnt directly")
         arms: dict[int | str, Arm] = {}
         for size in SIZES:
-            arms[size] = _arm(direct, runs.corner(arena, size), seeds, workers)
+            arms[size] = _arm(scratch, runs.corner(arena, size), seeds, workers)
             tick(f"maze {name}, source of size {size}")
-        arms["fixed"] = _arm(direct, runs.corner(arena, 10, "map"), seeds, workers)
+        arms["fixed"] = _arm(scratch, runs.corner(arena, 10, "map"), seeds, workers)
         tick(f"maze {name}, full size, fixed start")
-        longer[step] = _arm(direct, runs.corner(arena, 3), seeds, workers, budget=LONG)
+        longer[step] = _arm(scratch, runs.corner(arena, 3), seeds, workers, budget=LONG)
         tick(f"maze {name}, source of size 3, run on")
         results[step] = arms
     figure, axes = new_figure(2, 2, width=10, height=7.6)
@@ -78,12 +80,12 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
 
 
 def _arm(
-    direct: runs.Direct, source: GridWorld, seeds: int, workers: int | None, **budget: Any
+    scratch: runs.Scratch, source: GridWorld, seeds: int, workers: int | None, **budget: Any
 ) -> Arm:
-    curve, result = runs.transferred(direct.maze, source, seeds, workers, **budget)
-    times = time_to_threshold(curve, direct.threshold, window=runs.WINDOW)
+    curve, result = runs.transferred(scratch.maze, source, seeds, workers, **budget)
+    times = time_to_threshold(curve, scratch.threshold, window=runs.WINDOW)
     return Arm(
-        saved=direct.times.steps - times.steps,
+        saved=scratch.times.steps - times.steps,
         cost=result.source_steps("target"),
         reached=int(times.reached.sum()),
         source_values=result["source"].values,

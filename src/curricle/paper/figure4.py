@@ -10,14 +10,10 @@ import numpy.typing as npt
 from curricle import (
     UNMAPPED,
     Curriculum,
-    Curve,
     Episodes,
     GreedyEvaluation,
-    Learner,
-    LearningResult,
     Pursuit,
     QLearning,
-    StateActionMapping,
     Transfer,
     learn,
     maximum,
@@ -26,6 +22,7 @@ from curricle import (
     project,
     total,
 )
+from curricle.learning import Learner, LearningResult
 from curricle.paper.pursuit_claims import claims
 from curricle.paper.settings import (
     DISCOUNT,
@@ -36,7 +33,9 @@ from curricle.paper.settings import (
     FigureResult,
     Tick,
 )
-from curricle.report.plotting import draw_curve, new_figure
+from curricle.plotting.figures import draw_curve, new_figure
+from curricle.statistics import Curve
+from curricle.transfer import StateActionMapping
 
 TARGET_STEPS = 350_000
 SOURCE_BUDGET = Episodes(2_000)
@@ -142,7 +141,7 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
 
 def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[str, LearningResult]:
     """Return the trainings of a setting by arm: baseline, source, and one a potential."""
-    every = setting.target_steps // CHECKPOINTS
+    eval_freq = setting.target_steps // CHECKPOINTS
     arms = {}
     if setting.baseline:
         arms["baseline"] = learn(
@@ -150,7 +149,7 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
             setting.learner,
             setting.target_steps,
             seeds=seeds,
-            every=every,
+            eval_freq=eval_freq,
             evaluation=ROLLOUTS,
             stream="hunt",
             workers=workers,
@@ -166,7 +165,7 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
             aggregate=aggregate,
             learner=setting.learner,
             budget={"chase": setting.source_budget, "hunt": setting.target_steps},
-            every={"hunt": every, "chase": 2_000},
+            eval_freq={"hunt": eval_freq, "chase": 2_000},
             evaluation=ROLLOUTS,
         )
         known = {"chase": arms["source"]} if "source" in arms else {}

@@ -4,17 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from curricle import (
-    Curve,
-    GridWorld,
-    How,
-    QLearning,
-    Rewards,
-    StateActionPotential,
-    greedy_policy,
-    learn,
-    rollout,
-)
+from curricle import GridWorld, QLearning, Rewards, StateActionPotential, learn
+from curricle.learning import How
 from curricle.paper.settings import (
     EPSILON,
     LEARNING_RATE,
@@ -26,7 +17,9 @@ from curricle.paper.settings import (
     verdict,
 )
 from curricle.paper.transferred_maze import curve_table
-from curricle.report.plotting import draw_curve, draw_maze, new_figure
+from curricle.planning import greedy_policy, rollout
+from curricle.plotting.figures import draw_curve, draw_maze, new_figure
+from curricle.statistics import Curve
 
 CAP = 100
 MAZE = GridWorld(

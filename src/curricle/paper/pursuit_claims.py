@@ -6,21 +6,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle import (
-    LearningResult,
-    Pursuit,
-    StateActionMapping,
-    evaluate,
-    find_projections,
-    greedy_policy,
-    maximum,
-    mean,
-    minimum,
-    paired_difference,
-    solve,
-    total,
-)
+from curricle import Pursuit, evaluate, maximum, mean, minimum, solve, total
+from curricle.learning import LearningResult
 from curricle.paper.settings import Claim, evidence, over_seeds, verdict
+from curricle.planning import greedy_policy
+from curricle.statistics import paired_difference
+from curricle.transfer import StateActionMapping, find_projections
 
 FloatArray = npt.NDArray[np.float64]
 Arms = Mapping[str, LearningResult]

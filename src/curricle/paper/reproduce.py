@@ -10,10 +10,10 @@ from typing import Any
 
 import matplotlib
 
-from curricle import SettingError
+from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Tick
+from curricle.plotting.figures import STYLE
 from curricle.report.page import Section, page
-from curricle.report.plotting import STYLE
 from curricle.study.store import ResultsFolder
 
 FIGURES = {

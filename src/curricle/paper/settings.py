@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from curricle import GreedyEvaluation, GridWorld, Interval, Rewards, bootstrap
+from curricle import GreedyEvaluation, GridWorld, Rewards
+from curricle.statistics import Interval, bootstrap
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
 

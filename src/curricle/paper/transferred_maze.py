@@ -6,22 +6,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle import (
-    Curriculum,
-    CurriculumResult,
-    Curve,
-    Episodes,
-    GridWorld,
-    LearningResult,
-    QLearning,
-    Times,
-    Transfer,
-    learn,
-    midpoint,
-    same_position,
-    time_to_threshold,
-)
+from curricle import Curriculum, Episodes, GridWorld, QLearning, Transfer, learn, same_position
+from curricle.curriculum import CurriculumResult
+from curricle.learning import LearningResult
 from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED
+from curricle.statistics import Curve, Times, midpoint, time_to_threshold
 
 SOURCE_BUDGET = Episodes(250)
 TARGET_BUDGET = Episodes(800)
@@ -43,7 +32,7 @@ SETTINGS = {
 
 
 @dataclass(frozen=True)
-class Direct:
+class Scratch:
     """The target learnt directly.
 
     Parameters
@@ -64,14 +53,14 @@ class Direct:
     times: Times
 
 
-def direct(maze: GridWorld, seeds: int, workers: int | None) -> Direct:
+def scratch(maze: GridWorld, seeds: int, workers: int | None) -> Scratch:
     """Return the maze learnt without transfer, and the threshold this sets."""
     result = learn(
         maze,
         LEARNER,
         TARGET_BUDGET,
         seeds=seeds,
-        every=EVERY,
+        eval_freq=EVERY,
         evaluation=SUMMED,
         stream="target",
         workers=workers,
@@ -79,7 +68,7 @@ def direct(maze: GridWorld, seeds: int, workers: int | None) -> Direct:
     curve = Curve.of(result)
     threshold = midpoint(curve, window=WINDOW, after=SETTLED)
     times = time_to_threshold(curve, threshold, window=WINDOW)
-    return Direct(maze, result, curve, threshold, times)
+    return Scratch(maze, result, curve, threshold, times)
 
 
 def corner(maze: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
@@ -101,7 +90,7 @@ def transferred(
         transfers=[Transfer("source", "target", same_position(maze, source))],
         learner=LEARNER,
         budget={"source": SOURCE_BUDGET, "target": budget},
-        every={"source": 100 * EVERY, "target": EVERY},  # the source's curve is not drawn
+        eval_freq={"source": 100 * EVERY, "target": EVERY},  # the source's curve is not drawn
         evaluation=SUMMED,
     )
     result = curriculum.train(seeds, workers=workers)

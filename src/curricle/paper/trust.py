@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from curricle import Curve, Forecast
+from curricle.comparison import Forecast
 from curricle.paper import transferred_maze as runs
 from curricle.paper.settings import FigureResult, Tick
 from curricle.paper.trust_claims import claims
 from curricle.paper.trusted import HUNTS, LARGE, LOOK, Trust, run
-from curricle.report.plotting import COLOURS, draw_curve, draw_maze, new_figure
+from curricle.plotting.figures import COLOURS, draw_curve, draw_maze, new_figure
+from curricle.statistics import Curve
 
 LOOKS = {
     "min": ("green", "--"),
@@ -17,7 +18,7 @@ LOOKS = {
     "mean": ("blue", "--"),
     "mean, calibrated": ("blue", "-"),
 }
-MAZES = {"direct": "black", "from the 3x3 corner": "vermillion", "the same, guarded": "green"}
+MAZES = {"scratch": "black", "from the 3x3 corner": "vermillion", "the same, guarded": "green"}
 SHOWN = 60_000
 """Steps of the maze that are drawn."""
 
@@ -26,7 +27,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     """Return the figure on trust."""
     found = run(seeds, workers, tick)
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
-    _draw_forecast(axes[0, 0], found.foreseen)
+    _draw_forecast(axes[0, 0], found.rows)
     for panel, size in zip(axes[0, 1:], HUNTS, strict=True):
         _draw_hunt(panel, found, size)
     _draw_controls(axes[1, 0], found)
@@ -56,16 +57,19 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     )
 
 
-def _draw_forecast(panel: Any, foreseen: Forecast) -> None:
-    names = foreseen.ranking[::-1]
+def _draw_forecast(panel: Any, rows: Forecast) -> None:
+    names = rows.ranking[::-1]
     for y, name in enumerate(names):
-        one = foreseen[name]
-        panel.barh(y, one.mean("start") - foreseen.untaught, 0.55, foreseen.untaught)
+        one = rows[name]
+        panel.barh(y, one.mean("start") - rows.random_return, 0.55, rows.random_return)
         words = f"{one.mean('optimistic'):.0%} of pairs above Q*, by {one.mean('excess'):.2g}"
-        panel.text(foreseen.untaught, y + 0.33, f" {words}; c = {one.scale:.2g}", fontsize=7.5)
+        panel.text(rows.random_return, y + 0.33, f" {words}; c = {one.scale:.2g}", fontsize=7.5)
     for bar in panel.patches:
         bar.set_color(COLOURS["sky"])
-    bounds = {"untaught": (foreseen.untaught, "left"), "optimum": (foreseen.optimum, "right")}
+    bounds = {
+        "random_return": (rows.random_return, "left"),
+        "optimum": (rows.optimum, "right"),
+    }
     for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
         panel.annotate(
@@ -129,7 +133,7 @@ def _draw_guard(panel: Any, found: Trust) -> None:
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
         draw_curve(panel, curve, label=name, colour=colour, window=runs.WINDOW)
-    panel.axhline(found.direct.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
+    panel.axhline(found.scratch.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
     panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
     panel.set(
         xlabel="target steps (thousands)",
@@ -142,13 +146,13 @@ def _draw_guard(panel: Any, found: Trust) -> None:
 
 def _draw_blame(panel: Any, found: Trust) -> None:
     blamed = found.blamed
-    arena = found.direct.maze
+    arena = found.scratch.maze
     draw_maze(
         panel,
         arena,
         values=100 * blamed.wrong[0],
         value_label="wrong choices added by the source (% of seeds)",
-        marked=blamed.changed(blamed.names[0]),
+        marked=blamed.replace(blamed.names[0]),
     )
     panel.set_title(f"whose doing: the 3x3 corner, after {LOOK:,} steps")
 

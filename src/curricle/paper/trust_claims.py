@@ -5,17 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from curricle import (
-    Curve,
-    LearningResult,
-    certify,
-    paired_difference,
-    time_to_threshold,
-)
+from curricle import certify
+from curricle.learning import LearningResult
 from curricle.paper import hacking
 from curricle.paper.settings import Claim, evidence, over_seeds
 from curricle.paper.transferred_maze import WINDOW
 from curricle.paper.trusted import LOOK, SWEEP, Trust, tenths
+from curricle.statistics import Curve, paired_difference, time_to_threshold
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, cut at 100, 400,000 steps"
 NEAR = 1.05
@@ -69,12 +65,12 @@ def _certified(found: Trust) -> Claim:
 
 
 def _ranking(found: Trust) -> Claim:
-    foreseen = {name: found.foreseen[name].mean("start") for name in found.foreseen.ranking}
+    rows = {name: found.rows[name].mean("start") for name in found.rows.ranking}
     first = {
         name: over_seeds(found.compared[name].curve.values[:, 0]) for name in ("min", "mean", "max")
     }
     order = [first[name]["estimate"] for name in ("min", "mean", "max")]
-    seen = foreseen["minimum"] > foreseen["mean"] > foreseen["maximum"]
+    seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     return Claim(
         "trust.forecast-ranks",
         "trust",
@@ -83,13 +79,13 @@ def _ranking(found: Trust) -> Claim:
         "max",
         f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
         _answer(seen and order == sorted(order, reverse=True)),
-        {f"{name}, foreseen": value for name, value in foreseen.items()}
+        {f"{name}, foreseen": value for name, value in rows.items()}
         | {f"{name}, as it came": value for name, value in first.items()},
     )
 
 
 def _foretold(found: Trust) -> Claim:
-    words = {name: found.foreseen[name].verdict for name in ("minimum", "mean")}
+    words = {name: found.rows[name].verdict for name in ("minimum", "mean")}
     came = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
     right = "collapse" in words["mean"] and "steady" in words["minimum"]
     return Claim(
@@ -201,12 +197,12 @@ def _refused(found: Trust) -> Claim:
 def _guarded(found: Trust) -> Claim:
     steps = {
         name: time_to_threshold(
-            Curve(result.steps, result.greedy_return), found.direct.threshold, window=WINDOW
+            Curve(result.steps, result.greedy_return), found.scratch.threshold, window=WINDOW
         ).steps
         for name, result in found.maze.items()
     }
     saved = {
-        name: over_seeds(steps["direct"] - steps[name])
+        name: over_seeds(steps["scratch"] - steps[name])
         for name in ("from the 3x3 corner", "the same, guarded")
     }
     guarded = saved["the same, guarded"]
@@ -217,7 +213,7 @@ def _guarded(found: Trust) -> Claim:
         "10x10 maze, step reward -5; target steps to the threshold saved",
         _answer(guarded["high"] >= 0 and saved["from the 3x3 corner"]["high"] < -10_000),
         {f"{name}, steps saved": value for name, value in saved.items()}
-        | {"direct learner, steps to threshold": over_seeds(steps["direct"])},
+        | {"direct learner, steps to threshold": over_seeds(steps["scratch"])},
     )
 
 
@@ -225,7 +221,7 @@ def _blamed(found: Trust) -> Claim:
     blamed = found.blamed
     regions = blamed.regions(blamed.names[0])
     cells = {
-        tuple(int(x) for x in found.direct.maze.cells[state])
+        tuple(int(x) for x in found.scratch.maze.cells[state])
         for region in regions
         for state in region.states
     }

@@ -8,20 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle import (
-    Attribution,
-    CalibrationError,
-    Comparison,
     Curriculum,
-    Forecast,
     GreedyEvaluation,
     Guard,
-    LearningResult,
-    MappedPotential,
     Pursuit,
     QLearning,
     StateActionPotential,
     Transfer,
-    attribute,
     calibrate,
     compare,
     forecast,
@@ -32,6 +25,9 @@ from curricle import (
     project,
     same_position,
 )
+from curricle.comparison import Attribution, Comparison, Forecast, attribute
+from curricle.errors import CalibrationError
+from curricle.learning import LearningResult, MappedPotential
 from curricle.paper import transferred_maze as runs
 from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, Tick, maze
 
@@ -78,12 +74,12 @@ class Trust:
         Mean, calibrated, of seed 0 of the forecast.
     """
 
-    foreseen: Forecast
+    rows: Forecast
     compared: Comparison
     controls: Comparison
     hunts: Mapping[tuple[int, str], LearningResult]
     maze: Mapping[str, LearningResult]
-    direct: runs.Direct
+    scratch: runs.Scratch
     blamed: Attribution
     refused: Mapping[int, float]
     calibrated: StateActionPotential | MappedPotential
@@ -92,7 +88,7 @@ class Trust:
 def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
     """Return all of it."""
     plans = {name: hunt(5, name) for name in AGGREGATES}
-    foreseen = forecast(plans["mean"], seeds=FORESEEN, workers=workers)
+    rows = forecast(plans["mean"], seeds=FORESEEN, workers=workers)
     tick("pursuit 5x5, forecast")
     plans |= {f"{name}, calibrated": hunt(5, name, calibrate=True) for name in ("min", "mean")}
     compared = compare(plans, seeds=seeds, workers=workers, progress=_said(tick, "5x5"))
@@ -107,13 +103,13 @@ def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
     for size in HUNTS:
         hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE), workers)
         tick(f"pursuit {size}x{size}, raw and calibrated")
-    direct = runs.direct(maze(-5), seeds, workers)
+    scratch = runs.scratch(maze(-5), seeds, workers)
     mazes, blamed = _mazes(seeds, workers)
     tick("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
     tick("maze, calibration")
-    fitted = foreseen["mean"].calibrations[0].potential
-    return Trust(foreseen, compared, controls, hunts, mazes, direct, blamed, refused, fitted)
+    fitted = rows["mean"].calibrations[0].potential
+    return Trust(rows, compared, controls, hunts, mazes, scratch, blamed, refused, fitted)
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
@@ -129,7 +125,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
         aggregate=AGGREGATES[aggregate],
         learner=LEARNER,
         budget={"chase": SOURCE_STEPS, "hunt": steps},
-        every={"chase": SOURCE_STEPS, "hunt": steps // 50},
+        eval_freq={"chase": SOURCE_STEPS, "hunt": steps // 50},
         evaluation=ROLLOUTS,
     )
 
@@ -162,7 +158,7 @@ def corner_plan(size: int) -> Curriculum:
         transfers=[Transfer("corner", "target", same_position(arena, block))],
         learner=runs.LEARNER,
         budget={"corner": runs.SOURCE_BUDGET, "target": GUARDED},
-        every={"corner": 10_000, "target": runs.EVERY},
+        eval_freq={"corner": 10_000, "target": runs.EVERY},
         evaluation=SUMMED,
     )
 
@@ -172,12 +168,12 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     sources = plan.train(seeds, only=["corner"], workers=workers).nodes
     arms = {"from the 3x3 corner": plan, "the same, guarded": replace(plan, guard=Guard())}
     results = {
-        "direct": learn(
+        "scratch": learn(
             plan.tasks["target"],
             runs.LEARNER,
             GUARDED,
             seeds=seeds,
-            every=runs.EVERY,
+            eval_freq=runs.EVERY,
             evaluation=SUMMED,
             stream="target",
             workers=workers,

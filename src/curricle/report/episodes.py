@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.learning.film import Film
-from curricle.learning.planning import greedy_policy
-from curricle.learning.rollout import Trajectory, rollout
+from curricle.learning.snapshots import Snapshots
+from curricle.planning.rollouts import Trajectory, rollout
+from curricle.planning.solution import greedy_policy
 from curricle.report.findings import figures
 from curricle.report.stage import Stage
-from curricle.tasks.task import dynamics, has_tables
+from curricle.tasks.task import generative_model, has_tables
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -79,15 +79,15 @@ class Episode:
 
 
 def before_and_after(
-    film: Film, stage: Stage, *, discounted: bool, seed: int = 0
+    snapshots: Snapshots, stage: Stage, *, discounted: bool, seed: int = 0
 ) -> tuple[Episode, Episode] | None:
-    """Return an episode of the first and one of the last greedy policy of a film.
+    """Return an episode of the first and one of the last greedy policy of a snapshots.
 
     Ties are broken uniformly; both have the same start and the same random stream.
 
     Parameters
     ----------
-    film : Film
+    snapshots : Snapshots
     stage : Stage
         Of its task.
     discounted : bool
@@ -107,20 +107,20 @@ def before_and_after(
     >>> from curricle.report.stage import stage
     >>> values = np.zeros((2, 3, 4), np.float32)
     >>> values[1, :2, 1] = 1.0
-    >>> film = SimpleNamespace(seed=0, steps=np.array([0, 10]), values=values)
-    >>> _, after = before_and_after(film, stage(GridWorld("S.T")), discounted=False)
+    >>> snapshots = SimpleNamespace(seed=0, steps=np.array([0, 10]), values=values)
+    >>> _, after = before_and_after(snapshots, stage(GridWorld("S.T")), discounted=False)
     >>> after.cells.ravel(), after.words
     (array([0, 1, 2]), 'over after 2 steps, return 198')
     """
     task = stage.board.task
-    moving = dynamics(task)
-    pairs = moving.states.size * moving.actions.size
+    generative = generative_model(task)
+    pairs = generative.states.size * generative.actions.size
     if pairs > LARGEST_TABLE or not has_tables(task):
         return None
-    weight = moving.discount if discounted else 1.0
-    steps = min(moving.time_limit or LONGEST, LONGEST)
+    weight = generative.discount if discounted else 1.0
+    steps = min(generative.time_limit or LONGEST, LONGEST)
     followed = [
-        rollout(task, greedy_policy(film.values[place]), seed=seed, steps=steps)
+        rollout(task, greedy_policy(snapshots.values[place]), seed=seed, steps=steps)
         for place in (0, -1)
     ]
     before, after = (_on_stage(one, stage, weight) for one in followed)

@@ -5,15 +5,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from curricle.report.scales import minus
-from curricle.study.comparison import DIRECT, SIGNIFICANT, Comparison
-from curricle.study.statistics import Interval
+from curricle.comparison.comparison import SCRATCH, SIGNIFICANT, Comparison
+from curricle.plotting.scales import minus
+from curricle.statistics.intervals import Interval
 
 MEASURES = {
     "gain": ("gain", "mean height of the curve above the direct learner's, in return"),
     "final": ("gain at end", "return at the end of all steps, above the direct learner's"),
     "better": ("P(better)", "probability that a run is above a direct run on average"),
-    "saved_charged": ("steps saved", "steps to the threshold, fewer than the direct learner's"),
+    "strong_steps_saved": (
+        "steps saved",
+        "steps to the threshold, fewer than the direct learner's",
+    ),
     "return": ("mean return", "interquartile mean over seeds of the curve's mean height"),
     "gain_free": ("gain", "as before, over the target's budget alone"),
     "jumpstart": ("jumpstart", "return at the first target step, above the direct learner's"),
@@ -22,7 +25,7 @@ MEASURES = {
 """Measure of :meth:`Comparison.rows` -> its name, and what it is."""
 FREE = ("gain_free", "jumpstart", "saved")
 """Those that leave source steps aside."""
-TIMED = ("saved", "saved_charged")
+TIMED = ("saved", "strong_steps_saved")
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Cell:
 
 def headline(comparison: Comparison) -> str:
     """Return the whole comparison in a sentence or two: what paid, and what most."""
-    own = [name for name, arm in comparison.arms.items() if name != DIRECT and not arm.control]
+    own = [name for name, arm in comparison.arms.items() if name != SCRATCH and not arm.control]
     paid = [name for name in own if comparison.contrasts[name].verdict == "pays"]
     harmed = [name for name in own if comparison.contrasts[name].verdict.startswith("costs")]
     counts = [
@@ -92,17 +95,17 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     Examples
     --------
     >>> import numpy as np
-    >>> from curricle.study.comparison import Arm
-    >>> from curricle.study.curve import Curve
+    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.statistics.curves import Curve
     >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
-    >>> arms = {"direct": Arm(Curve(steps, low), low, low, False),
+    >>> arms = {"scratch": Arm(Curve(steps, low), low, low, False),
     ...         "taught": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
     >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
     >>> found.verdict, found.sentences[0]
     ('pays', '+1.50...[1.50,...1.50] return on average over all 100 steps, its 50 source steps ...')
     """
     rows = {row["arm"]: row for row in comparison.rows()}
-    names = [name for name in comparison.arms if name != DIRECT]
+    names = [name for name in comparison.arms if name != SCRATCH]
     return tuple(_finding(comparison, name, rows) for name in names)
 
 
@@ -114,16 +117,16 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         f"{signed(contrast.gain)} return on average over all {comparison.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps charged{sure}.",
         f"With sources free: {signed(contrast.gain_free)}.",
-        _reached(comparison, row, rows[DIRECT]),
+        _reached(comparison, row, rows[SCRATCH]),
     ]
     control = comparison[name].control
     return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.gain)
 
 
-def _reached(comparison: Comparison, row: dict[str, Any], direct: dict[str, Any]) -> str:
+def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any]) -> str:
     """Return the sentence about the threshold."""
     threshold, seeds = figures(comparison.threshold), comparison.seeds
-    if not row["reached"] and not direct["reached"]:
+    if not row["reached"] and not scratch["reached"]:
         return f"Neither it nor the direct learner reaches {threshold} in any seed."
 
     def when(one: dict[str, Any]) -> str:
@@ -133,7 +136,7 @@ def _reached(comparison: Comparison, row: dict[str, Any], direct: dict[str, Any]
         bound = "at least " if some else ""
         return f"after {bound}{one['steps_to_threshold']:,.0f} steps on average{some}"
 
-    return f"Reaches {threshold} {when(row)}; the direct learner {when(direct)}."
+    return f"Reaches {threshold} {when(row)}; the direct learner {when(scratch)}."
 
 
 def too_few(comparison: Comparison) -> str:
@@ -167,8 +170,8 @@ def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, floa
         middle = float(one.gain.estimate)
         low, high = (float(end) for end in (one.gain.low, one.gain.high))
         ends[one.arm] = [middle if math.isnan(low) else low, middle, max(middle, high)]
-    every = [0.0, *(value for values in ends.values() for value in values)]
-    low, width = min(every), (max(every) - min(every)) or 1.0
+    eval_freq = [0.0, *(value for values in ends.values() for value in values)]
+    low, width = min(eval_freq), (max(eval_freq) - min(eval_freq)) or 1.0
     places = {arm: [100 * (value - low) / width for value in ends[arm]] for arm in ends}
     return 100 * -low / width, {arm: (a, b, c) for arm, (a, b, c) in places.items()}
 
@@ -181,12 +184,12 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     Examples
     --------
     >>> import numpy as np
-    >>> from curricle.study.comparison import Arm
-    >>> from curricle.study.curve import Curve
+    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.statistics.curves import Curve
     >>> flat = np.zeros((2, 3))
     >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
-    >>> found = table(Comparison("hunt", {"direct": arm, "taught": arm}, 50, 100, 1.0, 1))
-    >>> found["taught"]["time"], found["direct"]["gain"].text
+    >>> found = table(Comparison("hunt", {"scratch": arm, "taught": arm}, 50, 100, 1.0, 1))
+    >>> found["taught"]["time"], found["scratch"]["gain"].text
     (Cell(text='> 100', below='2 of 2 never'), '')
     """
     found = {}
@@ -240,14 +243,14 @@ def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell
     text, _, bounds = minus(_bare(Interval(*numbers, 0.95, row["seeds"]))).partition(" ")
     if measure not in TIMED:
         return Cell(text, bounds)
-    arm, direct = (
-        comparison.times(name, strong=measure not in FREE).reached for name in (row["arm"], DIRECT)
+    arm, scratch = (
+        comparison.times(name, strong=measure not in FREE).reached for name in (row["arm"], SCRATCH)
     )
-    if not arm.any() and not direct.any():
+    if not arm.any() and not scratch.any():
         return Cell("–", "never reached")
     # Seeds that never got there count as if they had at the end.
     bound = ("≈ ", "≤ ") if not arm.all() else ("≥ ", "")
-    return Cell(bound[int(direct.all())] + text, bounds)
+    return Cell(bound[int(scratch.all())] + text, bounds)
 
 
 def _count(found: list[str], own: list[str]) -> str:

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.comparison.comparison import SCRATCH
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import Episodes
 from curricle.learning.result import LearningResult
+from curricle.plotting.scales import minus
 from curricle.report.findings import figures
-from curricle.report.scales import minus
 from curricle.report.sharing import shared
-from curricle.study.comparison import DIRECT
-from curricle.study.statistics import bootstrap
-from curricle.tasks.observed import is_observed
-from curricle.tasks.task import dynamics, same_task
+from curricle.statistics.intervals import bootstrap
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model, same_task
 from curricle.transfer.by_name import ComponentMapping, by_names
-from curricle.transfer.edge import Transfer
-from curricle.transfer.observed import ObservationMapping
+from curricle.transfer.edges import Transfer
+from curricle.transfer.observation_mapping import ObservationMapping
 
 FloatArray = npt.NDArray[np.float64]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
@@ -153,7 +153,7 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     >>> [node.name for node in graph.nodes], graph.nodes[0].steps, graph.nodes[0].reason
     (['corner', 'maze'], '1,000 steps', 'budget spent')
     """
-    taught = {arm: one.curriculum for arm, one in results.items() if arm != DIRECT}
+    taught = {arm: one.curriculum for arm, one in results.items() if arm != SCRATCH}
     return tuple(_graph(arms, results, reasons) for arms, _ in shared(taught, _alike))
 
 
@@ -191,7 +191,9 @@ def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons
     curriculum = results[arms[0]].curriculum
     sparks = {}
     for name in curriculum.order:
-        compared = [arm for arm in (*arms, DIRECT) if arm in results and name in results[arm].nodes]
+        compared = [
+            arm for arm in (*arms, SCRATCH) if arm in results and name in results[arm].nodes
+        ]
         sparks[name] = _sparks({arm: results[arm][name] for arm in compared})
     heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in sparks.items()}
     corners, width, height = _layout(curriculum, heights)
@@ -212,17 +214,17 @@ def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons
         left, top = corners[source]
         start, end = (left, top + heights[source]), corners[target]
         between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
-        words = [_transfer_words(t) for t in curriculum.into(target) if t.source == source]
+        words = [_transfer_words(t) for t in curriculum.in_edges(target) if t.source == source]
         edges.append(Edge(source, target, *_arrow(start, end, between), tuple(words)))
     notes = _notes(arms, results)
     return Graph(tuple(arms), nodes, tuple(edges), notes, width, height)
 
 
 def _kind(task: Any) -> str:
-    if is_observed(task):
+    if is_observation_task(task):
         return f"observations, {task.shapes.replace('->', '→')}"
-    moving = dynamics(task)
-    return f"{type(task).__name__}, {moving.states.size:,} states × {moving.actions.size:,} actions"
+    generative = generative_model(task)
+    return f"{type(task).__name__}, {generative.states.size:,} states × {generative.actions.size:,} actions"
 
 
 def _layout(
@@ -231,7 +233,7 @@ def _layout(
     """Return the corner of each card, and the size of all: sources above what they lead to."""
     depth = dict[str, int]()
     for name in curriculum.order:
-        depth[name] = max((depth[t.source] + 1 for t in curriculum.into(name)), default=0)
+        depth[name] = max((depth[t.source] + 1 for t in curriculum.in_edges(name)), default=0)
     rows: dict[int, list[str]] = {}
     for name, row in sorted(depth.items(), key=lambda one: one[1]):
         rows.setdefault(row, []).append(name)
@@ -306,7 +308,7 @@ def _countable(mapping: Any) -> bool:
     """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
     if isinstance(mapping, ObservationMapping):
         return False
-    target = dynamics(mapping.target)
+    target = generative_model(mapping.target)
     return target.states.size * target.actions.size <= LARGEST_COVERAGE
 
 
@@ -316,7 +318,7 @@ def _notes(arms: Sequence[str], results: Mapping[str, CurriculumResult]) -> tupl
     for arm in arms:
         curriculum = results[arm].curriculum
         for name in curriculum.order:
-            if len(curriculum.into(name)) > 1:
+            if len(curriculum.in_edges(name)) > 1:
                 function = curriculum.setting("aggregate", name)
                 called = getattr(function, "__name__", "a function of its own")
                 words = f"{name} starts from their {called}"

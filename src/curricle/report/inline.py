@@ -8,7 +8,7 @@ import matplotlib
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from curricle.report.plotting import STYLE
+from curricle.plotting.figures import STYLE
 
 _REFERENCE = re.compile(r"#([\w-]+)")
 _DRAWN = ("d", "transform", "x", "y", "width", "height")
@@ -47,8 +47,8 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
             # What describes the file; and a rule for *, which would rule the whole page.
             if child.tag.endswith(("}metadata", "}style")):
                 parent.remove(child)
-    every = [value for element in root.iter() for value in element.attrib.values()]
-    used = {found for value in every for found in _REFERENCE.findall(value)}
+    eval_freq = [value for element in root.iter() for value in element.attrib.values()]
+    used = {found for value in eval_freq for found in _REFERENCE.findall(value)}
     for element in root.iter():
         element.tag, element.text, element.tail = _local(element.tag), _kept(element.text), None
         given = {_local(key): value for key, value in element.attrib.items()}

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.report.board import Board, board, labelled_cells, letter_of
-from curricle.report.plotting import COLOURS, LETTERS, TINTS
+from curricle.plotting.figures import COLOURS, LETTERS, TINTS
+from curricle.plotting.grid_view import Board, board, labelled_cells, letter_of
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.places import action_name
+from curricle.tasks.labels import action_name
 from curricle.tasks.spaces import Space
-from curricle.tasks.task import dynamics
+from curricle.tasks.task import generative_model
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -109,7 +109,7 @@ class Stage:
         best = self.known[chosen].tolist()
         if self.arrows:
             return "".join(_path(option, alone=len(best) == 1) for option in best)
-        actions = dynamics(self.board.task).actions
+        actions = generative_model(self.board.task).actions
         return "/".join(_word(actions, option) for option in best)
 
     @property
@@ -155,8 +155,8 @@ class Stage:
         """The path of the cells of a map that are none of the task's."""
         columns, rows = self.size
         free = {(x, y) for x, y in self._places(self.board.cells).tolist()}
-        every = [(x, y) for y in range(rows) for x in range(columns) if (x, y) not in free]
-        return squares(np.array(every, dtype=np.int64).reshape(-1, 2)) if self.is_map else ""
+        eval_freq = [(x, y) for y in range(rows) for x in range(columns) if (x, y) not in free]
+        return squares(np.array(eval_freq, dtype=np.int64).reshape(-1, 2)) if self.is_map else ""
 
     @property
     def lines(self) -> str:
@@ -188,7 +188,7 @@ def stage(task: Any) -> Stage | None:
     """
     if isinstance(task, GridWorld):
         return _grid(board(task), {"agent": task.cells})
-    space = dynamics(task).states
+    space = generative_model(task).states
     if cells := _cell_components(space):
         return _pieces(task, space, cells)
     for names in (("row", "column"), ("y", "x")):
@@ -219,7 +219,7 @@ def _cell_components(space: Space) -> dict[str, IntArray]:
 
 def _pieces(task: Any, space: Space, cells: Mapping[str, IntArray]) -> Stage | None:
     """Return the stage of a task in whose states one or several stand on cells."""
-    agents = [name for name in dynamics(task).actions.names if name in cells]
+    agents = [name for name in generative_model(task).actions.names if name in cells]
     free = agents[0] if agents else next(iter(cells))
     rows, columns = cells[free].max(axis=0)
     corners = cycle([(0, 0), (0, columns), (rows, columns), (rows, 0)])
@@ -245,7 +245,7 @@ def _grid(shown: Board, places: Mapping[str, IntArray], mover: str | None = None
     rows, columns = shown.shape
     if rows * columns > MOST_CELLS:
         return None
-    actions = dynamics(shown.task).actions
+    actions = generative_model(shown.task).actions
     options, arrows = np.arange(actions.size), False
     own = [one for one in actions.components if one.name == mover or len(actions.names) == 1]
     if own and set(own[0].labels or ("",)) <= set(DIRECTIONS):
@@ -274,7 +274,7 @@ def _strip(task: Any, space: Space) -> Stage:
     place[states] = cells @ np.array([shape[1], 1])
     shown = Board(task, states, cells, (0, 0), shape, (), words)
     agent = Actor("state", "", COLOURS[AGENTS[0]], place)
-    return Stage(shown, False, np.arange(dynamics(task).actions.size), False, (agent,))
+    return Stage(shown, False, np.arange(generative_model(task).actions.size), False, (agent,))
 
 
 def _word(actions: Space, action: int) -> str:

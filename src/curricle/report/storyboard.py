@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.colors import to_hex
 
-from curricle.learning.film import Film
-from curricle.report.potentials import DIVERGING, MOST_NUMBERS, SEQUENTIAL
-from curricle.report.scales import minus
+from curricle.learning.snapshots import Snapshots
+from curricle.plotting.potentials import DIVERGING, MOST_NUMBERS, SEQUENTIAL
+from curricle.plotting.scales import minus
 from curricle.report.stage import Stage, squares
 
 FloatArray = npt.NDArray[np.float64]
@@ -136,16 +136,16 @@ class Storyboard:
         }
 
 
-def storyboard(film: Film, stage: Stage, most: int = MOST_FRAMES) -> Storyboard:
-    """Return the storyboard of a film: `most` of its moments, the first and the last among them.
+def storyboard(snapshots: Snapshots, stage: Stage, most: int = MOST_FRAMES) -> Storyboard:
+    """Return the storyboard of a snapshots: `most` of its moments, the first and the last among them.
 
     Parameters
     ----------
-    film : Film
+    snapshots : Snapshots
     stage : Stage
         Of its task.
     most : int
-        Moments, at least 2 where the film has more than one.
+        Moments, at least 2 where the snapshots has more than one.
 
     Examples
     --------
@@ -154,16 +154,16 @@ def storyboard(film: Film, stage: Stage, most: int = MOST_FRAMES) -> Storyboard:
     >>> from curricle.report.stage import stage
     >>> values = np.zeros((3, 3, 4), np.float32)
     >>> values[2, :2, 1] = 4.0, 8.0
-    >>> film = SimpleNamespace(seed=0, steps=np.array([0, 10, 20]), values=values)
-    >>> shown = storyboard(film, stage(GridWorld("S.T")))
+    >>> snapshots = SimpleNamespace(seed=0, steps=np.array([0, 10, 20]), values=values)
+    >>> shown = storyboard(snapshots, stage(GridWorld("S.T")))
     >>> shown.frame(-1).numbers, shown.frame(0).choice
     (((0, 0, '4.0'), (1, 0, '8.0')), '')
     """
-    n = len(film.steps)
+    n = len(snapshots.steps)
     moments = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
     shown = stage.board
     alive = shown.states[~shown.ended]
-    values = film.values[moments][:, alive]
+    values = snapshots.values[moments][:, alive]
     best = values.max(axis=-1)
     low, high = _limits(best)
     share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
@@ -172,8 +172,8 @@ def storyboard(film: Film, stage: Stage, most: int = MOST_FRAMES) -> Storyboard:
     kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
     return Storyboard(
         stage=stage,
-        seed=film.seed,
-        steps=film.steps[moments],
+        seed=snapshots.seed,
+        steps=snapshots.steps[moments],
         cells=(shown.cells[~shown.ended] - np.array(shown.origin))[:, ::-1],
         levels=levels,
         choices=choices.reshape(levels.shape),

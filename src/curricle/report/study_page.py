@@ -12,8 +12,11 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from curricle.curriculum import SETTINGS, CurriculumResult
+from curricle.comparison.comparison import SCRATCH, Comparison
+from curricle.curriculum.curriculum import SETTINGS, CurriculumResult
 from curricle.errors import SettingError
+from curricle.plotting.learning_curves import draw_learning_curves
+from curricle.plotting.styles import Look, arm_looks
 from curricle.report.findings import (
     FREE,
     MEASURES,
@@ -24,15 +27,12 @@ from curricle.report.findings import (
     table,
     too_few,
 )
+from curricle.report.forecast_section import promises
 from curricle.report.graph import Reasons, default_reasons, graphs
 from curricle.report.inline import inline_svg
-from curricle.report.learning_curves import draw_learning_curves
-from curricle.report.looks import Look, arm_looks
-from curricle.report.promises import promises
+from curricle.report.replay import SnapshotsByTask, Story, stories
 from curricle.report.sharing import shared
-from curricle.report.stories import Films, Story, stories
 from curricle.report.storyboard import shades_of
-from curricle.study.comparison import DIRECT, Comparison
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Inches of the curves on a desk and on a phone."""
@@ -52,7 +52,7 @@ class StudyRecord:
     results : dict of str to CurriculumResult
         Arm -> what was trained; the direct learner's is a curriculum of one task. Controls may be
         left out.
-    films : dict of (str, str) to Film
+    snapshots : dict of (str, str) to Snapshots
         (arm, task) -> the values of one seed while it learnt.
     decisions : dict of (str, str) to sequence of str
         (arm, task) -> for each seed why its training ended; its budget was spent, where left out.
@@ -63,7 +63,7 @@ class StudyRecord:
     name: str
     comparison: Comparison
     results: Mapping[str, CurriculumResult]
-    films: Films = field(default_factory=dict)
+    snapshots: SnapshotsByTask = field(default_factory=dict)
     decisions: Reasons = field(default_factory=dict)
     environment: Mapping[str, str] = field(default_factory=dict)
 
@@ -92,7 +92,7 @@ def study_page(study: StudyRecord) -> str:
     Examples
     --------
     >>> from curricle import GridWorld, Transfer, compare, same_position
-    >>> from curricle.curriculum import Curriculum
+    >>> from curricle.curriculum.curriculum import Curriculum
     >>> maze = GridWorld(["..T", "S.."])
     >>> corner = maze.crop(rows=(0, 2), columns=(1, 3))
     >>> plan = Curriculum(
@@ -106,9 +106,9 @@ def study_page(study: StudyRecord) -> str:
     """
     comparison = study.comparison
     if len(comparison.arms) < 2:
-        raise SettingError(f"a study to tell of needs an arm besides {DIRECT!r}: got none")
+        raise SettingError(f"a study to tell of needs an arm besides {SCRATCH!r}: got none")
     found, drawn = findings(comparison), graphs(study.results, study.decisions)
-    told, not_shown = stories(study.results, study.films)
+    told, not_shown = stories(study.results, study.snapshots)
     script = _asset("study.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return _template().render(
@@ -131,7 +131,7 @@ def study_page(study: StudyRecord) -> str:
         not_shown=not_shown,
         settings=_settings(study.results),
         reasons=_reasons(study),
-        direct=DIRECT,
+        scratch=SCRATCH,
         style=Markup(_asset("study.css")),
         script=Markup(script),
         script_hash=digest,
@@ -164,7 +164,7 @@ def _menu(told: Sequence[Story]) -> dict[str, list[Story]]:
 def _first(told: Sequence[Story], target: str) -> str:
     """Return the key of the story to begin with: the first curriculum in the target."""
     return next(
-        (one.key for one in told if one.task == target and one.arms != (DIRECT,)),
+        (one.key for one in told if one.task == target and one.arms != (SCRATCH,)),
         told[0].key if told else "",
     )
 
@@ -217,7 +217,7 @@ def _settings(
         for task in result.curriculum.order:
             words = {"task": repr(result.curriculum.tasks[task])}
             for name in SETTINGS:
-                if name in OF_TARGETS and not result.curriculum.into(task):
+                if name in OF_TARGETS and not result.curriculum.in_edges(task):
                     continue
                 words[name] = _said(result.curriculum.setting(name, task))
             found[arm, task] = task, words

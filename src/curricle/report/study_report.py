@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from curricle.curriculum import CurriculumResult
+from curricle.curriculum.curriculum import CurriculumResult
+from curricle.curriculum.node import Node
 from curricle.errors import StoreError
 from curricle.files import write_whole
-from curricle.node import Node
 from curricle.report.study_page import StudyRecord, study_page
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import seed_words
@@ -46,13 +46,15 @@ def study_record(study: Study) -> StudyRecord:
         }
         results[arm] = CurriculumResult(curriculum, nodes, {})
     places = [(arm, name) for arm, found in results.items() for name in found.nodes]
-    films = {(arm, name): results[arm][name].film for arm, name in places}
+    snapshots = {(arm, name): results[arm][name].snapshots for arm, name in places}
     last = study.folder.environments()[-1]
     return StudyRecord(
         name=study.file.document.name,
         comparison=study.comparison,
         results=results,
-        films={place: film for place, film in films.items() if film is not None},
+        snapshots={
+            place: snapshots for place, snapshots in snapshots.items() if snapshots is not None
+        },
         decisions={
             place: [words[-1] for words in study.decisions(*place).values()] for place in places
         },

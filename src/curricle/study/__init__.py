@@ -4,3 +4,7 @@
 ``statistics`` puts intervals on what it finds; they hold arrays only and know nothing of tasks or
 learners.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

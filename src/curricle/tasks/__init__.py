@@ -1,1 +1,5 @@
 """Tasks: spaces with named components, finite MDPs, and the domains built on them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

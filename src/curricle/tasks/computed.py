@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 
 from curricle.checks import instance
 from curricle.errors import TaskError
-from curricle.tasks.dynamics import Functions
+from curricle.tasks.generative_models import Functions
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.spaces import Space
 
@@ -30,7 +30,7 @@ class ComputedMDP:
         S states and A actions; their numbers are what the functions take and return.
     start : callable
         ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
-        bits, a uint64; :func:`unit`, :func:`below` and :func:`scramble` make numbers of them.
+        bits, a uint64; :func:`unit`, :func:`below` and :func:`splitmix64` make numbers of them.
     step : callable
         ``step(data, state, action, bits) -> (next state, reward, over)``. `over` says that the
         episode has ended; it must depend on the next state alone.
@@ -57,9 +57,9 @@ class ComputedMDP:
 
     >>> import curricle as cr
     >>> def start(n, bits):
-    ...     return 1 + cr.below(bits, n - 1)
+    ...     return 1 + cr.tasks.integers(bits, n - 1)
     >>> def step(n, state, action, bits):
-    ...     right = (action == 1) != (cr.unit(bits) < 0.1)
+    ...     right = (action == 1) != (cr.tasks.uniform(bits) < 0.1)
     ...     place = (state + (1 if right else n - 1)) % n
     ...     return place, -1.0, place == 0
     >>> ring = ComputedMDP(

@@ -10,7 +10,7 @@ import numpy as np
 
 from curricle.checks import instance
 from curricle.errors import TaskError
-from curricle.tasks.draws import scramble_number
+from curricle.tasks.draws import splitmix64_number
 from curricle.tasks.horizon import check_horizon
 from curricle.tasks.live_model import RESET, Live
 from curricle.tasks.spaces import MISSING, Space
@@ -138,7 +138,7 @@ class _Opened:
         self.closings = ExitStack()
         self.raised = list[BaseException]()
         # Two seeds below 2^31, which every environment takes.
-        seeds = [scramble_number(start ^ which) >> 33 for which in (1, 2)]
+        seeds = [splitmix64_number(start ^ which) >> 33 for which in (1, 2)]
         players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
         for player in players:
             next(player)

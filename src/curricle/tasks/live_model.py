@@ -9,8 +9,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from curricle.tasks.draws import piece
-from curricle.tasks.dynamics import asides, cuts, failures, moves, starts
+from curricle.tasks.draws import inlined
+from curricle.tasks.generative_models import asides, cuts, failures, moves, starts
 
 RESET = -1
 """What is asked instead of an action to start an episode."""
@@ -51,7 +51,7 @@ def _live_aside(model):
     return Live(model.asked, model.status, np.uint64(1))
 
 
-@piece
+@inlined
 def _ask(model, action):
     state, reward, terminated, truncated = answer(model.asked[model.which], action)
     if state < 0:

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from curricle.checks import instance, numbers
 from curricle.errors import TaskError
-from curricle.tasks.dynamics import Moves, Tables, cumulated, learning_model
-from curricle.tasks.endless import endless_states
+from curricle.tasks.generative_models import Moves, Tables, cumulated, learning_model
 from curricle.tasks.horizon import check_horizon
+from curricle.tasks.improper import endless_states
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_rows, outcome_tables
 from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
 

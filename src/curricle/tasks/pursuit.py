@@ -1,4 +1,4 @@
-"""Predator pursuit on a grid (paper, F4; E7): predators chase a prey, all moving at once."""
+"""Predator pursuit on a grid (paper, F4; E7): predators chase a prey, all generative at once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.dynamics import cumulated
+from curricle.tasks.factored import FactoredModel, agents_touching, joint_landing
+from curricle.tasks.generative_models import cumulated
 from curricle.tasks.horizon import check_horizon
-from curricle.tasks.machine import inverse_of
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.movers import Movers, agents_touching, joint_landing
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
-from curricle.tasks.pursuit_model import Chase, in_places
+from curricle.tasks.pursuit_model import PursuitModel, in_places
+from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
@@ -150,7 +150,7 @@ class Pursuit:
         return frozen(np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None]))
 
     @cached_property
-    def model(self) -> Chase:
+    def model(self) -> PursuitModel:
         """The rules as compiled loops read them; learning needs no tables."""
         if self.states.size > LARGEST_MODEL or self.states.size * self.cells >= 2**64:
             raise TaskError(
@@ -162,7 +162,7 @@ class Pursuit:
         chances = cumulated(self._prey_policy())
         if (chances == chances[0]).all():
             chances = chances[:1]
-        return Chase(
+        return PursuitModel(
             (None,) * self.predators,
             np.uint64(self.cells),
             inverse_of(self.cells, self.states.size),
@@ -182,7 +182,7 @@ class Pursuit:
         return frozen(agents_touching(self.cells, self.predators) >= self._enough_to_end)
 
     @cached_property
-    def movers(self) -> Movers | None:
+    def factored_model(self) -> FactoredModel | None:
         """The rules without tables, for exact planning; None where they do not come apart.
 
         That is where the prey looks at the predators (its policy is given by state), or where
@@ -195,7 +195,7 @@ class Pursuit:
             return None
         touching = np.arange(self.predators + 1)
         caught = touching >= self._enough_to_catch
-        return Movers(
+        return FactoredModel(
             landing=frozen(self.landing.astype(np.int32)),
             drift=adopted(policy, np.float64),
             agents=self.predators,

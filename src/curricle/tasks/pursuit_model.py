@@ -5,16 +5,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.tasks.draws import scramble, unit
-from curricle.tasks.dynamics import moves, starts
-from curricle.tasks.machine import quotient
+from curricle.tasks.draws import splitmix64, uniform
+from curricle.tasks.generative_models import moves, starts
+from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen
 
 MOVES = 5
 """Places for an agent's moves in each table, used or not: as a constant it costs no product."""
 
 
-class Chase(NamedTuple):
+class PursuitModel(NamedTuple):
     """The rules of a :class:`Pursuit`, as compiled loops read them.
 
     The number of predators is a type, so that loops over them are unrolled.
@@ -39,29 +39,29 @@ def in_places(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
     return frozen(np.pad(table, room, constant_values=filling).ravel())
 
 
-@starts.body(Chase)
+@starts.body(PursuitModel)
 def _start(model, bits):
     """Draw positions uniformly until the prey is not caught."""
     n_states = model.others * model.cells
     while True:
-        state = np.uint64(unit(bits) * np.float64(n_states))
+        state = np.uint64(uniform(bits) * np.float64(n_states))
         prey, rest, touching = state // model.others, state, np.uint64(0)
         for _ in range(len(model.predators)):
             touching += np.uint64(rest % model.cells == prey)
             rest //= model.cells
         if touching < model.to_end:
             return state
-        bits = scramble(bits)
+        bits = splitmix64(bits)
 
 
-@moves.body(Chase)
+@moves.body(PursuitModel)
 def _step(model, state, action, bits):
     """Move the prey by its policy and the predators by their shares of the joint action."""
     cells, predators = model.cells, np.uint64(len(model.predators))
     prey = state
     for _ in range(predators):  # the last predator's cell varies fastest in a state's number
         prey = quotient(prey, model.inverse)
-    rows, chance = np.uint64(model.chances.shape[0]), unit(bits)
+    rows, chance = np.uint64(model.chances.shape[0]), uniform(bits)
     row = np.uint64(0)
     if rows > np.uint64(MOVES):
         row = prey if rows == cells * np.uint64(MOVES) else state

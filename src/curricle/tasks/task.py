@@ -26,7 +26,7 @@ class Task(Protocol):
         """The task as tables."""
 
 
-class Dynamics(Protocol):
+class GenerativeModel(Protocol):
     """What learning needs of a task: its spaces and horizon, and a model that compiled loops read.
 
     `terminal`, (S,) bool, may be None where nobody knows.
@@ -46,10 +46,12 @@ class Dynamics(Protocol):
     def model(self) -> Any: ...  # noqa: D102
 
 
-def dynamics(task: Any) -> Dynamics:
+def generative_model(task: Any) -> GenerativeModel:
     """Return a task that computes its moves as it is, any other's tables."""
-    moving: Dynamics = task if isinstance(getattr(task, "model", None), tuple) else tables(task)
-    return moving
+    generative: GenerativeModel = (
+        task if isinstance(getattr(task, "model", None), tuple) else tables(task)
+    )
+    return generative
 
 
 def has_tables(task: Any) -> bool:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space
-from curricle.tasks.task import Task, dynamics
+from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, from_parts
 
 IntArray = npt.NDArray[np.int64]
@@ -45,7 +45,7 @@ class ComponentMapping(StateActionMapping):
     def __init__(
         self, target: Task, source: Task, renaming: dict[str, str], unmapped_value: float = 0.0
     ):
-        dynamics(target), dynamics(source)
+        generative_model(target), generative_model(source)
         number("unmapped_value", unmapped_value, MappingError)
         known = {*source.states.names, *source.actions.names}
         for name in renaming:

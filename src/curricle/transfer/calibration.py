@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import CalibrationError, PotentialError
-from curricle.learning.following import Followed, follow
 from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.run import Prelude
-from curricle.transfer.edge import EPISODES, Calibrate
-from curricle.transfer.observed_potential import ObservationPotential
-from curricle.transfer.playing import follow_observed
+from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
+from curricle.learning.run import WarmUp
+from curricle.transfer.edges import EPISODES, Calibrate
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 
 FloatArray = npt.NDArray[np.float64]
 AnyPotential = Any
@@ -40,7 +40,7 @@ class Calibration:
     potential : StateActionPotential, MappedPotential or ObservationPotential
         scale phi + shift; phi itself where the rollouts could not tell.
     scale, shift : float
-    promised, earned : float
+    predicted, return_to_go : float
         Means over the steps followed: of phi(s_t, a_t), and of the discounted return from t on
         (what lies beyond a cut counts as the calibrated potential has it).
     explained : float
@@ -48,7 +48,7 @@ class Calibration:
         of the variance with a shift. NaN where nothing was fitted.
     episodes, ended : int
         Episodes followed, and how many of them reached an end.
-    prelude : Prelude
+    warm_up : WarmUp
         Their lengths and returns, to be charged to the target.
     refusal : str
         Why nothing could be fitted; empty if it could.
@@ -65,18 +65,18 @@ class Calibration:
     potential: AnyPotential
     scale: float
     shift: float
-    promised: float
-    earned: float
+    predicted: float
+    return_to_go: float
     explained: float
     episodes: int
     ended: int
-    prelude: Prelude = field(repr=False)
+    warm_up: WarmUp = field(repr=False)
     refusal: str = ""
 
     @property
     def steps(self) -> int:
         """Steps taken in the target."""
-        return self.prelude.steps
+        return self.warm_up.steps
 
     def __str__(self) -> str:
         if self.refusal:
@@ -84,8 +84,8 @@ class Calibration:
         shift = f" and shift {self.shift:.3g}" if self.shift else ""
         return (
             f"scale {self.scale:.3g}{shift} fitted on {self.episodes} greedy episodes "
-            f"({self.steps:,} steps, {self.ended} ended): promised {self.promised:.3g} on average, "
-            f"earned {self.earned:.3g}"
+            f"({self.steps:,} steps, {self.ended} ended): promised {self.predicted:.3g} on average, "
+            f"earned {self.return_to_go:.3g}"
         )
 
 
@@ -116,7 +116,7 @@ def calibrate(
     ------
     CalibrationError
         When the episodes carry no information (phi was 0 in most places they went to, or nothing
-        was reached), when no positive scale accounts for what was earned, or when the scale would
+        was reached), when no positive scale accounts for what was return_to_go, or when the scale would
         raise promises that no episode put to the test. Where rewards have both signs this is the
         rule: a factor above 1 lowers the low promises, as wanted, and raises the high ones.
 
@@ -144,7 +144,11 @@ def attempt(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
             f"ObservationPotential: got a {type(potential).__name__}"
         )
-    play: Any = follow_observed if isinstance(potential, ObservationPotential) else follow
+    play: Any = (
+        greedy_observation_rollouts
+        if isinstance(potential, ObservationPotential)
+        else greedy_rollouts
+    )
     # Few episodes tell whether anything is reached; the rest, which begins with the same ones,
     # would be spent in vain.
     met = play(potential, episodes=min(PROBE, settings.episodes), seed=seed, stream=stream)
@@ -157,55 +161,61 @@ def attempt(
         refusal = _wrong_model(potential, met, settings, scale, explained)
     if refusal:
         scale, shift = 1.0, 0.0
-    earned = met.earned + met.tail * (scale * met.beyond + shift)
+    return_to_go = met.return_to_go + met.bootstrap_discount * (
+        scale * met.bootstrapped_value + shift
+    )
     return Calibration(
         potential=potential if refusal else potential.rescaled(scale, shift),
         scale=scale,
         shift=shift,
-        promised=float(met.promised.mean()),
-        earned=float(earned.mean()),
+        predicted=float(met.predicted.mean()),
+        return_to_go=float(return_to_go.mean()),
         explained=explained,
         episodes=len(met.lengths),
         ended=int(met.ended.sum()),
-        prelude=Prelude(met.lengths, met.returns),
+        warm_up=WarmUp(met.lengths, met.returns),
         refusal=refusal,
     )
 
 
-def _nothing_reached(met: Followed) -> str:
+def _nothing_reached(met: GreedyRollouts) -> str:
     """Return that these episodes reached nothing; empty if they did."""
     if met.ended.any() or not met.one_reward:
         return ""
     return (
         "a calibration needs episodes that reach something: none of "
-        f"{len(met.lengths)} ended, and each of their {met.promised.size:,} steps was paid "
+        f"{len(met.lengths)} ended, and each of their {met.predicted.size:,} steps was paid "
         f"{met.returns[0] / met.lengths[0]:g}"
     )
 
 
-def _nothing_told(met: Followed) -> str:
+def _nothing_told(met: GreedyRollouts) -> str:
     """Return that phi told nothing where these episodes went; empty if it did."""
-    silent = float((met.promised == 0).mean())
+    silent = float((met.predicted == 0).mean())
     if silent > 1 - TOLD:
         return (
             "a calibration needs a potential that promises something where its policy goes: phi "
-            f"was 0 in {silent:.0%} of {met.promised.size:,} steps, in {len(met.lengths)} episodes"
+            f"was 0 in {silent:.0%} of {met.predicted.size:,} steps, in {len(met.lengths)} episodes"
         )
     return ""
 
 
 def _wrong_model(
-    potential: AnyPotential, met: Followed, settings: Calibrate, scale: float, explained: float
+    potential: AnyPotential,
+    met: GreedyRollouts,
+    settings: Calibrate,
+    scale: float,
+    explained: float,
 ) -> str:
     """Return why scale phi + shift does not describe what was earned; empty if it does."""
-    highest, met_highest = potential.highest, float(met.promised.max())
+    highest, met_highest = potential.highest, float(met.predicted.max())
     if scale > 1 and highest > 0 and met_highest < highest / 2:
         return (
             "a calibration must not raise promises that were not put to the test: a factor of "
             f"{scale:.3g}, fitted where phi promised {met_highest:.3g} at most, would raise one of "
             f"{highest:.3g}"
         )
-    seen = f"phi promised {met.promised.mean():.3g} where {met.earned.mean():.3g} was earned"
+    seen = f"phi promised {met.predicted.mean():.3g} where {met.return_to_go.mean():.3g} was earned"
     if not scale > 0:
         return (
             "a calibration needs a positive scale, which keeps phi's order: "
@@ -214,44 +224,51 @@ def _wrong_model(
     model, least = ("a factor and a shift", SHIFTED) if settings.shift else ("a factor", SCALED)
     if explained < least:
         return (
-            f"a calibration by {model} must account for {least:.0%} of what is earned: it does "
+            f"a calibration by {model} must account for {least:.0%} of what is return_to_go: it does "
             f"for {explained:.1%}, as {seen}"
         )
     return ""
 
 
-def _fit(met: Followed, settings: Calibrate) -> tuple[float, float, float]:
+def _fit(met: GreedyRollouts, settings: Calibrate) -> tuple[float, float, float]:
     """Return the scale, the shift and the share of the returns that they account for."""
     # What lies beyond a cut is worth c phi + b too, so it moves to the other side.
-    promised = met.promised - met.tail * met.beyond
+    predicted = met.predicted - met.bootstrap_discount * met.bootstrapped_value
     # A step without promise, in an unmapped state, says nothing about the size of promises.
-    told = promised != 0
-    promised, earned, counted = promised[told], met.earned[told], 1.0 - met.tail[told]
+    told = predicted != 0
+    predicted, return_to_go, counted = (
+        predicted[told],
+        met.return_to_go[told],
+        1.0 - met.bootstrap_discount[told],
+    )
     if not settings.shift:
-        products, size = promised @ earned, (promised @ promised) * (earned @ earned)
+        products, size = (
+            predicted @ return_to_go,
+            (predicted @ predicted) * (return_to_go @ return_to_go),
+        )
         explained = products**2 / size if size > 0 else 0.0
         if settings.quantile is None:
-            return float(products / (promised @ promised)), 0.0, float(explained)
-        return _scale_at(settings.quantile, promised, earned), 0.0, float(explained)
-    columns = np.stack([promised, counted], axis=1)
-    (scale, shift), *_ = np.linalg.lstsq(columns, earned)
-    left = earned - columns @ (scale, shift)
-    constant = earned - counted * (counted @ earned) / (counted @ counted)
+            return float(products / (predicted @ predicted)), 0.0, float(explained)
+        return _scale_at(settings.quantile, predicted, return_to_go), 0.0, float(explained)
+    columns = np.stack([predicted, counted], axis=1)
+    (scale, shift), *_ = np.linalg.lstsq(columns, return_to_go)
+    left = return_to_go - columns @ (scale, shift)
+    constant = return_to_go - counted * (counted @ return_to_go) / (counted @ counted)
     explained = 1.0 - (left @ left) / (constant @ constant) if constant.any() else 0.0
     if settings.quantile is not None:
         shift += np.quantile(left / counted, settings.quantile)
     return float(scale), float(shift), float(explained)
 
 
-def _scale_at(quantile: float, promised: FloatArray, earned: FloatArray) -> float:
+def _scale_at(quantile: float, predicted: FloatArray, return_to_go: FloatArray) -> float:
     """Return the c for which c phi is this quantile of G (Koenker, Bassett 1978).
 
     It minimises sum_t rho(G_t - c phi_t), rho(x) = x (quantile - [x < 0]), which is piecewise
     linear in c with a bend at each G_t / phi_t: c is the bend where the slope turns positive.
     """
-    size, ratio = abs(promised), earned / promised
+    size, ratio = abs(predicted), return_to_go / predicted
     # Left of its bend a step with phi > 0 pulls c up by `quantile`, one with phi < 0 by the rest.
-    upward = size * np.where(promised > 0, quantile, 1 - quantile)
+    upward = size * np.where(predicted > 0, quantile, 1 - quantile)
     order = np.argsort(ratio)
     slope = np.cumsum(size[order]) - upward.sum()
     return float(ratio[order][np.argmax(slope >= 0)])

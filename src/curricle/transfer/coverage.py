@@ -25,7 +25,8 @@ class Coverage:
 
     Examples
     --------
-    >>> from curricle import GridWorld, identity
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
     >>> identity(GridWorld("S.T")).coverage().mapped
     1.0
     """

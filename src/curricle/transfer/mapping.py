@@ -10,7 +10,7 @@ from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded, frozen
-from curricle.tasks.task import Task, dynamics, same_task
+from curricle.tasks.task import Task, generative_model, same_task
 from curricle.transfer.coverage import Coverage
 
 FloatArray = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ class StateActionMapping:
     unmapped_value: float = 0.0
 
     def __post_init__(self) -> None:
-        target, source = dynamics(self.target), dynamics(self.source)
+        target, source = generative_model(self.target), generative_model(self.source)
         numbers("a mapping", self.index, MappingError)
         index = np.array(self.index)
         shape = (target.states.size, target.actions.size)
@@ -142,7 +142,7 @@ def identity(task: Task) -> StateActionMapping:
     >>> identity(GridWorld("S.T")).index[0]
     array([0, 1, 2, 3])
     """
-    dynamics(task)
+    generative_model(task)
     states, actions = np.arange(task.states.size), np.arange(task.actions.size)
     return from_parts(task, task, states[:, None], actions[None, :], 0.0)
 
@@ -281,7 +281,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
 
 def ends_of(task: Task) -> npt.NDArray[np.bool_]:
     """Return which states are known to be terminal, (S,) bool."""
-    ends = dynamics(task).terminal
+    ends = generative_model(task).terminal
     return np.zeros(task.states.size, dtype=bool) if ends is None else ends
 
 

@@ -5,9 +5,9 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from curricle.curriculum import Curriculum
+from curricle.curriculum.curriculum import Curriculum
 from curricle.learning.budget import limits, spacing
-from curricle.learning.learn import check_guard
+from curricle.learning.training import check_guard
 from curricle.study.config.document import Plan
 from curricle.study.config.graph import Graph
 from curricle.study.config.settings import Settings
@@ -97,7 +97,7 @@ def _check(which: str, value: Any, found: dict[str, Any], taught: bool) -> None:
     """Check a setting with those before it, as :class:`Curriculum` will, where it has a place."""
     if which == "budget":
         limits(value)
-    if which == "every" and "budget" in found:
+    if which == "eval_freq" and "budget" in found:
         spacing(value, found["budget"])
     if which == "guard" and taught and "learner" in found:
         check_guard(value, found["learner"], found["how"], guarded=True)

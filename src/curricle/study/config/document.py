@@ -65,13 +65,15 @@ class Running(Table):
     seeds: Annotated[
         tuple[int, ...], BeforeValidator(_seeds, json_schema_input_type=int | str | list[int])
     ] = Field(default=tuple(range(30)), description='How many, a list, or ranges such as "0-29".')
-    block: Count = Field(default=5, description="Seeds trained together as one unit of work.")
+    seeds_per_unit: Count = Field(
+        default=5, description="Seeds trained together as one unit of work."
+    )
     threshold: Number | None = Field(default=None, description="Return that counts as learnt.")
     window: Count = Field(default=5, description="Checkpoints over which curves are smoothed.")
-    frames: Whole = Field(
+    snapshots: Whole = Field(
         24, description="Tables of the first seed kept on the way, to be watched in the report."
     )
-    direct: Flag = Field(
+    scratch: Flag = Field(
         default=True, description="Whether learning the target directly is an arm too."
     )
 
@@ -163,7 +165,7 @@ def json_schema() -> dict[str, Any]:
     Examples
     --------
     >>> schema = json_schema()
-    >>> schema["properties"]["direct"]["description"]
+    >>> schema["properties"]["scratch"]["description"]
     'Whether learning the target directly is an arm too.'
     """
     schema = Written.model_json_schema()

@@ -12,11 +12,11 @@ from curricle.errors import ConfigError
 from curricle.study.config.document import Document, Running, Written
 from curricle.study.config.graph import Graph, problems, table
 from curricle.study.config.merging import Raw, assignment, complete, merged
-from curricle.study.config.places import Places, Problems, line_numbers
+from curricle.study.config.positions import Places, Problems, line_numbers
 from curricle.study.config.study_file import StudyFile
 from curricle.study.config.tables import Place, Table, unknown
 
-DIRECT = "direct"
+SCRATCH = "scratch"
 """The arm that learns the target without sources; its name is taken."""
 ONLY_ARM = "transfer"
 """What the arm of a study without arms is called."""
@@ -107,7 +107,7 @@ def _wrong_arms(study: Raw, plans: dict[str, Raw]) -> Iterator[tuple[Place, str]
     targets: dict[str, str] = {}
     for arm, written in table(study.get("arms")).items():
         patch = table(written)
-        if arm == DIRECT:
+        if arm == SCRATCH:
             yield ("arms", arm), "must have another name: it is the arm without sources"
         strange = [name for name in table(patch.get("tasks")) if name not in tasks]
         yield from ((("arms", arm, "tasks", name), unknown(name, tasks)) for name in strange)

@@ -210,9 +210,9 @@ class GateTable(Setting):
 
     def build(self) -> Any:
         """Return the budget."""
-        from curricle.learning.gate import Gate
+        from curricle.learning.stopping import StoppingRule
 
-        return Gate(**dict(self))
+        return StoppingRule(**dict(self))
 
 
 class GuardTable(Setting):
@@ -243,7 +243,7 @@ class BackTable(Setting):
 
     def build(self) -> Any:
         """Return it."""
-        from curricle.returning import Return
+        from curricle.curriculum.retraining import Return
 
         return Return(**dict(self))
 
@@ -261,7 +261,7 @@ class EvaluationTable(Setting):
 
     def build(self) -> Any:
         """Return the evaluation."""
-        from curricle.learning.evaluation import GreedyEvaluation
+        from curricle.planning.evaluation import GreedyEvaluation
 
         return GreedyEvaluation(**dict(self))
 
@@ -277,11 +277,13 @@ class StorageTable(Setting):
         default="auto", description="A row for every state, or for the states met."
     )
     dtype: Literal["float64", "float32"] = Field(default="float64", description="Precision.")
-    memory: Annotated[int | str | None, BeforeValidator(_memory)] = Field(
+    memory_limit: Annotated[int | str | None, BeforeValidator(_memory)] = Field(
         default=None,
         description="Bytes, or \"4 GiB\", that a seed's tables may take; half the machine's.",
     )
-    keep: Flag = Field(default=True, description="Whether values are kept; a source's must be.")
+    save_values: Flag = Field(
+        default=True, description="Whether values are kept; a source's must be."
+    )
 
     def build(self) -> Any:
         """Return the storage."""
@@ -329,7 +331,7 @@ class Settings(Table):
     back: BackTable | None = Field(
         default=None, description="Whether it goes back to its sources where their gift is lost."
     )
-    every: Whole | None = Field(
+    eval_freq: Whole | None = Field(
         default=None, description="Steps between checkpoints; a hundredth of the budget by default."
     )
     evaluation: EvaluationTable = Field(

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from curricle.errors import ConfigError
 from curricle.study.config.document import Document
-from curricle.study.config.places import Places, Problems
+from curricle.study.config.positions import Places, Problems
 from curricle.study.config.tables import Place, unknown
 
 if TYPE_CHECKING:
-    from curricle.curriculum import Curriculum
+    from curricle.curriculum.curriculum import Curriculum
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class StudyFile:
                     learner.algorithm_class()  # says how to install what is missing
                     from curricle.deep.models import check_learner
 
-                    check_learner(learner, how if curriculum.into(name) else None)
+                    check_learner(learner, how if curriculum.in_edges(name) else None)
         found.tell()
 
     def _built(self, *arms: str) -> dict[str, "Curriculum"]:

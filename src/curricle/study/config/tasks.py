@@ -13,6 +13,7 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.interop.observation_tasks import observation_task
 from curricle.study.config.references import Call, load, users_code
 from curricle.study.config.tables import (
     Flag,
@@ -241,7 +242,7 @@ class GymnasiumTask(TaskTable):
         return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
 
 
-class ObservedTask(TaskTable):
+class ObservationTask(TaskTable):
     """An environment whose observations a deep learner sees: of Gymnasium's, or one's own."""
 
     type: Literal["observed"] = "observed"
@@ -268,15 +269,13 @@ class ObservedTask(TaskTable):
 
     def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the environment as a task seen through observations."""
-        from curricle.interop.observed import observed
-
         options: dict[str, Any] = {"discount": self.discount, "time_limit": self.time_limit}
         if self.id is not None:
-            return observed(self.id, **options, **dict[str, Any](self.arguments))
+            return observation_task(self.id, **options, **dict[str, Any](self.arguments))
         own = str(self.factory)
         make = Call(load(own, folder), dict(self.arguments))
         with users_code(own):
-            return observed(make, **options)
+            return observation_task(make, **options)
 
 
 class FactoryTask(TaskTable):
@@ -288,12 +287,12 @@ class FactoryTask(TaskTable):
 
     def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return what the function returns, if it is a task."""
-        from curricle.tasks.task import dynamics
+        from curricle.tasks.task import generative_model
 
         make = load(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)
-            dynamics(made)
+            generative_model(made)
         return made
 
 
@@ -303,7 +302,7 @@ TASKS = (
     PursuitTask,
     GymnasiumTask,
     FactoryTask,
-    ObservedTask,
+    ObservationTask,
     VectorPursuitTask,
 )
 AnyTask = Annotated[
@@ -312,7 +311,7 @@ AnyTask = Annotated[
     | PursuitTask
     | GymnasiumTask
     | FactoryTask
-    | ObservedTask
+    | ObservationTask
     | VectorPursuitTask,
     either(by_type(*TASKS), no_table),
 ]

@@ -50,7 +50,7 @@ class CalibrateTable(Setting):
 
     def build(self) -> Any:
         """Return the settings of a calibration."""
-        from curricle.transfer.edge import Calibrate
+        from curricle.transfer.edges import Calibrate
 
         return Calibrate(**dict(self))
 
@@ -137,7 +137,7 @@ class TransferTable(Table):
 
     def build(self, f: Any) -> Any:
         """Return the transfer, with the mapping that :meth:`made` returned."""
-        from curricle.transfer.edge import Transfer
+        from curricle.transfer.edges import Transfer
 
         calibrate = self.calibrate if isinstance(self.calibrate, bool) else self.calibrate.build()
         return Transfer(self.source, self.target, f, self.scale, self.shift, calibrate)
@@ -151,11 +151,11 @@ class TransferTable(Table):
         folder : Path
             The study file's, with the modules of a user's own functions.
         """
-        from curricle.tasks.observed import is_observed
+        from curricle.tasks.observation_task import is_observation_task
         from curricle.transfer import by_name, mapping
 
         value = self.unmapped_value
-        if is_observed(target) and self.factory is None:
+        if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)
         if self.project is not None:
             return by_name.project(target, source, unmapped_value=value, **self.project)
@@ -174,7 +174,7 @@ class TransferTable(Table):
 
     def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
         from curricle.interop.vector_pursuit import predator_mapping
-        from curricle.transfer.observed import ObservationMapping
+        from curricle.transfer.observation_mapping import ObservationMapping
 
         value = self.unmapped_value
         if self.project is not None:

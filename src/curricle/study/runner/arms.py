@@ -8,15 +8,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from curricle.curriculum import SETTINGS, Curriculum
+from curricle.comparison.arms import check_comparable, most_source_steps
+from curricle.comparison.comparison import SCRATCH
+from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.errors import SettingError
-from curricle.study.compare import check_comparable, most_source_steps
-from curricle.study.comparison import DIRECT
 from curricle.study.config.graph import Graph
 from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_file import StudyFile
 from curricle.tasks.live import is_live
-from curricle.tasks.observed import is_observed
+from curricle.tasks.observation_task import is_observation_task
 
 KEY_BYTES = 8
 
@@ -35,7 +35,7 @@ class Arms:
         Steps of the target that sources come on top of; None where arms are not compared.
     total : int or None
         Steps that every arm spends, sources included.
-    every : int
+    eval_freq : int
         Steps between checkpoints of the target.
     keys : dict of (str, str) to str
         For each arm and task, what its result depends on but the seed, as a short hash: arms that
@@ -48,14 +48,14 @@ class Arms:
     ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
     >>> arms = Arms.of(study)
     >>> list(arms.curricula), arms.total
-    (['direct', 'transfer'], 500)
+    (['scratch', 'transfer'], 500)
     """
 
     curricula: Mapping[str, Curriculum]
     target: str
     budget: int | None
     total: int | None
-    every: int
+    eval_freq: int
     keys: Mapping[tuple[str, str], str]
 
     @property
@@ -65,7 +65,7 @@ class Arms:
         So are those seen through observations, whose learners draw from generators of the process.
         """
         tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
-        return any(is_live(task) or is_observed(task) for task in tasks)
+        return any(is_live(task) or is_observation_task(task) for task in tasks)
 
     @classmethod
     def of(cls, study: StudyFile) -> "Arms":
@@ -79,31 +79,31 @@ class Arms:
         if isinstance(node.budget, int):
             budget = node.budget
             most = max(most_source_steps(arm) for arm in given.values())
-            total = -(-(budget + most) // node.every) * node.every
-        elif len(given) + study.document.direct > 1:
+            total = -(-(budget + most) // node.eval_freq) * node.eval_freq
+        elif len(given) + study.document.scratch > 1:
             raise SettingError(
                 f"arms are compared at one total of steps: the budget of {target!r} is "
                 f"{node.budget}; give it in steps, or run one arm with direct = false"
             )
-        if study.document.direct:
+        if study.document.scratch:
             settings: dict[str, Any] = {
                 which: {target: first.setting(which, target)} for which in _OF_ALL
             }
-            given = {DIRECT: Curriculum({target: first.tasks[target]}, **settings), **given}
+            given = {SCRATCH: Curriculum({target: first.tasks[target]}, **settings), **given}
         if total is not None:
             given = {
-                name: arm.changed(target, budget=total, every=node.every)
+                name: arm.replace(target, budget=total, eval_freq=node.eval_freq)
                 for name, arm in given.items()
             }
         plans = study.document.model_dump(mode="json", exclude_none=True)["arms"]
-        if study.document.direct:
-            plans = {DIRECT: _alone(next(iter(plans.values())), target), **plans}
+        if study.document.scratch:
+            plans = {SCRATCH: _alone(next(iter(plans.values())), target), **plans}
         keys = {
             (arm, name): key
             for arm, curriculum in given.items()
             for name, key in _keys(plans[arm], curriculum, total).items()
         }
-        return cls(given, target, budget, total, node.every, keys)
+        return cls(given, target, budget, total, node.eval_freq, keys)
 
 
 _OF_ALL = [which for which in SETTINGS if which not in OF_TARGETS]

@@ -6,12 +6,12 @@ from typing import Any
 
 import gymnasium as gym
 
-from curricle.learning.wandering import wander
-from curricle.node import Node
+from curricle.curriculum.node import Node
+from curricle.planning.random_rollouts import random_rollouts
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.unit import units_of
-from curricle.tasks.observed import ObservedTask, is_observed
-from curricle.transfer.playing import longest_episode
+from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.transfer.observation_rollouts import longest_episode
 
 WALKS, LENGTH = 100, 200
 """Random walks that a task's speed is taken from."""
@@ -53,14 +53,14 @@ class Cost:
     table_bytes: int
 
 
-def costs(arms: Arms, seeds: tuple[int, ...], block: int) -> list[Cost]:
+def costs(arms: Arms, seeds: tuple[int, ...], seeds_per_unit: int) -> list[Cost]:
     """Return the cost of each task of each arm, those shared by arms once.
 
     The speed of a task is taken from random walks in it; that of networks is a guess.
     """
     paces: dict[int, float] = {}
     found: dict[tuple[str, str], list[int]] = {}
-    for unit in units_of(arms, seeds, block, {}):
+    for unit in units_of(arms, seeds, seeds_per_unit, {}):
         found.setdefault((unit.arm, unit.node), []).extend(unit.seeds)
     each = []
     for (arm, name), members in found.items():
@@ -81,15 +81,15 @@ def _of_a_step(node: Node, pace: float) -> tuple[float, float]:
 
 def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
-    if is_observed(task):
+    if is_observation_task(task):
         return _observed_pace(task)
-    wander(task, walks=1, length=1)  # compiles
+    random_rollouts(task, walks=1, length=1)  # compiles
     started = time.perf_counter()
-    taken = wander(task, walks=WALKS, length=LENGTH)
+    taken = random_rollouts(task, walks=WALKS, length=LENGTH)
     return (time.perf_counter() - started) / max(1, int(taken.length.sum()))
 
 
-def _observed_pace(task: ObservedTask) -> float:
+def _observed_pace(task: ObservationTask) -> float:
     environment = task.environment()
     environment.action_space.seed(0)
     environment.reset(seed=0)
@@ -111,7 +111,7 @@ def _walk(environment: gym.Env[Any, Any], steps: int) -> None:
 
 def _judged(node: Node) -> int:
     """Return a bound of the steps that a seed's greedy evaluations take."""
-    checkpoints = node.most_steps // node.every + 1
+    checkpoints = node.most_steps // node.eval_freq + 1
     if node.deep:
         off = node.evaluation.method == "off"
         episodes = 0 if off else node.evaluation.rollouts(node.task)
@@ -126,4 +126,4 @@ def _bytes(node: Node, seeds: list[int]) -> int:
     if node.deep:
         return 0
     n_states, n_actions = node.task.states.size, node.task.actions.size
-    return len(seeds) * node.storage.dense_bytes(n_states, n_actions, 1) * node.storage.keep
+    return len(seeds) * node.storage.dense_bytes(n_states, n_actions, 1) * node.storage.save_values

@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
 from curricle.files import PART, write_whole
-from curricle.study.runner.arrays import of_seeds
+from curricle.study.runner.serialization import of_seeds
 from curricle.study.runner.unit import Trained, Unit, seed_words
 from curricle.study.store import as_json, as_parquet, read_json
 
@@ -32,11 +32,11 @@ UNITS, MANIFEST = "units", "unit.json"
 RUN, VALUES, FILM, CURVES, DECISIONS = (
     "run.npz",
     "values.npz",
-    "film.npz",
+    "snapshots.npz",
     "curves.parquet",
     "decisions.parquet",
 )
-OF_READING = ("name", "seeds", "block", "threshold", "window", "frames")
+OF_READING = ("name", "seeds", "seeds_per_unit", "threshold", "window", "snapshots")
 """What may change without making results others'."""
 
 
@@ -332,11 +332,11 @@ def _sealed(value: Mapping[str, Any]) -> bytes:
 
 
 def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
-    """Return a unit's files: curves and what was spent, tables, film, and the same as Parquet."""
+    """Return a unit's files: curves and what was spent, tables, snapshots, and the same as Parquet."""
     arrays = trained.arrays
     tables = {k: v for k, v in arrays.items() if re.fullmatch(r"(values|states)(_\d+(/.*)?)?", k)}
-    film = {k: v for k, v in arrays.items() if k.startswith("film_")}
-    run = {k: v for k, v in arrays.items() if k not in tables and k not in film}
+    snapshots = {k: v for k, v in arrays.items() if k.startswith("film_")}
+    run = {k: v for k, v in arrays.items() if k not in tables and k not in snapshots}
     files = {
         RUN: _npz(np.savez, run),
         CURVES: as_parquet(curve_table(unit.node, arrays)),
@@ -344,8 +344,8 @@ def _files(unit: Unit, trained: Trained) -> dict[str, bytes]:
     }
     if tables:
         files[VALUES] = _npz(np.savez, tables)
-    if film:
-        files[FILM] = _npz(np.savez_compressed, film)
+    if snapshots:
+        files[FILM] = _npz(np.savez_compressed, snapshots)
     return files
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from curricle.errors import StoreError
 from curricle.study.runner.folder import StudyFolder
-from curricle.study.runner.recalling import finished
+from curricle.study.runner.stored_sources import finished
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import Unit
 

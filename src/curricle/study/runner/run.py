@@ -18,11 +18,11 @@ from curricle.interop.trackers import open_trackers
 from curricle.learning.result import LearningResult
 from curricle.study.config.study_file import StudyFile
 from curricle.study.runner.arms import Arms
-from curricle.study.runner.arrays import result_of
 from curricle.study.runner.environment import environment
 from curricle.study.runner.folder import CHECKPOINTS, Stored, StudyFolder
-from curricle.study.runner.knowledge import read_by
-from curricle.study.runner.recalling import finished, stored_knowledge
+from curricle.study.runner.serialization import result_of
+from curricle.study.runner.source_values import read_by
+from curricle.study.runner.stored_sources import finished, stored_knowledge
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import Unit, Work, train_unit, units_of
 
@@ -103,7 +103,7 @@ def run_study(
     ...     {"name": "line", "seeds": [0, 1], "arms": {"transfer": {
     ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
     >>> found = run_study(study, Path(mkdtemp()) / "results")
-    >>> found.results["direct"]["line"].steps_used
+    >>> found.results["scratch"]["line"].steps_used
     array([500, 500])
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
@@ -150,8 +150,8 @@ def left_to_do(
 ) -> list[Unit]:
     """Return the units of a shard, (i, n), for the seeds that are not done, sources first."""
     (part, parts), document = shard, study.document
-    seeds = [seed for seed in document.seeds if seed // document.block % parts == part - 1]
-    return units_of(arms, seeds, document.block, done, document.frames)
+    seeds = [seed for seed in document.seeds if seed // document.seeds_per_unit % parts == part - 1]
+    return units_of(arms, seeds, document.seeds_per_unit, done, document.snapshots)
 
 
 class _Turn:

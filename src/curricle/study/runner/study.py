@@ -11,15 +11,14 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from curricle.checks import one_of
-from curricle.curriculum import CurriculumResult
+from curricle.comparison.arms import check_comparable, default_threshold
+from curricle.comparison.comparison import SCRATCH, Arm, Comparison
+from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, StoreError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult, joined_results
-from curricle.study.compare import check_comparable, default_threshold
-from curricle.study.comparison import DIRECT, Arm, Comparison
 from curricle.study.config.study_file import StudyFile
 from curricle.study.runner.arms import Arms
-from curricle.study.runner.arrays import result_of
 from curricle.study.runner.folder import (
     CURVES,
     DECISIONS,
@@ -30,10 +29,11 @@ from curricle.study.runner.folder import (
     StudyFolder,
     explained,
 )
-from curricle.study.runner.knowledge import read_by, recalled
-from curricle.study.runner.recalling import finished, stored_knowledge
+from curricle.study.runner.serialization import result_of
+from curricle.study.runner.source_values import read_by, recalled
+from curricle.study.runner.stored_sources import finished, stored_knowledge
 from curricle.study.store import as_parquet
-from curricle.transfer.observed_target import target_of
+from curricle.transfer.observation_target import target_of
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 
@@ -214,7 +214,7 @@ def compared(studies: Sequence[Study]) -> Comparison:
         When the targets are not one problem, learnt alike; the message names what differs.
     """
     for study in studies:
-        if study.arms.total is None or DIRECT not in study.arms.curricula:
+        if study.arms.total is None or SCRATCH not in study.arms.curricula:
             raise StoreError(
                 "a comparison needs the target learnt directly, for a number of steps: "
                 f"{study.folder.path} is a study without it"
@@ -229,19 +229,19 @@ def compared(studies: Sequence[Study]) -> Comparison:
             "a comparison needs a seed that every arm has finished: "
             f"{' and '.join(str(study.folder.path) for study in studies)} have none yet"
         )
-    found = {DIRECT: _arm(first, DIRECT, min(totals), seeds)}
+    found = {SCRATCH: _arm(first, SCRATCH, min(totals), seeds)}
     for study in studies:
         for name in study.arms.curricula:
-            if name != DIRECT:
+            if name != SCRATCH:
                 called = f"{study.file.document.name}: {name}" if several else name
                 found[called] = _arm(study, name, min(totals), seeds)
     document = first.file.document
     threshold = document.threshold
     if threshold is None:
-        node = arms.curricula[DIRECT].node(arms.target)
-        threshold = default_threshold(target_of(node.task, node.evaluation), found[DIRECT])
+        node = arms.curricula[SCRATCH].node(arms.target)
+        threshold = default_threshold(target_of(node.task, node.evaluation), found[SCRATCH])
     budget = min(study.arms.budget or 0 for study in studies)
-    window = min(document.window, budget // arms.every + 1)
+    window = min(document.window, budget // arms.eval_freq + 1)
     return Comparison(arms.target, found, budget, min(totals), threshold, window)
 
 
@@ -251,7 +251,7 @@ def _check(studies: Sequence[Study], total: int) -> None:
     if len(set(names)) < len(names):
         raise CurriculumError(f"studies that are compared need different names: got {names}")
     first = {
-        name: study.arms.curricula[DIRECT].changed(study.arms.target, budget=total)
+        name: study.arms.curricula[SCRATCH].replace(study.arms.target, budget=total)
         for name, study in zip(names, studies, strict=True)
     }
     check_comparable(first)
@@ -259,5 +259,5 @@ def _check(studies: Sequence[Study], total: int) -> None:
 
 def _arm(study: Study, name: str, total: int, seeds: Sequence[int]) -> Arm:
     result = study.results[name][study.arms.target]
-    arm = Arm.of(result, study.source_steps(name), total, study.arms.every)
+    arm = Arm.of(result, study.source_steps(name), total, study.arms.eval_freq)
     return arm.taken(np.flatnonzero(np.isin(result.seeds, seeds)))

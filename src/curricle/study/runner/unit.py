@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.storage import Storage
 from curricle.study.runner.arms import Arms, rebuilt
-from curricle.study.runner.arrays import arrays_of
-from curricle.study.runner.knowledge import Knowledge, recalled
+from curricle.study.runner.serialization import arrays_of
+from curricle.study.runner.source_values import Knowledge, recalled
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Unit:
 
     Examples
     --------
-    >>> Unit("0f", "direct", "maze", (0, 1, 4), {}, 0).words
-    'direct: maze, seeds 0-1+4'
+    >>> Unit("0f", "scratch", "maze", (0, 1, 4), {}, 0).words
+    'scratch: maze, seeds 0-1+4'
     """
 
     key: str
@@ -42,7 +42,7 @@ class Unit:
     node: str
     seeds: tuple[int, ...]
     sources: Mapping[str, str] = field(hash=False)
-    frames: int
+    snapshots: int
 
     @property
     def words(self) -> str:
@@ -70,9 +70,9 @@ def seed_words(seeds: Iterable[int]) -> str:
 def units_of(
     arms: Arms,
     seeds: Iterable[int],
-    block: int,
+    seeds_per_unit: int,
     done: Mapping[str, Collection[int]],
-    frames: int = 0,
+    snapshots: int = 0,
 ) -> list[Unit]:
     """Return what is left to do, sources first.
 
@@ -95,10 +95,10 @@ def units_of(
             blocks: dict[int, list[int]] = {}
             for seed in seeds:
                 if seed not in done.get(key, ()):
-                    blocks.setdefault(seed // block, []).append(seed)
+                    blocks.setdefault(seed // seeds_per_unit, []).append(seed)
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(node)}
             for members in blocks.values():
-                shown = frames if members[0] == seeds[0] else 0
+                shown = snapshots if members[0] == seeds[0] else 0
                 unit = Unit(key, arm, node, tuple(members), sources, shown)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
@@ -138,11 +138,11 @@ def train_unit(work: Work) -> Trained:
         only=unit.node,
         trained=recalled(curriculum, unit.seeds, work.sources),
         charge=arms.total is not None,
-        frames=unit.frames,
+        snapshots=unit.snapshots,
         workers=1,
         saves=work.saves,
     )
-    course = found.courses.get(unit.node)
+    course = found.retrained.get(unit.node)
     returned = np.zeros(len(unit.seeds), np.int64) if course is None else course.extra
     return Trained(
         arrays_of(found[unit.node], found.source_steps(unit.node), returned),
@@ -160,10 +160,10 @@ def _with_room(curriculum: Curriculum, unit: Unit) -> Curriculum:
     So that what is learnt does not depend on how many seeds are trained together.
     """
     storage: Storage = curriculum.setting("storage", unit.node)
-    if storage.memory is None:
+    if storage.memory_limit is None:
         return curriculum
-    room = replace(storage, memory=len(unit.seeds) * storage.limit)
-    return curriculum.changed(unit.node, storage=room)
+    room = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
+    return curriculum.replace(unit.node, storage=room)
 
 
 def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:

@@ -1,0 +1,258 @@
+"""Attribution: which source made which choices of the target better or worse.
+
+Each transfer is left out in turn, everything else and every random number being the same. What
+changes then, state by state, is its doing.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, one_of, whole_number
+from curricle.curriculum.curriculum import Curriculum
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import seed_tuple
+from curricle.learning.result import LearningResult
+from curricle.planning.solution import Solution, right_choices, solve
+from curricle.statistics.intervals import Interval, paired_difference
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.task import Task, tables
+from curricle.transfer.edges import Transfer, transfer_names
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+SURE = 3.0
+"""Standard errors from which a change is taken to be none of luck's."""
+LEAST = 0.5
+"""Share of seeds from which a state counts as changed."""
+SHOWN = 3
+"""Regions that are printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """States next to each other whose choices a source changed for the same side.
+
+    Attributes
+    ----------
+    states : (n,) int64
+    share : float
+        Mean over them of the share of seeds that came to choose wrongly; negative for rightly.
+    loss : float
+        Mean over them of what their greedy choice came to lose, in return.
+    where : str
+        The values that their components take.
+    """
+
+    states: IntArray
+    share: float
+    loss: float
+    where: str
+
+    def __str__(self) -> str:
+        n = len(self.states)
+        return f"{n} state{'s' * (n > 1)} ({self.where}), in {abs(self.share):.0%} of seeds"
+
+
+@dataclass(frozen=True, eq=False)
+class Attribution:
+    """What each transfer into a target did to it after some steps of learning.
+
+    Attributes
+    ----------
+    task : Task
+    steps : int
+    names : tuple of N str
+    wrong : (N, S) float64
+        Share of seeds whose greedy choice in a state is not optimal, with the transfer minus
+        without it; below 0 is help.
+    error : (N, S) float64
+        Standard error of it, over paired seeds.
+    loss : (N, S) float64
+        The same difference of what the choice loses, V*(s) - Q*(s, greedy a), in return. Rare
+        large losses make it a noisier sign of harm.
+    gain : tuple of N Interval
+        Greedy return from the start with the transfer, above that without it.
+    """
+
+    task: Task
+    steps: int
+    names: tuple[str, ...]
+    wrong: FloatArray = field(repr=False)
+    error: FloatArray = field(repr=False)
+    loss: FloatArray = field(repr=False)
+    gain: tuple[Interval, ...]
+
+    def replace(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:
+        """Return the states whose choice a transfer surely made worse (or better), (S,) bool.
+
+        Parameters
+        ----------
+        name : str
+            The transfer.
+        harmed : bool
+            Worse, or better.
+        least : float
+            In this share of seeds, at least.
+        """
+        one_of("a transfer", name, self.names, CurriculumError)
+        n = self.names.index(name)
+        worse = self.wrong[n] if harmed else -self.wrong[n]
+        return np.asarray((worse > SURE * self.error[n]) & (worse >= least))
+
+    def regions(
+        self, name: str, *, harmed: bool = True, least: float = LEAST
+    ) -> tuple[Region, ...]:
+        """Return those states by regions that moves connect, the largest effect first."""
+        chosen = self.replace(name, harmed=harmed, least=least)
+        n = self.names.index(name)
+        found = [
+            Region(
+                states,
+                float(self.wrong[n, states].mean()),
+                float(self.loss[n, states].mean()),
+                _where(self.task, states),
+            )
+            for states in _connected(tables(self.task), chosen)
+        ]
+        return tuple(sorted(found, key=lambda one: -abs(one.share) * len(one.states)))
+
+    def __str__(self) -> str:
+        lines = []
+        for name, gain in zip(self.names, self.gain, strict=True):
+            lines.append(f"{name} after {self.steps:,} steps: greedy return changed by {gain}")
+            for harmed, word in ((True, "worse"), (False, "better")):
+                regions = self.regions(name, harmed=harmed)
+                shown = "; ".join(str(region) for region in regions[:SHOWN])
+                left = len(regions) - SHOWN
+                more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
+                lines.append(f"  {word} in {shown}{more}" if regions else f"  {word} nowhere")
+        return "\n".join(lines)
+
+
+def attribute(
+    curriculum: Curriculum,
+    target: str | None = None,
+    *,
+    steps: int,
+    seeds: int | Sequence[int] = 20,
+    trained: Mapping[str, LearningResult] | None = None,
+    workers: int | None = None,
+) -> Attribution:
+    """Return which transfers helped and which did harm, and in which states.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    target : str, optional
+        By default the task that all others lead to. It must be small enough to solve.
+    steps : int
+        Of learning in the target, after which to look; 1 looks at the potentials themselves.
+    seeds : int or sequence of int
+        At least 2.
+    trained : dict of str to LearningResult, optional
+        Sources trained before, for the same seeds.
+    workers : int, optional
+        Threads over seeds.
+
+    Raises
+    ------
+    CurriculumError
+        When the target is unknown, not unique or has no transfer into it.
+    SettingError
+        When a number is out of range; nothing has been trained then.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=2000)
+    >>> found = attribute(plan, steps=200, seeds=10)
+    >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
+    ['row 0, column 0', 'row 0, column 2']
+    """
+    instance("what is attributed", curriculum, Curriculum, CurriculumError)
+    name = curriculum.target if target is None else target
+    edges = curriculum.in_edges(name)
+    if not edges:
+        raise CurriculumError(f"an attribution needs transfers into the task: {name!r} has none")
+    numbers = seed_tuple(seeds)
+    if len(numbers) < 2:
+        raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")
+    steps = whole_number("steps of an attribution", steps, 1, SettingError)
+    solution = solve(curriculum.tasks[name])  # first: nothing is trained for what it refuses
+    sources = curriculum.train(
+        numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
+    ).nodes
+    short = curriculum.replace(name, budget=steps, eval_freq=steps)
+    elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
+
+    def learnt(into: Sequence[Transfer]) -> LearningResult:
+        fewer = replace(short, transfers=[*elsewhere, *into])
+        return fewer.train(numbers, only=[name], trained=sources, workers=workers)[name]
+
+    with_all = learnt(edges)
+    without = [learnt([edge for edge in edges if edge is not left_out]) for left_out in edges]
+    loss, wrong = _choices(with_all.values, solution)
+    others = [_choices(result.values, solution) for result in without]
+    more_wrong = np.stack([wrong.astype(float) - other for _, other in others])
+    earned = with_all.greedy_return[:, -1]
+    return Attribution(
+        task=curriculum.tasks[name],
+        steps=steps,
+        names=tuple(transfer_names(edges)),
+        wrong=more_wrong.mean(axis=1),
+        error=more_wrong.std(axis=1, ddof=1) / np.sqrt(len(numbers)),
+        loss=np.stack([(loss - other).mean(axis=0) for other, _ in others]),
+        gain=tuple(paired_difference(earned, r.greedy_return[:, -1]) for r in without),
+    )
+
+
+def _choices(values: FloatArray, solution: Solution) -> tuple[FloatArray, BoolArray]:
+    """Return what the greedy choices on values (K, S, A) lose, and which are wrong: (K, S) each.
+
+    The loss is V*(s) - Q*(s, a), the mean where several actions are greedy.
+    """
+    greedy = values == values.max(axis=-1, keepdims=True)
+    kept = (greedy * solution.action_values).sum(axis=-1) / greedy.sum(axis=-1)
+    return solution.values - kept, ~right_choices(values, solution.optimal)
+
+
+def _connected(mdp: FiniteMDP, chosen: BoolArray) -> Iterator[IntArray]:
+    """Yield the chosen states by regions that one move connects, in either direction."""
+    states = np.flatnonzero(chosen)
+    if not states.size:
+        return
+    rows = mdp.outcome_row[states]
+    after = mdp.next_state[rows].reshape(len(states), -1)
+    possible = (mdp.probability[rows] > 0).reshape(len(states), -1) & chosen[after]
+    one, other = np.repeat(states, possible.sum(axis=1)), after[possible]
+    region = np.arange(mdp.states.size)
+    while True:  # each state takes the lowest name that a move away is known
+        lower = region.copy()
+        np.minimum.at(lower, one, region[other])
+        np.minimum.at(lower, other, region[one])
+        if (lower == region).all():
+            break
+        region = lower
+    for name in np.unique(region[states]):
+        yield states[region[states] == name]
+
+
+def _where(task: Task, states: IntArray) -> str:
+    """Return the values of each component over some states, as a span where there are many."""
+    space = tables(task).states
+    parts = []
+    for component, values in zip(space.components, space.decode(states).values(), strict=True):
+        labels = [component.label(int(value)) for value in np.unique(values)]
+        if len(labels) == component.size > 1:
+            continue  # all of them
+        shown = ", ".join(labels) if len(labels) <= 3 else f"{labels[0]} to {labels[-1]}"
+        parts.append(f"{component.name} {shown}")
+    return ", ".join(parts) or "everywhere"

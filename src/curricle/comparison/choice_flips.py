@@ -1,0 +1,143 @@
+"""Flips: in which states a learner's greedy choice became right, or wrong, between two times.
+
+A mean return falls for many reasons; a state in which the best action was preferred and no longer
+is says where what was known got lost.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import numbers
+from curricle.errors import SettingError
+from curricle.planning.evaluation import NEGLIGIBLE, GreedyEvaluation
+from curricle.planning.solution import policy_table, right_choices
+from curricle.tasks.task import Task, tables
+
+__all__ = ["expected_visits", "flips", "right_states"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
+    """Return where the greedy choice is right: every action that has the highest value is optimal.
+
+    Parameters
+    ----------
+    values : (S, A) float64
+        What a policy acts on, in return.
+    optimal : (S, A) bool
+        As :attr:`Solution.optimal`.
+
+    Returns
+    -------
+    (S,) bool
+
+    Raises
+    ------
+    SettingError
+        When the shapes are not one (S, A), a value is NaN, or `optimal` is not of booleans.
+
+    Examples
+    --------
+    >>> right_states([[1.0, 2.0], [3.0, 3.0]], [[False, True], [False, True]])
+    array([ True, False])
+    """
+    table, best = numbers("values", values, SettingError), np.asarray(optimal)
+    if best.dtype != np.bool_:
+        raise SettingError(f"optimal must be an array of booleans: got {best.dtype}")
+    if table.ndim != 2 or table.shape != best.shape or not table.size:
+        raise SettingError(
+            f"values and optimal must both have shape (S, A): got {table.shape} and {best.shape}"
+        )
+    unknown = np.isnan(table).any(axis=1)
+    if unknown.any():
+        raise SettingError(f"values must not be NaN: state {np.argmax(unknown)} has one that is")
+    return right_choices(table, best)
+
+
+def flips(
+    before: npt.ArrayLike, after: npt.ArrayLike, optimal: npt.ArrayLike
+) -> npt.NDArray[np.int64]:
+    """Return where the greedy choice became right (+1) or wrong (-1) between two times.
+
+    flip(s) = right_after(s) - right_before(s), where a choice is right if every action with the
+    highest value is optimal (:func:`right_states`).
+
+    Parameters
+    ----------
+    before, after : (S, A) float64
+        The values of one learner at two times.
+    optimal : (S, A) bool
+        As :attr:`Solution.optimal`.
+
+    Returns
+    -------
+    (S,) int64
+        0 where the choice is right at both times, or wrong at both.
+
+    Raises
+    ------
+    SettingError
+        When the shapes are not one (S, A), a value is NaN, or `optimal` is not of booleans.
+
+    Notes
+    -----
+    The values at an earlier time need not have been kept: :func:`learn` with a smaller budget in
+    steps, and all else the same (seeds, stream, potential), gives exactly the table that the longer
+    learning had then. Before the first step it is the initial value, or phi where Q starts as phi.
+
+    Examples
+    --------
+    >>> optimal = [[True, False], [True, False], [True, True]]
+    >>> flips([[1.0, 2.0], [5.0, 1.0], [0.0, 0.0]], [[3.0, 2.0], [1.0, 1.0], [0.0, 9.0]], optimal)
+    array([ 1, -1,  0])
+    """
+    was, now = right_states(before, optimal), right_states(after, optimal)
+    return now.astype(np.int64) - was
+
+
+def expected_visits(task: Task, policy: npt.ArrayLike) -> FloatArray:
+    """Return how often an episode of a policy is expected to be in each state, before its end.
+
+    n(s) = sum_t P(s_t = s), s not terminal, over the steps up to the task's time limit; without
+    one, up to where a discounted reward would weigh less than 1e-9 or as many are still on the way.
+
+    Parameters
+    ----------
+    task : Task
+        That has tables.
+    policy : (S,) int array or (S, A) float array
+        As in :func:`evaluate`.
+
+    Returns
+    -------
+    (S,) float64
+        Steps in an episode; their sum is its expected length.
+
+    Raises
+    ------
+    SettingError
+        When the policy is malformed.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> expected_visits(GridWorld("S.T"), [1, 1, 0])  # east, east
+    array([1., 1., 0.])
+    """
+    mdp = tables(task)
+    chosen = policy_table(mdp, policy)
+    there: FloatArray = mdp.start.copy()
+    visits = np.zeros(mdp.states.size)
+    for _ in range(GreedyEvaluation().horizon(task)):
+        there[mdp.terminal] = 0.0
+        if there.sum() < NEGLIGIBLE:
+            break
+        visits += there
+        weights = (there[:, np.newaxis] * chosen).ravel()
+        rows = np.bincount(mdp.outcome_row.ravel(), weights, minlength=len(mdp.next_state))
+        arriving = (rows[:, np.newaxis] * mdp.probability).ravel()
+        after = np.bincount(mdp.next_state.ravel(), arriving, minlength=mdp.states.size)
+        there = after.astype(np.float64)
+    return visits

@@ -1,0 +1,183 @@
+"""Controls: arms that share everything with a curriculum but what is supposed to help.
+
+- ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
+  helps as much, seeing many states was the help, not the easier task.
+- ``pretraining``: the source is the target itself, for as many steps. If it helps as much,
+  training longer was the help.
+- ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
+  of that size do.
+- ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong size.
+- ``negated``: -phi. It should do harm where phi helps.
+
+A target seen through observations has no pairs to shuffle and no states to start in anywhere, so
+that ``placebo`` and ``random_start`` make no sense there.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from curricle.checks import one_of
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.potential import StateActionPotential
+from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.result import LearningResult
+from curricle.learning.ways import OF_NETWORKS
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.task import Task, tables
+from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.edges import Transfer
+from curricle.transfer.mapping import ENDED, StateActionMapping
+from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.observation_potential import ObservationPotential
+
+Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
+CONTROLS: tuple[Control, ...] = ("random_start", "pretraining", "placebo", "scaled", "negated")
+SOURCE = "control source"
+
+
+def check_controls(controls: Sequence[str]) -> None:
+    """Raise SettingError unless all are names of controls."""
+    for name in controls:
+        one_of("a control", name, CONTROLS, SettingError)
+
+
+def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
+    """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
+
+    TaskError comes from a target whose tables, which all but ``scaled`` need, do not exist.
+    """
+    if not controls:
+        return
+    name = curriculum.target
+    if not curriculum.in_edges(name):
+        raise CurriculumError(
+            f"controls need a transfer into the target: arm {arm!r} has none into {name!r}"
+        )
+    if is_observation_task(curriculum.tasks[name]):
+        _check_observed(controls, arm, curriculum)
+    elif any(control != "scaled" for control in controls):
+        tables(curriculum.tasks[name])
+        if curriculum.setting("storage", name).kind == "sparse":
+            raise CurriculumError(
+                "controls other than 'scaled' need dense tables of the target: the storage of "
+                f"{name!r} is sparse in arm {arm!r}"
+            )
+
+
+def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
+    name = curriculum.target
+    how = curriculum.setting("how", name)
+    for control in controls:
+        if control in ("random_start", "placebo"):
+            raise CurriculumError(
+                f"a control {control!r} needs numbered states: {name!r}, the target of arm "
+                f"{arm!r}, is seen through observations"
+            )
+        if control != "pretraining" and how in OF_NETWORKS:
+            raise CurriculumError(
+                f"a control {control!r} changes what a potential promises: the target of arm "
+                f"{arm!r} is taught with how={how!r}, which reads no promises"
+            )
+
+
+def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
+    """Return the curriculum whose only source is its target, trained for so many steps.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    control : {"random_start", "pretraining"}
+        With a uniform start, or the target's own.
+    steps : int
+        What the curriculum's own sources took.
+
+    Examples
+    --------
+    >>> maze = GridWorld("S..T")
+    >>> plan = source_control(Curriculum({"maze": maze}), "random_start", 500)
+    >>> plan.order, plan.tasks[SOURCE].mdp.start.round(2)
+    (('control source', 'maze'), array([0.33, 0.33, 0.33, 0.  ]))
+    """
+    name = curriculum.target
+    task = curriculum.tasks[name]
+    source = _started_anywhere(task) if control == "random_start" else task
+    settings = {
+        which: {SOURCE: own, name: own}
+        for which in ("learner", "evaluation")
+        for own in [curriculum.setting(which, name)]
+    }
+    storage = curriculum.setting("storage", name)
+    return Curriculum(
+        tasks={SOURCE: source, name: task},
+        transfers=[Transfer(SOURCE, name, _onto_itself(task, source))],
+        how={name: curriculum.setting("how", name)},
+        guard={name: curriculum.setting("guard", name)},
+        budget={SOURCE: steps, name: curriculum.setting("budget", name)},
+        eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
+        storage={SOURCE: replace(storage, save_values=True), name: storage},
+        **settings,
+    )
+
+
+Change = Callable[[AnyPotential, int], AnyPotential]
+"""phi and a seed -> another phi."""
+
+
+def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
+    """Yield the name of each control that changes phi's values, and how it does."""
+    if "placebo" in controls:
+        yield "placebo", _shuffled
+    if "scaled" in controls:
+        yield "scaled x 0.5", lambda phi, _: phi.rescaled(0.5)
+        yield "scaled x 2", lambda phi, _: phi.rescaled(2.0)
+    if "negated" in controls:
+        yield "negated", _negated
+
+
+def learn_changed(result: CurriculumResult, change: Change, workers: int | None) -> LearningResult:
+    """Return the target learnt as its curriculum did, sources charged, from changed potentials."""
+    curriculum = result.curriculum
+    name = curriculum.target
+    seeds = result[name].seeds
+    changed = [change(phi, k) for phi, k in zip(result.potentials[name], seeds, strict=True)]
+    return curriculum.node(name).train(
+        seeds,
+        changed,
+        warm_ups=[one.warm_up for one in result.calibrations.get(name, ())],
+        charged=result.source_steps(name),
+        workers=workers,
+    )
+
+
+def _negated(phi: AnyPotential, _: int) -> AnyPotential:
+    if isinstance(phi, ObservationPotential):
+        return phi.rescaled(-1.0)
+    return StateActionPotential(phi.task, -phi.values)
+
+
+def _shuffled(phi: PairPotential, seed: int) -> PairPotential:
+    """Return phi with its values dealt anew to all pairs that are not terminal."""
+    values, ends = phi.values.copy(), tables(phi.task).terminal
+    alive = values[~ends]
+    values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
+    return StateActionPotential(phi.task, values)
+
+
+def _started_anywhere(task: Task) -> Task:
+    if isinstance(task, GridWorld):
+        return task.with_start("uniform")
+    mdp = tables(task)
+    return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
+
+
+def _onto_itself(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
+    if isinstance(task, ObservationTask):
+        return ObservationMapping(task, source)
+    mdp = tables(task)
+    index = np.arange(mdp.outcome_row.size).reshape(mdp.outcome_row.shape)
+    return StateActionMapping(task, source, np.where(mdp.terminal[:, None], ENDED, index))

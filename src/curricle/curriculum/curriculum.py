@@ -1,0 +1,372 @@
+"""Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, one_of
+from curricle.curriculum.node import Node
+from curricle.curriculum.potentials import calibrated, source_potentials, warn_of_refusals
+from curricle.curriculum.retraining import RetrainedResult, Return, with_retraining
+from curricle.curriculum.task_graph import TaskGraph
+from curricle.errors import CurriculumError
+from curricle.files import file_name
+from curricle.learning.budget import Budget, seed_tuple
+from curricle.learning.guard import Guard
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.result import LearningResult
+from curricle.learning.stopping import Decision
+from curricle.learning.storage import Storage
+from curricle.learning.ways import How
+from curricle.planning.evaluation import GreedyEvaluation
+from curricle.tasks.task import same_task
+from curricle.transfer.aggregation import Aggregate, mean
+from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.edges import Calibrate, Transfer
+
+IntArray = npt.NDArray[np.int64]
+DEFAULT_BUDGET = 100_000
+SETTINGS: dict[str, Any] = {
+    "aggregate": mean,
+    "learner": QLearning(),
+    "budget": DEFAULT_BUDGET,
+    "how": "initialise",
+    "guard": None,
+    "back": None,
+    "eval_freq": None,
+    "evaluation": GreedyEvaluation(),
+    "storage": Storage(),
+}
+"""What may be one value for all tasks or a dict from task to value, and its default."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curriculum(TaskGraph):
+    """A directed acyclic graph of tasks whose edges carry potentials.
+
+    Every setting below may be one value for all tasks or a dict from task name to value; tasks
+    that a dict leaves out get the default.
+
+    Parameters
+    ----------
+    tasks : dict of str to Task
+    transfers : sequence of Transfer
+        Several may share source and target (one source through several mappings).
+    aggregate : callable or dict
+        (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
+        :func:`mean`.
+    learner : Learner or dict
+        Default ``QLearning()``.
+    budget : int, Episodes, StoppingRule or dict
+        Steps, episodes, or steps until learning is good enough; default 100,000 steps.
+    how : str or dict
+        How potentials enter learning, see :func:`learn`; default ``"initialise"``. For
+        ``"state"`` the potential is Phi(s) = max_a phi(s, a).
+    guard : Guard or dict, optional
+        Watch over the potentials, and trust them less where they do harm; of tasks with sources.
+    back : Return or dict, optional
+        Go back to the sources where a task has lost what they gave it; of tasks with sources.
+    eval_freq : int or dict, optional
+        Steps between checkpoints.
+    evaluation : GreedyEvaluation or dict, optional
+    storage : Storage or dict, optional
+
+    Raises
+    ------
+    CurriculumError
+        On a cycle (naming it), an unknown task, or a mapping between other tasks than its edge.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, minimum, project
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> curriculum = Curriculum(
+    ...     tasks={"hunt": hunt, "chase": chase},
+    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator=name))
+    ...                for name in ("predator_1", "predator_2")],
+    ...     aggregate=minimum, budget={"chase": 10_000, "hunt": 20_000})
+    >>> curriculum.order
+    ('chase', 'hunt')
+    >>> result = curriculum.train(seeds=2)
+    >>> result.source_steps("hunt")
+    array([10000, 10000])
+    """
+
+    aggregate: Aggregate | Mapping[str, Aggregate] = mean
+    learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
+    budget: Budget | Mapping[str, Budget] = DEFAULT_BUDGET
+    how: How | Mapping[str, How] = "initialise"
+    guard: Guard | Mapping[str, Guard | None] | None = None
+    back: Return | Mapping[str, Return | None] | None = None
+    eval_freq: int | Mapping[str, int | None] | None = None
+    evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
+        default_factory=GreedyEvaluation
+    )
+    storage: Storage | Mapping[str, Storage] = field(default_factory=Storage)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for setting in SETTINGS:
+            given = getattr(self, setting)
+            for name in given if isinstance(given, Mapping) else ():
+                one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
+        for name in self.tasks:
+            node, calibration = self.node(name), self.calibration(name)
+            if self.in_edges(name):
+                node.check_guard()
+            self._check_back(node, calibration)
+
+    def _check_back(self, node: Node, calibration: Calibrate | None) -> None:
+        back = self.setting("back", node.name)
+        if back is None:
+            return
+        instance(f"back of {node.name}", back, Return, CurriculumError)
+        if node.deep:
+            raise CurriculumError(
+                f"a return to the sources changes tables: {node.name!r} is learnt by a network"
+            )
+        if self.in_edges(node.name):
+            back.watched(node)
+        if calibration is not None:
+            raise CurriculumError(
+                "a return to the sources changes a potential that was calibrated: choose one for "
+                f"{node.name!r}"
+            )
+
+    def calibration(self, name: str) -> Calibrate | None:
+        """Return how the potential of a task is calibrated; None if it is not."""
+        settings = {transfer.calibration for transfer in self.in_edges(name)}
+        if len(settings) > 1:
+            raise CurriculumError(
+                "all transfers into a task are calibrated together and must agree on it: those "
+                f"into {name!r} do not"
+            )
+        return settings.pop() if settings else None
+
+    def setting(self, which: str, name: str) -> Any:
+        """Return what a setting, such as ``"learner"``, is for one task."""
+        given = getattr(self, which)
+        return given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+
+    def node(self, name: str) -> Node:
+        """Return a task with all its settings; SettingError if they make no sense."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        settings = {which: self.setting(which, name) for which in SETTINGS if which != "back"}
+        return Node.of(name, self.tasks[name], **settings)
+
+    def replace(self, name: str, **settings: Any) -> "Curriculum":
+        """Return the same curriculum with other settings, such as ``budget=``, for one task."""
+        each: dict[str, Any] = {
+            which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
+            for which, value in settings.items()
+        }
+        return replace(self, **each)
+
+    def train(
+        self,
+        seeds: int | Sequence[int] = 1,
+        *,
+        only: str | Sequence[str] | None = None,
+        trained: Mapping[str, LearningResult] | None = None,
+        charge: bool = False,
+        snapshots: int = 0,
+        workers: int | None = None,
+        saves: str | Path | None = None,
+        progress: Callable[[str], Any] | None = None,
+    ) -> "CurriculumResult":
+        """Return every task learnt, in order, each once; K seeds are K independent curricula.
+
+        Parameters
+        ----------
+        seeds : int or sequence of int
+            As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
+            A task's random stream is named after it, so that a result does not depend on
+            which other tasks are there. Where a seed cannot be calibrated, its potential enters as
+            it is, with a warning; ``calibrations`` of the result says why.
+        only : str or sequence of str, optional
+            What to train, with all that it builds on; every task by default.
+        trained : dict of str to LearningResult, optional
+            Tasks learnt before, for the same seeds; they are taken as they are.
+        charge : bool
+            Whether the budget of :attr:`target` pays for its sources too, seed by seed.
+        frames : int
+            Tables of the first seed to keep on the way, in each task (:class:`Snapshots`).
+        workers : int, optional
+            Threads over seeds.
+        saves : path, optional
+            A folder for checkpoints of the tasks that networks learn: a killed run called again
+            goes on where it was (:func:`learn_deep`).
+        progress : callable, optional
+            Called with the name of each task when it is learnt.
+
+        Raises
+        ------
+        CurriculumError
+            When a result in `trained` is for an unknown task, another task or other seeds.
+        """
+        if trained is not None:
+            instance("trained", trained, Mapping, CurriculumError)
+        numbers = seed_tuple(seeds)
+        results = self._checked(trained or {}, numbers)
+        potentials: dict[str, list[AnyPotential]] = {}
+        calibrations: dict[str, list[Calibration]] = {}
+        retrained: dict[str, RetrainedResult] = {}
+        paying = self.target if charge else None
+        wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
+        wanted |= {source for name in wanted for source in self.ancestors(name)}
+        for name in self.order:
+            if name in results or name not in wanted:
+                continue
+            potentials[name] = self.potentials(name, results)
+            fitted = list[Calibration]()
+            if (settings := self.calibration(name)) is not None:
+                fitted = calibrated(name, potentials[name], settings, numbers)
+                warn_of_refusals(name, fitted)
+                calibrations[name] = fitted
+                potentials[name] = [one.potential for one in fitted]
+            spent = self._spent(name, results, retrained) if name == paying else None
+            node, back = self.node(name), self.setting("back", name)
+            goes_back = back is not None and bool(potentials[name])
+            results[name] = (back.watched(node) if goes_back else node).train(
+                numbers,
+                potentials[name],
+                warm_ups=[one.warm_up for one in fitted],
+                charged=spent,
+                snapshots=snapshots,
+                workers=workers,
+                saves=None if saves is None else Path(saves) / file_name(name),
+            )
+            if goes_back:
+                retrained[name] = self._course(name, results, spent)
+                results[name] = retrained[name].result
+            if progress is not None:
+                progress(name)
+        return CurriculumResult(self, results, potentials, calibrations, retrained)
+
+    def _course(
+        self, name: str, results: Mapping[str, LearningResult], spent: IntArray | None
+    ) -> RetrainedResult:
+        """Return a task's training with its returns, once each seed has come as far as it could."""
+        sources = {t.source: (self.node(t.source), results[t.source]) for t in self.in_edges(name)}
+        back: Return = self.setting("back", name)
+        known = partial(self._potential, name)
+        return with_retraining(back, self.node(name), sources, known, results[name], spent)
+
+    def _potential(self, name: str, results: Mapping[str, LearningResult]) -> PairPotential:
+        """Return the potential that one seed's sources give a task."""
+        potential: PairPotential
+        (potential,) = self.potentials(name, results)
+        return potential
+
+    def _spent(
+        self,
+        name: str,
+        results: Mapping[str, LearningResult],
+        retrained: Mapping[str, RetrainedResult],
+    ) -> IntArray | None:
+        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
+        warm_up = self.ancestors(name)
+        spent = [results[source].steps_used for source in warm_up]
+        spent += [retrained[source].extra for source in warm_up if source in retrained]
+        return np.sum(spent, axis=0, dtype=np.int64) if spent else None
+
+    def potentials(
+        self,
+        name: str,
+        results: Mapping[str, LearningResult],
+        *,
+        transfers: Sequence[Transfer] | None = None,
+        function: Aggregate | None = None,
+    ) -> list[AnyPotential]:
+        """Return the potential that each seed's sources give a task; none without sources.
+
+        Parameters
+        ----------
+        name : str
+            The target.
+        results : dict of str to LearningResult
+            Of its sources, for the same K seeds.
+        transfers : sequence of Transfer, optional
+            To read; all into the task by default.
+        function : callable, optional
+            To aggregate with; the task's own by default.
+
+        Raises
+        ------
+        CurriculumError
+            When a source's values were not kept, or not in a dense table.
+        """
+        edges = self.in_edges(name) if transfers is None else tuple(transfers)
+        aggregate = self.setting("aggregate", name) if function is None else function
+        return source_potentials(self.tasks[name], edges, results, aggregate)
+
+    def _checked(
+        self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
+    ) -> dict[str, LearningResult]:
+        for name, result in trained.items():
+            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
+                raise CurriculumError(
+                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                )
+            if result.seeds != seeds:
+                raise CurriculumError(
+                    f"a trained result must have the seeds asked for, {seeds}: {name!r} has "
+                    f"{result.seeds}"
+                )
+        return dict(trained)
+
+
+@dataclass(frozen=True, eq=False)
+class CurriculumResult:
+    """What training a curriculum gave.
+
+    Attributes
+    ----------
+    curriculum : Curriculum
+    nodes : dict of str to LearningResult
+    potentials : dict of str to list of MappedPotential or StateActionPotential
+        For each task trained here, the potential of each seed (empty without sources).
+    retrained : dict of str to RetrainedResult
+        For each task trained here that may go back to its sources, what that took.
+    calibrations : dict of str to list of Calibration
+        For each task trained here whose transfers are calibrated, that of each seed. Its steps are
+        the first of the task's own budget and curve.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> result = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=1000).train(seeds=2)
+    >>> result["maze"].seeds, result.source_steps("maze")
+    ((0, 1), array([0, 0]))
+    """
+
+    curriculum: Curriculum
+    nodes: Mapping[str, LearningResult]
+    potentials: Mapping[str, list[AnyPotential]]
+    calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
+    retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> LearningResult:
+        one_of("a task", name, self.nodes, CurriculumError)
+        return self.nodes[name]
+
+    def source_steps(self, name: str) -> IntArray:
+        """Return the steps each seed spent on a task's sources, each once, (K,) int64.
+
+        Those spent on going back to them from `name` included.
+        """
+        spent = self.curriculum._spent(name, self.nodes, self.retrained)
+        total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
+        return total + self.retrained[name].extra if name in self.retrained else total
+
+    def decisions(self, name: str) -> list[list[Decision]]:
+        """Return what a task's gate decided at each checkpoint of each seed."""
+        if name in self.retrained:
+            return self.retrained[name].decisions
+        return self.curriculum.node(name).decisions(self[name])

@@ -1,0 +1,181 @@
+"""A node of a curriculum: a task with all that its training needs but knowledge."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, one_of
+from curricle.deep.learner import DeepLearner
+from curricle.deep.learning import learn_deep
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.guard import Guard
+from curricle.learning.learners import Learner
+from curricle.learning.result import LearningResult
+from curricle.learning.run import WarmUp
+from curricle.learning.stopping import Decision, StoppingRule
+from curricle.learning.storage import Storage
+from curricle.learning.training import check_guard, learn
+from curricle.learning.ways import How
+from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.target import stopping_level
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model
+from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.calibration import AnyPotential
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`.
+
+    Attributes
+    ----------
+    name : str
+        Also names the random stream, so that a result does not depend on which other tasks are
+        there.
+    task : Task
+    aggregate, learner, budget, how, guard, every, evaluation, storage
+        As in :class:`Curriculum`, for this task.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld
+    >>> node = Curriculum({"maze": GridWorld("S.T")}, budget=1000).node("maze")
+    >>> node.eval_freq, node.most_steps
+    (10, 1000)
+    >>> node.train([0, 1]).steps_used
+    array([1000, 1000])
+    """
+
+    name: str
+    task: Any
+    aggregate: Aggregate
+    learner: Any
+    budget: Budget
+    how: How
+    guard: Guard | None
+    eval_freq: int
+    evaluation: GreedyEvaluation
+    storage: Storage
+
+    @classmethod
+    def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
+        """Return a node, checked; `every` None means a hundredth of the budget."""
+        limits(settings["budget"])
+        eval_freq = spacing(eval_freq, settings["budget"])
+        one_of(f"how of {name}", settings["how"], get_args(How), SettingError)
+        deep = is_observation_task(task)
+        instance(
+            f"learner of {name}",
+            settings["learner"],
+            DeepLearner if deep else Learner,
+            SettingError,
+        )
+        for which, kind in _KINDS.items():
+            instance(f"{which} of {name}", settings[which], kind, SettingError)
+        if not callable(settings["aggregate"]):
+            raise CurriculumError(
+                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
+                f"{settings['aggregate']!r}"
+            )
+        return cls(name, task, eval_freq=eval_freq, **settings)
+
+    def replace(self, **settings: Any) -> Self:
+        """Return the node with other settings."""
+        return replace(self, **settings)
+
+    def check_guard(self) -> None:
+        """Raise SettingError if there is a guard, but none that this learner can have."""
+        check_guard(self.guard, self.learner, self.how, guarded=True)
+
+    @property
+    def most_steps(self) -> int:
+        """A bound of the steps that training takes."""
+        limit = self.task.longest if self.deep else generative_model(self.task).time_limit
+        return longest_run(limit, self.budget, self.eval_freq)
+
+    @property
+    def deep(self) -> bool:
+        """Whether the task is seen through observations, and learnt by a network."""
+        return is_observation_task(self.task)
+
+    def train(
+        self,
+        seeds: Sequence[int],
+        potentials: Sequence[AnyPotential] = (),
+        *,
+        warm_ups: Sequence[WarmUp] = (),
+        charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
+        snapshots: int = 0,
+        workers: int | None = None,
+        saves: Path | None = None,
+    ) -> LearningResult:
+        """Return the task learnt by K seeds.
+
+        Parameters
+        ----------
+        seeds : sequence of K int
+        potentials : sequence of K potentials
+            What each seed knows before; of pairs, whatever `how` makes of them. Or none.
+        warm_ups : sequence of K WarmUp
+            What each seed spent on the task's account already. Or none.
+        charged, frames, workers
+            As in :func:`learn`; the latter two do not concern networks.
+        saves : Path, optional
+            A folder from which the training of networks goes on, as in :func:`learn_deep`.
+        """
+        if self.deep:
+            found = learn_deep(
+                self.task,
+                self.learner,
+                self.budget,
+                seeds=seeds,
+                potential=list(potentials) or None,
+                how=self.how,
+                eval_freq=self.eval_freq,
+                evaluation=self.evaluation,
+                stream=self.name,
+                warm_up=list(warm_ups) or None,
+                charged=charged,
+                saves=saves,
+            )
+            return found if self.storage.save_values else replace(found, values=None)
+        known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
+        return learn(
+            self.task,
+            self.learner,
+            self.budget,
+            seeds=seeds,
+            potential=known or None,
+            how=self.how,
+            guard=self.guard if known else None,
+            eval_freq=self.eval_freq,
+            evaluation=self.evaluation,
+            storage=self.storage,
+            stream=self.name,
+            warm_up=list(warm_ups) or None,
+            charged=charged,
+            snapshots=snapshots,
+            workers=workers,
+        )
+
+    def decisions(self, result: LearningResult) -> list[list[Decision]]:
+        """Return what the node's gate decided at each checkpoint of each seed; none without one."""
+        if not isinstance(self.budget, StoppingRule):
+            return [[] for _ in result.seeds]
+        level = stopping_level(self.budget, self.task, self.evaluation)
+        return [
+            self.budget.decisions(result.steps, greedy, level=level, used=int(used))
+            for greedy, used in zip(result.greedy_return, result.steps_used, strict=True)
+        ]
+
+
+_KINDS: dict[str, type] = {
+    "evaluation": GreedyEvaluation,
+    "storage": Storage,
+}

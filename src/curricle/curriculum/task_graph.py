@@ -1,0 +1,103 @@
+"""Tasks as nodes and transfers as edges: a directed acyclic graph."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+
+from curricle.checks import instance, one_of
+from curricle.errors import CurriculumError
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import Task, generative_model, same_task
+from curricle.transfer.edges import Transfer
+
+
+@dataclass(frozen=True, eq=False)
+class TaskGraph:
+    """A directed acyclic graph of tasks; what a :class:`Curriculum` is without its settings.
+
+    Parameters
+    ----------
+    tasks : dict of str to Task
+    transfers : sequence of Transfer
+        Several may share source and target (one source through several mappings).
+
+    Raises
+    ------
+    CurriculumError
+        On a cycle (naming it), an unknown task, or a mapping between other tasks than its edge.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
+    >>> maze = GridWorld("S.T")
+    >>> graph = TaskGraph({"b": maze, "a": maze}, [Transfer("a", "b", identity(maze))])
+    >>> graph.order, graph.target, graph.ancestors("b")
+    (('a', 'b'), 'b', ('a',))
+    """
+
+    tasks: Mapping[str, Task]
+    transfers: Sequence[Transfer] = ()
+
+    def __post_init__(self) -> None:
+        instance("tasks", self.tasks, Mapping, CurriculumError)
+        instance("transfers", self.transfers, Sequence, CurriculumError)
+        object.__setattr__(self, "tasks", dict(self.tasks))
+        object.__setattr__(self, "transfers", tuple(self.transfers))
+        if not self.tasks:
+            raise CurriculumError("a curriculum needs at least one task: got none")
+        for task in self.tasks.values():
+            if not is_observation_task(task):
+                generative_model(task)
+        for transfer in self.transfers:
+            instance("each of transfers", transfer, Transfer, CurriculumError)
+            self._check_ends(transfer)
+        _ = self.order
+
+    def _check_ends(self, transfer: Transfer) -> None:
+        for role in ("source", "target"):
+            name = getattr(transfer, role)
+            one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
+            if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
+                raise CurriculumError(
+                    f"a transfer's mapping must be made for its tasks: the mapping's {role} is not "
+                    f"the task {name!r} in {transfer.source} -> {transfer.target}"
+                )
+
+    @property
+    def target(self) -> str:
+        """The task that all others lead to; CurriculumError unless there is exactly one."""
+        sources = {transfer.source for transfer in self.transfers}
+        last = [name for name in self.tasks if name not in sources]
+        if len(last) != 1:
+            raise CurriculumError(
+                f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
+            )
+        return last[0]
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The tasks' names, every source before its targets."""
+        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
+        for transfer in self.transfers:
+            graph[transfer.target].append(transfer.source)
+        try:
+            return tuple(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            cycle = " -> ".join(error.args[1])
+            raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
+
+    def in_edges(self, name: str) -> tuple[Transfer, ...]:
+        """Return the transfers into a task."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        return tuple(t for t in self.transfers if t.target == name)
+
+    def ancestors(self, name: str) -> tuple[str, ...]:
+        """Return the tasks that have to be trained before `name`, in training order."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        wanted = {name}
+        for node in reversed(self.order):
+            if node in wanted:
+                wanted.update(t.source for t in self.in_edges(node))
+        return tuple(node for node in self.order if node in wanted and node != name)

@@ -1,0 +1,19 @@
+from .bins import Bins as Bins
+from .environment import TaskEnvironment as TaskEnvironment, to_gymnasium as to_gymnasium
+from .gymnasium import from_gymnasium as from_gymnasium
+from .observation_tasks import observation_task as observation_task
+from .pettingzoo import (
+    PursuitParallelEnv as PursuitParallelEnv,
+    agent_mappings as agent_mappings,
+    to_pettingzoo as to_pettingzoo,
+)
+from .potential_shaping import PotentialShaping as PotentialShaping
+from .tracker import Tracker as Tracker
+from .trackers import Trackers as Trackers, open_trackers as open_trackers
+from .vector_pursuit import (
+    PursuitVectors as PursuitVectors,
+    VectorPursuit as VectorPursuit,
+    observed_pursuit as observed_pursuit,
+    predator_mapping as predator_mapping,
+)
+from .vector_shaping import VectorPotentialShaping as VectorPotentialShaping

@@ -1,0 +1,29 @@
+from .budget import Episodes as Episodes
+from .guard import Guard as Guard
+from .learners import (
+    SARSA as SARSA,
+    DoubleQLearning as DoubleQLearning,
+    ExpectedSARSA as ExpectedSARSA,
+    Learner as Learner,
+    QLearning as QLearning,
+)
+from .potential import (
+    MappedPotential as MappedPotential,
+    StateActionPotential as StateActionPotential,
+    StatePotential as StatePotential,
+)
+from .potential_rollouts import GreedyRollouts as GreedyRollouts, greedy_rollouts as greedy_rollouts
+from .result import LearningResult as LearningResult
+from .run import WarmUp as WarmUp
+from .schedules import (
+    Schedule as Schedule,
+    constant as constant,
+    exponential as exponential,
+    harmonic as harmonic,
+    linear as linear,
+)
+from .snapshots import Snapshots as Snapshots
+from .stopping import Decision as Decision, StoppingRule as StoppingRule
+from .storage import SparseValues as SparseValues, Storage as Storage
+from .training import learn as learn
+from .ways import How as How

@@ -1,0 +1,249 @@
+"""The general learning loop: every update rule, every way for a potential to enter.
+
+The functions trust their input; :func:`curricle.learn`, which calls them, validates. Plain
+Q-learning has a faster loop of its own, in ``q_learning.py``.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.learning.exploration import (
+    ACTION,
+    best_of,
+    choose,
+    expected_value,
+    highest,
+)
+from curricle.learning.schedules import Schedule, at, rate_of
+from curricle.learning.stopping import StoppingKernel, stops
+from curricle.learning.tables import acting_rows, greedies
+from curricle.planning.policy_evaluation import greedy_return
+from curricle.tasks.draws import STRIDE, first_above, inlined, splitmix64
+from curricle.tasks.generative_models import cut_short, failed, first_state, transition
+
+FloatArray = npt.NDArray[np.float64]
+
+# What is added to the reward, or to the values acted on.
+PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
+# Update rules.
+Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
+
+NO_LIMIT = np.int64(2**62)
+
+
+class Shaping(NamedTuple):
+    """What a potential adds while learning; `initialise` and `look_ahead` need none of it."""
+
+    way: int
+    weight: Schedule
+    frame_steps: npt.NDArray[np.int64]  # (M,) the step from which each frame holds
+    state_values: FloatArray  # (M, S) Phi(s) of each frame
+    pair_values: FloatArray  # (S, A) phi(s, a)
+
+
+class Record(NamedTuple):
+    """What a run writes down, one entry a checkpoint."""
+
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    greedy_return: FloatArray  # (T,)
+    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
+    episodes: npt.NDArray[np.int64]  # (T,)
+    frame_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
+    frames: npt.NDArray[np.float32]  # (M, S, A)
+
+
+class Bounds(NamedTuple):
+    """Where a run ends: whichever comes first."""
+
+    steps: int
+    episodes: int
+    gate: StoppingKernel
+
+
+class Spent(NamedTuple):
+    """What a seed did in its task before it began to learn, on the account of its budget."""
+
+    steps: int
+    episodes: int
+    ended: int  # episodes that ended since the last checkpoint
+    ended_return: float  # their returns, added up
+
+
+class Acting(NamedTuple):
+    """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
+
+    q: npt.NDArray[np.floating[Any]]  # (1 or 2, S, A)
+    advice: FloatArray  # (S, A) phi, or (0, A)
+    weight: float
+    values: FloatArray  # (1, A) room
+
+
+@acting_rows.body(Acting)
+def _write_acting_row(view, state, out):
+    for action in range(out.shape[1]):
+        value = np.float64(view.q[0, state, action])
+        if view.q.shape[0] == 2:
+            value = 0.5 * (value + view.q[1, state, action])
+        if view.advice.shape[0] > 0:
+            value += view.weight * view.advice[state, action]
+        out[0, action] = value
+
+
+acting_values = inlined(_write_acting_row)
+
+
+@greedies.body(Acting)
+def _acting_greedy(view, state, bits):
+    acting_values(view, state, view.values)
+    return best_of(view.values, 0, bits)[1]
+
+
+@inlined
+def state_potential(shaping, state, step):
+    """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
+    frame = first_above(shaping.frame_steps, step) - np.uint64(1)
+    return at(shaping.weight, step) * shaping.state_values[frame, state]
+
+
+@inlined
+def bootstrap(q, table, state, next_action, values, rule, step, bits):
+    """Return what the rule takes `state` to be worth; `values` are its acting values.
+
+    Q-learning (paper E1): max_a Q(s, a). SARSA: Q(s, a) of the action that will be taken.
+    Expected SARSA: the policy's mean. Double Q-learning: the other table's value of this
+    table's best action.
+    """
+    if rule.update == SARSA:
+        return np.float64(q[0, state, next_action])
+    if rule.update == EXPECTED_SARSA:
+        return expected_value(rule.exploration, q, state, values, step)
+    if rule.update == DOUBLE_Q_LEARNING:
+        return np.float64(q[1 - table, state, best_of(q[table], state, bits)[1] & ACTION])
+    return np.float64(highest(q[0], state))
+
+
+@inlined
+def shaping_reward(shaping, phi, discount, state, action, next_state, terminated, step, carried):
+    """Return what shaping adds to the reward of a step, and what it carries to the next step.
+
+    Carried is Phi(s', t') for a state potential, phi(s, a) for look-back advice. The potential of
+    a terminal state is 0.
+    """
+    if shaping.way == STATE:  # F = gamma Phi(s', t') - Phi(s, t)
+        here, there = carried, 0.0
+        if not terminated:
+            there = state_potential(shaping, next_state, step)
+        return discount * there - here, there
+    if shaping.way == LOOK_BACK:  # F = phi(s, a) - phi(s before, a before) / gamma
+        here, before = phi[state, action], carried
+        if terminated:  # the end's own term, gamma (0 - phi(s, a) / gamma), is due now
+            return -before / discount, 0.0
+        return here - before / discount, here
+    if shaping.way == BONUS:
+        return phi[state, action], 0.0
+    return 0.0, 0.0
+
+
+@inlined
+def snapshots(record, checkpoint, q, other):
+    """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
+    for i in range(record.frame_at.shape[0]):
+        if record.frame_at[i] == checkpoint:
+            for state in range(q.shape[0]):
+                for action in range(q.shape[1]):
+                    mean = 0.5 * (q[state, action] + other[state, action])
+                    record.frames[i, state, action] = mean
+
+
+@inlined
+def write(record, checkpoint, so_far, q, other, gate):
+    """Fill one checkpoint of a record, and return whether the gate opens there.
+
+    `so_far` are the steps, the episodes, the number and returns of those ended since the last
+    checkpoint, and the greedy return; the policy acts on the mean of `q` and `other`.
+    """
+    step, episodes, ended, ended_return, value = so_far
+    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+    record.greedy_return[checkpoint] = value
+    record.episodes[checkpoint] = episodes
+    snapshots(record, checkpoint, q, other)
+    return stops(gate, record.greedy_return, checkpoint, step)
+
+
+@inlined
+def spent_checkpoints(evaluation, model, view, step, eval_freq, record):
+    """Return the first checkpoint from `step` on; those before are judged as learning starts."""
+    checkpoint = 0
+    if step > 0:
+        value = greedy_return(evaluation, model, view)
+        while checkpoint * eval_freq < step:
+            record.greedy_return[checkpoint] = value
+            checkpoint += 1
+    return checkpoint
+
+
+def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, eval_freq, record):
+    """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
+
+    `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
+    `done` what was spent before, `budget` are the :class:`Bounds`, `every` the steps between
+    checkpoints (checkpoint 0 is before the first step).
+    """
+    discount, limit = horizon
+    phi, weight = shaping.pair_values, shaping.weight
+    advice = phi[: phi.shape[0] if shaping.way == ADVICE else 0]
+    n_actions = q.shape[2]
+    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
+    room = np.empty((1, n_actions))
+    step, episodes, ended, ended_return = done
+    first = Acting(q, advice, at(weight, step), room)
+    checkpoint = spent_checkpoints(evaluation, model, first, step, eval_freq, record)
+    fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
+    action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
+    while True:
+        if step == checkpoint * eval_freq:
+            view = Acting(q, advice, at(weight, step), room)
+            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, view)
+            if write(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
+                return step, episodes
+            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+        if step >= budget.steps or episodes >= budget.episodes or failed(model):
+            return step, episodes
+        if fresh:
+            state = first_state(model, splitmix64(counter))
+            counter += STRIDE
+            length, episode_return, carried = 0, 0.0, 0.0
+            if shaping.way == STATE:
+                carried = state_potential(shaping, state, step)
+        if fresh or rule.update != SARSA:
+            acting_values(Acting(q, advice, at(weight, step), room), state, values)
+            action, bits, counter = choose(rule.exploration, values, step, counter)
+        next_state, target, terminated = transition(model, state, action, bits)
+        step, length, episode_return = step + 1, length + 1, episode_return + target
+
+        extra, carried = shaping_reward(
+            shaping, phi, discount, state, action, next_state, terminated, step, carried
+        )
+        target += extra
+        # Cutting off at the time limit is not termination: it bootstraps like any other step.
+        next_action, table, coin = np.uint64(0), 0, np.uint64(0)
+        if rule.update == DOUBLE_Q_LEARNING:
+            coin, counter = splitmix64(counter), counter + STRIDE
+            table = np.int64(coin & np.uint64(1))
+        if not terminated:
+            acting_values(Acting(q, advice, at(weight, step), room), next_state, next_values)
+            if rule.update == SARSA:
+                next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
+            target += discount * bootstrap(
+                q, table, next_state, next_action, next_values, rule, step, coin
+            )
+        rate = rate_of(rule.learning_rate, state, action, step - 1)
+        old = np.float64(q[table, state, action])
+        q[table, state, action] = old + rate * (target - old)
+
+        fresh = terminated or length >= limit or cut_short(model)
+        if fresh:
+            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
+        state, action = next_state, next_action

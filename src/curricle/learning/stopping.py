@@ -1,0 +1,308 @@
+"""A gate: when a task has been learnt well enough, judged at every checkpoint, with its reasons."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import number, one_of, whole_number
+from curricle.errors import SettingError
+from curricle.tasks.draws import inlined
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """A budget that ends as soon as the greedy policy is good enough, or gets no better.
+
+    It is judged at each checkpoint after the first, by the last greedy evaluations of the seed
+    alone, so that each seed ends in its own time.
+
+    Parameters
+    ----------
+    most : int
+        Steps at which learning ends whatever has been reached.
+    least : int
+        Steps before which it does not end.
+    value : float, optional
+        Ends when each of the last evaluations returned at least this.
+    fraction : float, optional
+        The same with worst + fraction (optimum - worst), in [0, 1]: how far from a policy that
+        acts at random to an optimal one. The task must be small enough to be solved.
+    plateau : float, optional
+        Ends when the mean of the last evaluations exceeds the mean of as many before them by less
+        than this return.
+    lost : float, optional
+        Ends, too, when each of the last evaluations lies more than this below the first: when what
+        the task was started with has been lost.
+    evaluations : int
+        How many "the last" are.
+    when : {"any", "all"}
+        Whether one of value (or fraction) and plateau is enough, or both must hold.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range, or value and fraction are both given.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> gate = StoppingRule(most=50_000, value=190.0, evaluations=2)
+    >>> print(gate)
+    50,000 steps, until a greedy return of 190.0 over 2 evaluations
+    >>> result = learn(GridWorld("S..T"), budget=gate, eval_freq=100)
+    >>> int(result.steps_used[0])
+    200
+    >>> print(gate.decisions(result.steps, result.greedy_return[0])[-1])
+    ends; greedy 193 >= 190 over 2 evaluations; 200 of at most 50,000 steps used
+    """
+
+    most: int
+    least: int = 0
+    value: float | None = None
+    fraction: float | None = None
+    plateau: float | None = None
+    lost: float | None = None
+    evaluations: int = 5
+    when: Literal["any", "all"] = "any"
+
+    def __post_init__(self) -> None:
+        for name, low in (("most", 1), ("least", 0), ("evaluations", 1)):
+            whole = whole_number(f"{name} of a gate", getattr(self, name), low, SettingError)
+            object.__setattr__(self, name, whole)
+        if self.least > self.most:
+            raise SettingError(
+                f"least of a gate must not exceed most: got {self.least:,} and {self.most:,} steps"
+            )
+        if self.value is not None:
+            number("value of a gate", self.value, SettingError)
+        if self.fraction is not None:
+            number("fraction of a gate", self.fraction, SettingError, 0.0, 1.0)
+            if self.value is not None:
+                raise SettingError(
+                    "a gate takes a value or a fraction of the optimum, not both: got "
+                    f"{self.value:g} and {self.fraction:g}"
+                )
+        for name in ("plateau", "lost"):
+            if getattr(self, name) is not None:
+                number(f"{name} of a gate", getattr(self, name), SettingError, 0.0)
+        one_of("when of a gate", self.when, ("any", "all"), SettingError)
+
+    def __str__(self) -> str:
+        n = self.evaluations
+        asked = [
+            words
+            for given, words in (
+                (self.value, f"a greedy return of {self.value}"),
+                (self.fraction, f"{self.fraction} of the way to the optimum"),
+                (self.plateau, f"a rise below {self.plateau}"),
+            )
+            if given is not None
+        ]
+        until = f", until {f' {_JOINED[self.when]} '.join(asked)} over {n} evaluations" * bool(
+            asked
+        )
+        least = f"{self.least:,} to " if self.least else ""
+        return f"{least}{self.most:,} steps{until}"
+
+    def rule(self, level: float | None = None) -> "StoppingKernel":
+        """Return the gate as compiled loops read it.
+
+        Parameters
+        ----------
+        level : float, optional
+            The return that a fraction stands for (:meth:`Target.level`).
+        """
+        value = self.value if self.fraction is None else level
+        return StoppingKernel(
+            self.least,
+            self.evaluations,
+            math.nan if value is None else float(value),
+            math.nan if self.plateau is None else float(self.plateau),
+            math.nan if self.lost is None else float(self.lost),
+            self.when == "all",
+        )
+
+    def decisions(
+        self,
+        steps: npt.ArrayLike,
+        greedy_return: npt.ArrayLike,
+        *,
+        level: float | None = None,
+        used: int | None = None,
+    ) -> list["Decision"]:
+        """Return what the gate decided at each checkpoint of one seed, up to the one it ended at.
+
+        Parameters
+        ----------
+        steps : (T,) int64
+        greedy_return : (T,) float64
+            The seed's row of ``LearningResult.greedy_return``.
+        level : float, optional
+            The return that a fraction stands for.
+        used : int, optional
+            Steps the seed spent in all; later checkpoints repeat its last value.
+        """
+        rule, greedy = self.rule(level), np.asarray(greedy_return, dtype=np.float64)
+        found = list[Decision]()
+        for checkpoint, step in enumerate(np.asarray(steps).tolist()):
+            if used is not None and step > used:
+                break
+            ends = bool(opens(rule, greedy, checkpoint, step))
+            lowest, highest, rise = (float(part(rule, greedy, checkpoint)) for part in _PARTS)
+            start = float(greedy[0])
+            found.append(Decision(self, rule, step, ends, start, lowest, highest, rise))
+            if found[-1].ends or step >= self.most:
+                break
+        return found
+
+
+_JOINED = {"any": "or", "all": "and"}
+
+
+class StoppingKernel(NamedTuple):
+    """A gate, for the compiled loops; NaN where a condition is not set."""
+
+    least: int
+    evaluations: int
+    level: float
+    plateau: float
+    lost: float
+    both: bool
+
+
+NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, False)
+
+
+def lowest_of_last(rule, greedy, checkpoint):
+    """Return the lowest of the last evaluations up to a checkpoint; NaN if there are too few."""
+    if checkpoint + 1 < rule.evaluations:
+        return np.nan
+    lowest = np.inf
+    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+        if not greedy[i] >= lowest:  # NaN is the lowest of all
+            lowest = greedy[i]
+    return lowest
+
+
+def highest_of_last(rule, greedy, checkpoint):
+    """Return the highest of the last evaluations after the first one; NaN if there are too few."""
+    if checkpoint < rule.evaluations:
+        return np.nan
+    highest = -np.inf
+    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+        if not greedy[i] <= highest:
+            highest = greedy[i]
+    return highest
+
+
+def rise_of_last(rule, greedy, checkpoint):
+    """Return the mean of the last evaluations less that of as many before; NaN if too few."""
+    n = rule.evaluations
+    if checkpoint + 1 < 2 * n:
+        return np.nan
+    rise = 0.0
+    for i in range(n):
+        rise += greedy[checkpoint - i] - greedy[checkpoint - n - i]
+    return rise / n
+
+
+def _judge(lowest_of, highest_of, rise_of):
+    """Return the gate's one predicate, made of compiled pieces or of plain functions."""
+
+    def opens(rule, greedy, checkpoint, step):
+        if step == 0 or step < rule.least:
+            return False
+        if highest_of(rule, greedy, checkpoint) < greedy[0] - rule.lost:
+            return True
+        asks_level, asks_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
+        reached = asks_level and lowest_of(rule, greedy, checkpoint) >= rule.level
+        flat = asks_plateau and rise_of(rule, greedy, checkpoint) < rule.plateau
+        if rule.both and asks_level and asks_plateau:
+            return reached and flat
+        return reached or flat
+
+    return opens
+
+
+_PARTS = lowest_of_last, highest_of_last, rise_of_last
+opens = _judge(*_PARTS)
+stops = inlined(_judge(*map(inlined, _PARTS)))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a gate decided at one checkpoint, with its evidence. Prints as a sentence.
+
+    Attributes
+    ----------
+    gate : StoppingRule
+    rule : StoppingKernel
+    step : int
+    ends : bool
+        Whether the gate opened.
+    start : float
+        The first evaluation, return.
+    lowest, highest : float
+        The lowest and highest of the last evaluations, return; NaN if there were too few.
+    rise : float
+        Their mean less the mean of as many before, return; NaN if there were too few.
+    then : str
+        What was done where that is more than to stay or to end.
+    """
+
+    gate: StoppingRule
+    rule: StoppingKernel
+    step: int
+    ends: bool
+    start: float
+    lowest: float
+    highest: float
+    rise: float
+    then: str = ""
+
+    @property
+    def lost(self) -> bool:
+        """Whether what the task was started with has been lost."""
+        early = self.step == 0 or self.step < self.gate.least
+        return not early and self.highest < self.start - self.rule.lost
+
+    @property
+    def spent(self) -> bool:
+        """Whether all steps were used."""
+        return self.step >= self.gate.most
+
+    @property
+    def reasons(self) -> Sequence[str]:
+        """Each condition with the number it was held against."""
+        found, n = list[str](), self.gate.evaluations
+        over = f"over {n} evaluation{'s' * (n > 1)}"
+        if not math.isnan(self.rule.level):
+            sign = ">=" if self.lowest >= self.rule.level else "<"
+            found.append(
+                f"too few evaluations for a value over {n}"
+                if math.isnan(self.lowest)
+                else f"greedy {self.lowest:.4g} {sign} {self.rule.level:.4g} {over}"
+            )
+        if not math.isnan(self.rule.plateau):
+            sign = "<" if self.rise < self.rule.plateau else ">="
+            found.append(
+                f"too few evaluations for a plateau over {n} and {n} before"
+                if math.isnan(self.rise)
+                else f"rise {self.rise:.3g} {sign} {self.rule.plateau:.3g} {over}"
+            )
+        if self.lost:
+            found.append(
+                f"lost: greedy {self.highest:.4g} < {self.start:.4g} - {self.rule.lost:.4g}, where "
+                f"it started, {over}"
+            )
+        return found
+
+    def __str__(self) -> str:
+        used = f"{self.step:,} of at most {self.gate.most:,} steps used"
+        early = [f"at least {self.gate.least:,} steps first"] * (self.step < self.gate.least)
+        verdict = self.then or ("ends" if self.ends or self.spent else "stays")
+        return "; ".join([verdict, *self.reasons, *early, used])

@@ -1,0 +1,5 @@
+"""What is true of a task: optimal values, policy evaluation, rollouts."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,292 @@
+"""What exact planning needs of a task, from its tables or, where it has them, its movers.
+
+Both models offer the same few verbs: iterate to the optimum or to a policy's values, and back up
+once into (S, A). ``planning.py`` decides how far to iterate and what that proves.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import SettingError
+from curricle.planning import backups, factored_backups
+from curricle.tasks.factored import FactoredModel
+from curricle.tasks.improper import endless_states
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.task import Task, tables
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Policy = npt.NDArray[np.integer[Any]] | FloatArray
+"""An action for each state, (S,), or the probability of each action, (S, A)."""
+
+
+class Precision(NamedTuple):
+    """How far to iterate.
+
+    Attributes
+    ----------
+    enough : float
+        The residual, rounding included, at which to end.
+    unit : float
+        The relative rounding error of one backup.
+    largest_reward : float
+    horizon : float
+        What a residual is multiplied by to bound the error.
+    """
+
+    enough: float
+    unit: float
+    largest_reward: float
+    horizon: float
+
+
+class Model(Protocol):
+    """A task as exact planning sees it."""
+
+    @property
+    def terminal(self) -> BoolArray:
+        """Which states end an episode, (S,)."""
+
+    @property
+    def n_actions(self) -> int:
+        """A."""
+
+    @property
+    def outcomes(self) -> int:
+        """The number of outcomes that a backup adds up."""
+
+    @property
+    def discount(self) -> float:
+        """Gamma."""
+
+    @property
+    def largest_reward(self) -> float:
+        """No reward is larger in size than this."""
+
+    def optimise(self, values: FloatArray, precision: Precision) -> float:
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
+
+    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
+        """Bring `values` to those of a policy in place; return the last change."""
+
+    def start_value(self, values: FloatArray) -> float:
+        """Return the mean of `values` over the start distribution."""
+
+    def action_values(self, values: FloatArray) -> FloatArray:
+        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
+
+
+@dataclass(frozen=True, eq=False)
+class TabularPlanningModel:
+    """A model read from the tables of a FiniteMDP.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> TabularPlanningModel.of(GridWorld("S.T").mdp).largest_reward
+    199.0
+    """
+
+    mdp: FiniteMDP
+    mean_reward: FloatArray
+    largest_reward: float
+    discount: float
+
+    @classmethod
+    def of(cls, mdp: FiniteMDP) -> Self:
+        """Return the model of a FiniteMDP."""
+        mean = np.einsum("yo,yo->y", mdp.probability, mdp.reward)
+        largest = max(mdp.reward.max(initial=0.0), -mdp.reward.min(initial=0.0))
+        if not np.isfinite(largest):  # in a row that only terminal states name, hence no reward
+            largest = abs(mdp.reward[np.isfinite(mdp.reward)]).max(initial=0.0)
+        return cls(mdp, mean, float(largest), mdp.discount)
+
+    @property
+    def terminal(self) -> BoolArray:
+        """Which states end an episode, (S,)."""
+        return self.mdp.terminal
+
+    @property
+    def n_actions(self) -> int:
+        """A."""
+        return self.mdp.actions.size
+
+    @property
+    def outcomes(self) -> int:
+        """The number of outcomes of a row."""
+        return int(self.mdp.probability.shape[1])
+
+    @property
+    def _rows(self) -> npt.NDArray[np.uint32]:
+        return self.mdp.outcome_row.view(np.uint32)
+
+    @property
+    def _dynamics(self) -> tuple[Any, Any, Any, Any, float]:
+        successor = self.mdp.next_state.view(np.uint32)
+        return self.mdp.probability, successor, self.mean_reward, self.terminal, self.discount
+
+    def optimise(self, values: FloatArray, precision: Precision) -> float:
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
+        return float(backups.optimal_values(self._rows, *self._dynamics, values, *precision))
+
+    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
+        """Bring `values` to those of a policy in place; return the last change."""
+        entries = policy_entries(policy, self.terminal, self._rows)
+        return float(backups.policy_values(*entries, *self._dynamics, values, *precision))
+
+    def start_value(self, values: FloatArray) -> float:
+        """Return the mean of `values` over the start distribution."""
+        return float(self.mdp.start @ values)
+
+    def action_values(self, values: FloatArray) -> FloatArray:
+        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
+        outcomes = values[self.mdp.next_state]
+        outcomes *= self.discount
+        outcomes += self.mdp.reward
+        outcomes *= self.mdp.probability
+        q = np.asarray(outcomes.sum(axis=1)[self.mdp.outcome_row])
+        q[self.terminal] = 0.0
+        return q
+
+    def check_ends(self, policy: Policy | None) -> None:
+        """Raise SettingError if the policy (some policy if None) may never end."""
+        if policy is not None and policy.ndim == 1:
+            policy = np.arange(self.n_actions) == policy[:, None]
+        endless = endless_states(
+            self.terminal,
+            self.mdp.outcome_row,
+            self.mdp.probability,
+            self.mdp.next_state,
+            None if policy is None else policy > 0,
+        )
+        if endless.size:
+            raise SettingError(
+                "discount 1 needs every policy considered to end: from state "
+                f"{endless[0]} an episode can go on for ever"
+            )
+
+    def counting_steps(self) -> Self:
+        """Return the same with a reward of 1 for every step and discount 1."""
+        return type(self)(self.mdp, np.ones_like(self.mean_reward), 1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FactoredPlanningModel:
+    """A model computed from the rules of independent movers; discount below 1.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> FactoredPlanningModel.of(Pursuit(size=2, predators=1).factored_model).largest_reward
+    1.0
+    """
+
+    factored_model: FactoredModel
+    terminal: BoolArray
+    mean_reward: FloatArray
+
+    @classmethod
+    def of(cls, factored_model: FactoredModel) -> Self:
+        """Return the model of some movers."""
+        touching = factored_model.touching()
+        pay = np.take(factored_model.pays, touching)
+        mean = expected(factored_model, np.zeros(len(pay)), 1.0, pay)
+        return cls(factored_model, np.take(factored_model.ends, touching), mean)
+
+    @property
+    def n_actions(self) -> int:
+        """A = M^k."""
+        return int(self.factored_model.landing.shape[1] ** self.factored_model.agents)
+
+    @property
+    def outcomes(self) -> int:
+        """The number of moves of the drifter."""
+        return int(self.factored_model.landing.shape[1])
+
+    @property
+    def discount(self) -> float:
+        """Gamma."""
+        return self.factored_model.discount
+
+    @property
+    def largest_reward(self) -> float:
+        """No reward is larger in size than this."""
+        return float(abs(self.factored_model.pays).max())
+
+    @property
+    def _dynamics(self) -> tuple[Any, Any, int, Any, Any, float]:
+        m = self.factored_model
+        return m.landing, m.drift, m.agents, self.mean_reward, self.terminal, m.discount
+
+    def optimise(self, values: FloatArray, precision: Precision) -> float:
+        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
+        values *= min(0.0, float(self.factored_model.pays.min()))
+        values[self.terminal] = 0.0
+        return float(factored_backups.optimal_values(*self._dynamics, values, *precision))
+
+    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
+        """Bring `values` to those of a policy in place; return the last change."""
+        entries = policy_entries(
+            policy, self.terminal, self.factored_model.landed().view(np.uint32)
+        )
+        return float(factored_backups.policy_values(*entries, *self._dynamics, values, *precision))
+
+    def start_value(self, values: FloatArray) -> float:
+        """Return the mean of `values` over the start distribution."""
+        return float(values[~self.terminal].mean())
+
+    def action_values(self, values: FloatArray) -> FloatArray:
+        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
+        m = self.factored_model
+        rows = expected(m, self.mean_reward, m.discount, values.copy())
+        q = np.take(rows.reshape(len(m.landing), -1), m.landed(), axis=1)
+        q = q.reshape(len(values), self.n_actions)
+        q[self.terminal] = 0.0
+        return q
+
+
+def expected(
+    factored_model: FactoredModel, mean_reward: FloatArray, discount: float, values: FloatArray
+) -> FloatArray:
+    """Return r + gamma times the mean of `values` over the drifter's moves, (S,)."""
+    rows = np.empty((len(factored_model.landing), len(values) // len(factored_model.landing)))
+    for cell, plane in enumerate(rows):
+        factored_backups.expect(
+            values, mean_reward, factored_model.landing, factored_model.drift, discount, cell, plane
+        )
+    return rows.ravel()
+
+
+def policy_entries(
+    policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
+) -> tuple[Any, Any, Any]:
+    """Return a policy's rows: first entry of each state, (S + 1,), row and weight of each entry.
+
+    `row_of` names the row of each pair, for all states or, repeating, for a part of them.
+    """
+    if policy.ndim == 2:
+        first, row, weight = backups.policy_entries(policy, terminal, row_of)
+        return first, row, weight
+    n_states = len(policy)
+    row = row_of[np.arange(n_states) % len(row_of), policy]
+    return np.arange(n_states + 1), row, np.ones(n_states)
+
+
+def model_of(task: Task) -> Model:
+    """Return the model to plan with: the task's movers where it has any, else its tables.
+
+    At discount 1 it is the tables, in which one can look for policies that never end.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Pursuit
+    >>> type(model_of(Pursuit(size=2))).__name__, type(model_of(GridWorld("ST"))).__name__
+    ('FactoredPlanningModel', 'TabularPlanningModel')
+    """
+    factored_model = getattr(task, "movers", None)
+    if isinstance(factored_model, FactoredModel) and factored_model.discount < 1:
+        return FactoredPlanningModel.of(factored_model)
+    return TabularPlanningModel.of(tables(task))

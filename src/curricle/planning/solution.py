@@ -1,0 +1,280 @@
+"""Exact planning: optimal values, the value of a given policy, each with a proven error bound."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import number, numbers
+from curricle.errors import SettingError
+from curricle.planning.models import Model, Policy, Precision, TabularPlanningModel, model_of
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task
+
+FloatArray = npt.NDArray[np.float64]
+EPSILON = float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyValues:
+    """The exact values of a policy.
+
+    Attributes
+    ----------
+    values : (S,) float64
+        V(s), discounted return; 0 in terminal states.
+    start_value : float
+        V averaged over the start distribution.
+    error_bound : float
+        No value is further than this from the true one (rounding included).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> evaluate(GridWorld("S.T"), [1, 1, 0]).error_bound < 1e-8
+    True
+    """
+
+    values: FloatArray
+    start_value: float
+    error_bound: float
+    _model: Model = field(repr=False)
+
+    @cached_property
+    def action_values(self) -> FloatArray:
+        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
+
+        Computed when first asked for.
+        """
+        return frozen(self._model.action_values(self.values))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution(PolicyValues):
+    """Optimal values, and which actions attain them.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> solve(GridWorld(["S.", ".T"])).optimal[0]  # east and south are as good
+    array([False,  True,  True, False])
+    """
+
+    @cached_property
+    def optimal(self) -> npt.NDArray[np.bool_]:
+        """Actions that the error bound cannot tell from optimal, (S, A) bool.
+
+        Those whose Q(s, a) is within twice the bound of the best. Ties are so kept, not broken by
+        index.
+        """
+        best = self.action_values.max(axis=1, keepdims=True)
+        return frozen(np.asarray(self.action_values >= best - 2 * self.error_bound))
+
+    @property
+    def policy(self) -> FloatArray:
+        """The policy that takes each optimal action equally often, (S, A) float64."""
+        return np.asarray(self.optimal / self.optimal.sum(axis=1, keepdims=True))
+
+
+def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
+    """Return the optimal values V* and Q*, with a guaranteed error bound.
+
+    By modified policy iteration on the tables, or by value iteration, mover by mover, where the
+    task has :class:`FactoredModel`; from a V <= TV, so that values only rise (Puterman 1994, theorem
+    6.5.5), where TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs up each
+    V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
+    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
+    the longest expected episode takes the place of 1 / (1 - gamma). The time limit plays no part:
+    it is a limit of learning, not of the task.
+
+    Parameters
+    ----------
+    task : Task
+    tolerance : float
+        Largest error allowed, in return units.
+
+    Raises
+    ------
+    SettingError
+        When the discount is 1 and some policy never ends, or when rounding alone exceeds the
+        tolerance.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> solution = solve(GridWorld("S.T", discount=0.5))
+    >>> solution.values, solution.optimal[0]
+    (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
+    """
+    model = model_of(task)
+    values, error = _iterate(model, None, tolerance)
+    return Solution(frozen(values), model.start_value(values), error, model)
+
+
+def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> PolicyValues:
+    """Return the exact values of a policy, with a guaranteed error bound.
+
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with a step along the
+    error that is left now and then (Anderson 1965); the bound is that of :func:`solve`.
+
+    Parameters
+    ----------
+    task : Task
+    policy : (S,) int array or (S, A) float array
+        An action for each state, or the probability of each action.
+    tolerance : float
+        Largest error allowed, in return units.
+
+    Raises
+    ------
+    SettingError
+        When the policy is malformed, or when at discount 1 it may never end.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld("S.T", discount=0.5)
+    >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
+    array([ -2., 199.,   0.])
+    """
+    model = model_of(task)
+    followed = checked_policy(policy, model.terminal, model.n_actions)
+    values, error = _iterate(model, followed, tolerance)
+    return PolicyValues(frozen(values), model.start_value(values), error, model)
+
+
+def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> FloatArray:
+    """Return the policy that is greedy on Q, ties broken uniformly, (S, A) float64.
+
+    Parameters
+    ----------
+    action_values : (S, A) float array
+    tolerance : float
+        Actions this close to the best count as tied.
+
+    Examples
+    --------
+    >>> greedy_policy([[1.0, 3.0, 3.0]])
+    array([[0. , 0.5, 0.5]])
+    """
+    q = numbers("action_values", action_values, SettingError)
+    number("tolerance", tolerance, SettingError, low=0)
+    if np.isnan(q).any():
+        raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} that are")
+    best = q >= q.max(axis=-1, keepdims=True) - tolerance
+    return np.asarray(best / best.sum(axis=-1, keepdims=True))
+
+
+def right_choices(
+    action_values: npt.NDArray[np.floating[Any]], optimal: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S).
+
+    Examples
+    --------
+    >>> right_choices(np.array([[1.0, 2.0], [3.0, 3.0]]), np.array([[False, True]] * 2))
+    array([ True, False])
+    """
+    greedy = action_values == action_values.max(axis=-1, keepdims=True)
+    return np.asarray((optimal | ~greedy).all(axis=-1))
+
+
+def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
+    """Return a policy as (S, A) probabilities, or raise SettingError naming the bad state."""
+    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
+    if checked.ndim == 1:
+        checked = np.eye(mdp.actions.size)[checked]
+    return checked.astype(np.float64, copy=False)
+
+
+def checked_policy(
+    policy: npt.ArrayLike, terminal: npt.NDArray[np.bool_], n_actions: int
+) -> Policy:
+    """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
+    if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
+        numbers("a policy", policy, SettingError)
+    given, n_states = np.asarray(policy), len(terminal)
+    if given.shape == (n_states,):
+        if not np.issubdtype(given.dtype, np.integer):
+            raise SettingError(
+                f"a policy of one action a state must be integers: got {given.dtype}"
+            )
+        bad = np.flatnonzero((given < 0) | (given >= n_actions))
+        if bad.size:
+            raise SettingError(
+                f"a policy's actions must lie in 0..{n_actions - 1}: state {bad[0]} has "
+                f"{given[bad[0]]}"
+            )
+        return given
+    if given.shape != (n_states, n_actions):
+        raise SettingError(
+            f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
+            f"{given.shape}"
+        )
+    table = given.astype(np.float64, copy=False)
+    good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
+    bad = np.flatnonzero(~good & ~terminal)
+    if bad.size:
+        raise SettingError(
+            f"a policy's probabilities must sum to 1: state {bad[0]} has {table[bad[0]].tolist()}"
+        )
+    return table
+
+
+def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[FloatArray, float]:
+    """Return the values of a policy, the best if None, and their error bound.
+
+    If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
+    horizon gamma d of the fixed point, and likewise with rounding added to gamma d.
+    """
+    if not number("tolerance", tolerance, SettingError) > 0:
+        raise SettingError(f"tolerance must be positive: got {tolerance}")
+    lengths = _lengths(model, policy)
+    horizon = float(lengths.max()) + (model.discount == 1)
+    unit = _unit(model, policy)
+    precision = Precision(0.999 * tolerance / horizon, unit, model.largest_reward, horizon)
+    if policy is None:
+        values = lengths
+        change = model.optimise(values, precision)
+    else:
+        values = np.zeros_like(lengths)
+        change = model.policy_backup(policy, values, precision)
+    rounding = unit * (model.largest_reward + float(abs(values).max()))
+    error = (model.discount * change + rounding) * horizon
+    if not error <= tolerance:
+        raise SettingError(
+            f"tolerance must be at least {max(2 * rounding * horizon, 1.1 * error):.1e} for this "
+            f"task in double precision: got {tolerance:g}"
+        )
+    return values, error
+
+
+def _unit(model: Model, policy: Policy | None) -> float:
+    """Return the relative rounding error of one backup, which adds up that many products."""
+    mixed = model.n_actions if policy is not None else 0
+    return (model.outcomes + 3 + mixed) * EPSILON
+
+
+def _lengths(model: Model, policy: Policy | None) -> FloatArray:
+    """Return a bound w of the expected (discounted) length of an episode from each state.
+
+    It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
+    best mean reward is below. 1 / (1 - gamma), or at discount 1 lengths computed up to a residual
+    of at most 1/2: if |1 + P w - w| <= d then w / (1 - d) has the property.
+    """
+    n_states = len(model.terminal)
+    if model.discount < 1:
+        return np.full(n_states, 1 / (1 - model.discount))
+    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+    model.check_ends(policy)
+    steps, lengths = model.counting_steps(), np.zeros(n_states)
+    precision = Precision(0.5, EPSILON, 1.0, n_states)
+    if policy is None:
+        change = steps.optimise(lengths, precision)
+    else:
+        change = steps.policy_backup(policy, lengths, precision)
+    return np.asarray(lengths / (1 - change))

@@ -1,0 +1,134 @@
+"""A target, solved once where it can be: what its optimum is, and what acting at random earns."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from curricle.errors import SettingError
+from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.potential_rollouts import greedy_start
+from curricle.learning.stopping import StoppingRule
+from curricle.learning.value_lookup import nothing
+from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.solution import Solution, solve
+from curricle.tasks.task import Task, generative_model, has_tables, tables
+
+LARGEST_SOLVED = 5_000_000
+"""Pairs (S x A) up to which a target is solved."""
+LARGEST_FOLLOWED = 300_000_000
+"""Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+ROLLOUTS = 1000
+"""Rollouts where returns are no exact ones."""
+CLOSE = 1e-6
+"""Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A target as potentials are judged in it; solved once, if it can be.
+
+    Attributes
+    ----------
+    task : Task
+    evaluation : GreedyEvaluation
+        Of greedy policies.
+    solution : Solution or None
+        None where the target is too large to solve, or where it has discount 1 and a policy of it
+        would go on for ever but for the time limit.
+    typical_reward : float
+        Median size of the rewards other than 0.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> Target.of(GridWorld("S.T", discount=0.5)).optimum
+    98.5
+    """
+
+    task: Task
+    evaluation: GreedyEvaluation
+    solution: Solution | None
+    typical_reward: float
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        evaluation: GreedyEvaluation | None = None,
+        *,
+        episodes: int = ROLLOUTS,
+    ) -> "Target":
+        """Return a target, evaluated exactly where it can be, else by so many rollouts."""
+        given = GreedyEvaluation() if evaluation is None else evaluation
+        generative = generative_model(task)
+        pairs = generative.states.size * generative.actions.size
+        solution, typical = None, float("nan")
+        method: Literal["exact", "rollouts"] = "rollouts"
+        if has_tables(task) and pairs <= LARGEST_SOLVED:
+            mdp = tables(task)
+            solution = _solution(task)
+            paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
+            typical = float(np.median(paid)) if paid.size else 1.0
+            outcomes = pairs * mdp.probability.shape[1]
+            if outcomes * given.horizon(task) <= LARGEST_FOLLOWED:
+                method = "exact"
+        return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
+
+    @property
+    def optimum(self) -> float:
+        """The expected return of an optimal policy; NaN where the target is not solved."""
+        if self.solution is None:
+            return float("nan")
+        best = StateActionPotential(self.task, self.solution.optimal.astype(float))
+        return greedy_start(best, self.evaluation)
+
+    @property
+    def random_return(self) -> float:
+        """The expected return before anything is learnt, every action alike."""
+        n_actions = generative_model(self.task).actions.size
+        return greedy_start(MappedPotential(self.task, nothing(n_actions, 0.0)), self.evaluation)
+
+    def level(self, fraction: float) -> float:
+        """Return worst + fraction (optimum - worst), worst being what acting at random earns.
+
+        SettingError comes from a target that is not solved.
+        """
+        if self.solution is None:
+            raise not_solved(fraction, self.task)
+        return part_of_the_way(self.optimum, self.random_return, fraction)
+
+
+def part_of_the_way(optimum: float, worst: float, fraction: float) -> float:
+    """Return worst + fraction (optimum - worst), exactly the optimum for 1.
+
+    Examples
+    --------
+    >>> part_of_the_way(optimum=-10.0, worst=-50.0, fraction=0.75)
+    -20.0
+    """
+    return float(optimum - (1 - fraction) * (optimum - worst))
+
+
+def not_solved(fraction: float, task: Any) -> SettingError:
+    """Return the error that nobody knows the optimum which a fraction is of."""
+    return SettingError(
+        f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
+        "give a return instead"
+    )
+
+
+def stopping_level(gate: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
+    """Return the return that a gate's fraction stands for; None if it has none."""
+    return None if gate.fraction is None else Target.of(task, evaluation).level(gate.fraction)
+
+
+def _solution(task: Task) -> Solution | None:
+    rewards = tables(task).reward
+    largest = abs(rewards[np.isfinite(rewards)]).max(initial=0.0)
+    try:
+        return solve(task, tolerance=CLOSE * max(1.0, float(largest)))
+    except SettingError:
+        if generative_model(task).discount < 1:
+            raise
+        return None  # not every policy ends

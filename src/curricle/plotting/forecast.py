@@ -1,0 +1,124 @@
+"""The picture of a forecast: where learning would start from each potential."""
+
+import math
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from curricle.comparison.forecasting import Forecast
+from curricle.plotting.figures import COLOURS, STYLE, write_columns
+from curricle.plotting.scales import caption, minus, rounded
+
+ROW_HEIGHT = 0.28
+
+
+@matplotlib.rc_context(STYLE)
+def draw_forecast(forecast: Forecast) -> Figure:
+    """Return the figure of a forecast: a bar from the untaught return to each potential's start.
+
+    A row for each aggregate, the best start first, then one for each transfer alone; dots are
+    seeds. Beside the bars the share of pairs promised too much, and the scale that a calibration
+    would find.
+
+    Parameters
+    ----------
+    forecast : Forecast
+
+    Returns
+    -------
+    Figure
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, Transfer, forecast, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
+    >>> axes = draw_forecast(forecast(plan)).axes[0]
+    >>> [label.get_text() for label in axes.get_yticklabels()]
+    ['mean (used)']
+    """
+    rows = forecast.rows
+    height = 1.6 + ROW_HEIGHT * max(len(rows), 3)
+    figure = Figure(figsize=(7.5, height), layout="constrained")
+    axes = figure.subplots()
+    _draw_bars(axes, forecast)
+    _draw_bounds(axes, forecast)
+    judged = "φ > Q*" if forecast.solved else "φ > earned"
+    shares = [f"{one.mean('optimistic'):.0%}" for one in rows]
+    scales = ["none" if math.isnan(one.scale) else f"× {one.scale:.2g}" for one in rows]
+    write_columns(axes, [(judged, *shares), ("scale", *scales)])
+    axes.set_xlabel("expected return of the greedy policy")
+    figure.suptitle(f"{forecast.target}: where learning would start")
+    caption(figure, _words(forecast))
+    return figure
+
+
+def _draw_bars(axes: Axes, forecast: Forecast) -> None:
+    """Draw a bar and the dots of its seeds in each row, from the top."""
+    names = []
+    for row, one in enumerate(forecast.rows):
+        colour = COLOURS["blue"] if one.aggregate else COLOURS["grey"]
+        axes.barh(
+            row,
+            one.mean("start") - forecast.random_return,
+            left=forecast.random_return,
+            height=0.62,
+            color=colour,
+            alpha=0.9 if one.used else 0.45,
+        )
+        starts = [seed.start for seed in one.seeds]
+        # Seeds lie beside each other, so that equal ones are seen.
+        places = row + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
+        axes.plot(starts, places, "o", color="k", ms=2.5)
+        names.append(one.name + " (used)" * one.used)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+
+
+def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
+    """Draw the lines that starts lie between, and say what they are."""
+    for name, bound, dashes, side in (
+        ("random_return", forecast.random_return, ":", "left"),
+        ("optimum", forecast.optimum, "-", "right"),
+    ):
+        if math.isnan(bound):
+            continue
+        axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
+        axes.annotate(
+            f"{name} {rounded(bound)}",
+            (bound, 1),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha=side,
+            fontsize=7.5,
+        )
+    axes.use_sticky_edges = False
+    axes.margins(x=0.04)
+    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
+
+
+def _words(forecast: Forecast) -> str:
+    """Return what the figure shows, in sentences."""
+    seeds = len(forecast.rows[0].seeds)
+    bars = f"Bars: mean over {seeds} seeds of the sources; dots: seeds" if seeds > 1 else "One seed"
+    returns = "exact" if forecast.exact else "by rollouts"
+    predicted = (
+        "φ > Q*: share of state-action pairs that the potential φ promises more than they are worth"
+        if forecast.solved
+        else "φ > return_to_go: share of the steps of φ's own greedy policy that it promises more than "
+        "was earned from there on"
+    )
+    alone = any(not one.aggregate for one in forecast.rows)
+    colours = " Blue: all transfers together; grey: one alone." * alone
+    return (
+        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
+        f"{predicted}. Scale: what a calibration would multiply φ by.{colours}"
+    )

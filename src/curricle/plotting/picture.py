@@ -1,0 +1,119 @@
+"""Pictures of what a study found, and their files."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.forecasting import Forecast
+from curricle.errors import SettingError
+from curricle.files import write_whole
+from curricle.plotting.comparison import draw_comparison
+from curricle.plotting.figures import STYLE
+from curricle.plotting.forecast import draw_forecast
+
+# Undated, so that the same results give the same file.
+KINDS: dict[str, dict[str, Any]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Endings of files that can be written, and what their metadata leave out."""
+
+
+def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figure:
+    """Return the figure of a comparison or a forecast, and write it to a file if one is named.
+
+    Parameters
+    ----------
+    subject : Comparison or Forecast
+        What :func:`compare` or :func:`forecast` returned.
+    path : str or Path, optional
+        Ending in .png, .svg or .pdf; its folder must exist. A file that is there is replaced, by a
+        whole one or not at all.
+
+    Returns
+    -------
+    Figure
+        Of Matplotlib, to change or save once more.
+
+    Raises
+    ------
+    SettingError
+        When the subject or the file's ending is neither of these, or the file cannot be written.
+        Nothing has been written then.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, Transfer, compare, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 2000})
+    >>> figure = plot(compare(plan, seeds=3))
+    >>> len(figure.axes)
+    3
+    """
+    if path is not None:
+        check_path(path)
+    if isinstance(subject, Comparison):
+        figure = draw_comparison(subject)
+    elif isinstance(subject, Forecast):
+        figure = draw_forecast(subject)
+    else:
+        raise SettingError(f"what is plotted must be a Comparison or a Forecast: got {subject!r}")
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, SVG or PDF, as the path's ending says; the same bytes every time.
+
+    The file is moved into place when it is complete: a failure leaves what was there before.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : str or Path
+        Its folder must exist.
+
+    Raises
+    ------
+    SettingError
+        When the ending is another, or the file cannot be written.
+
+    Examples
+    --------
+    >>> save(Figure(), "picture.bmp")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: a picture's file must end in .png, .svg, .pdf: got picture.bmp
+    """
+    place = check_path(path)
+    kind = place.suffix.lower()
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(content, format=kind[1:], metadata=KINDS[kind])
+    try:
+        write_whole(place, content.getvalue())
+    except OSError as error:
+        raise SettingError(
+            f"a picture needs a file that can be written: {place} ({error.strerror})"
+        ) from error
+
+
+def check_path(path: str | Path) -> Path:
+    """Return the path of a picture, or raise SettingError if none can be written there."""
+    if not isinstance(path, str | Path):
+        raise SettingError(f"a picture's file must be a path: got {path!r}")
+    place = Path(path)
+    if place.suffix.lower() not in KINDS:
+        raise SettingError(f"a picture's file must end in {', '.join(KINDS)}: got {place}")
+    if place.is_dir() or not place.parent.is_dir():
+        raise SettingError(f"a picture needs a file in a folder that exists: got {place}")
+    return place

@@ -1,0 +1,312 @@
+"""Potentials as heat maps of a grid: what each source promises, what all do, and what is true."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
+
+from curricle.checks import numbers, one_of
+from curricle.curriculum.curriculum import CurriculumResult
+from curricle.errors import CurriculumError, SettingError
+from curricle.planning.target import Target
+from curricle.plotting.figures import STYLE, new_figure
+from curricle.plotting.grid_view import At, Board, board
+from curricle.plotting.scales import caption, minus
+from curricle.tasks.task import Task, generative_model
+from curricle.transfer.edges import transfer_names
+
+FloatArray = npt.NDArray[np.float64]
+DIVERGING, SEQUENTIAL = "PuOr", "cividis"
+"""Colour maps that colour-blind readers can read."""
+MOST_NUMBERS = 36
+"""Cells up to which their numbers are written."""
+DARK = 0.45
+"""Brightness of a colour below which what is written on it is white."""
+PANEL = 2.6
+"""Inches a panel is wide."""
+
+
+def draw_potential(
+    axes: Axes,
+    task: Task,
+    values: npt.ArrayLike,
+    *,
+    label: str,
+    at: At | None = None,
+    limits: tuple[float, float] | None = None,
+    difference: bool = False,
+    bar: bool = True,
+) -> AxesImage:
+    r"""Draw values of states, or the best of their actions, as a heat map of a grid.
+
+    Colours diverge from white at 0 where the limits have both signs and for differences; otherwise
+    they run from the lower limit to the upper. States in which the episode is over are hatched.
+
+    Parameters
+    ----------
+    axes : Axes
+    task : Task
+        A :class:`GridWorld`, or one of whose states `at` leaves a cell free: in :class:`Pursuit`
+        that of the prey or of one predator.
+    values : (S,) or (S, A) float64
+        Of (S, A) the maximum over actions is drawn.
+    label : str
+        What the values are, with the unit; the title of the panel.
+    at : dict of str to int, str or (int, int), optional
+        What the other components of the state are, as in ``{"prey": (1, 2)}``. They are marked by
+        letters.
+    limits : (float, float), optional
+        Ends of the colours, to compare panels by; those of what is drawn by default
+        (:func:`shared_limits`).
+    difference : bool
+        Whether 0 is to be the middle of the colours in any case.
+    bar : bool
+        Whether to draw a bar of colours beside the panel.
+
+    Returns
+    -------
+    AxesImage
+        For a colour bar of several panels.
+
+    Raises
+    ------
+    SettingError
+        When `values` have another shape or are not finite, or the state is not one of a grid.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, solve
+    >>> hunt = Pursuit(3, 2, discount=0.9)
+    >>> axes = Figure().subplots()
+    >>> image = draw_potential(axes, hunt, solve(hunt).values, label="V* (return)",
+    ...                        at={"prey": (1, 2), "predator_2": (0, 0)})
+    >>> axes.get_title(), axes.get_xlabel(), image.get_cmap().name
+    ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
+    """
+    shown = board(task, at)
+    best = _best(task, values)[shown.states]
+    low, high = limits or shared_limits(task, values, at=at)
+    if difference or low < 0 < high:
+        high = max(abs(low), abs(high)) or 1.0
+        low, name = -high, DIVERGING
+    else:
+        name = SEQUENTIAL
+    if low == high:
+        low, high = low - 1, high + 1
+    image = _draw_heat(axes, shown, best, name, low, high)
+    shown.draw(axes, over=True, corners=len(best) <= MOST_NUMBERS)
+    axes.set_title(label)
+    if bar:
+        axes.figure.colorbar(image, ax=axes, label="return", shrink=0.8)
+    return image
+
+
+def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
+    """Return the lowest and the highest of what :func:`draw_potential` would draw of some values.
+
+    States in which the episode is over are left out, their values being 0 by rule.
+
+    Parameters
+    ----------
+    task : Task
+    *several : (S,) or (S, A) float64
+    at : dict, optional
+        As in :func:`draw_potential`.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> shared_limits(GridWorld("S.T"), [1.0, 2.0, 0.0], [5.0, 3.0, 0.0])
+    (1.0, 5.0)
+    """
+    shown = board(task, at)
+    alive = shown.states[~shown.ended]
+    drawn = np.concatenate([_best(task, values)[alive] for values in several])
+    return (float(drawn.min()), float(drawn.max())) if drawn.size else (0.0, 0.0)
+
+
+def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
+    """Return the values of states, (S,), or raise SettingError."""
+    generative, table = generative_model(task), numbers("values", values, SettingError)
+    n_states, n_actions = generative.states.size, generative.actions.size
+    if table.shape not in ((n_states,), (n_states, n_actions)):
+        raise SettingError(
+            f"values must have shape ({n_states},) or ({n_states}, {n_actions}): got {table.shape}"
+        )
+    if not np.isfinite(table).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(table))[0])
+        raise SettingError(f"values must be finite: entry {place} is {table[place]}")
+    return table if table.ndim == 1 else table.max(axis=1)
+
+
+def _draw_heat(
+    axes: Axes, shown: Board, values: FloatArray, name: str, low: float, high: float
+) -> AxesImage:
+    """Draw the colours of a board's cells, and their numbers where there are few."""
+    (top, left), (height, width) = shown.origin, shown.shape
+    grid = np.full(shown.shape, np.nan)
+    rows, columns = shown.cells[~shown.ended].T
+    grid[rows - top, columns - left] = values[~shown.ended]
+    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
+    image = axes.imshow(grid, extent=extent, cmap=name, vmin=low, vmax=high)
+    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
+    for (row, column), value, over in zip(shown.cells, values, shown.ended, strict=True):
+        if over:
+            corner = (column - 0.5, row - 0.5)
+            axes.add_patch(Rectangle(corner, 1, 1, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
+        elif len(values) <= MOST_NUMBERS:
+            red, green, blue, _ = image.to_rgba(value)
+            dark = 0.299 * red + 0.587 * green + 0.114 * blue < DARK
+            number = minus(f"{value:z.{digits}f}")
+            place: Any = {"ha": "center", "va": "center", "fontsize": 7}
+            axes.text(column + 0.05, row + 0.2, number, color="w" if dark else "k", **place)
+    return image
+
+
+class _Panel(NamedTuple):
+    """One heat map: what it is called, and its values, (S,) or (S, A)."""
+
+    title: str
+    values: FloatArray
+    difference: bool = False
+
+
+@matplotlib.rc_context(STYLE)
+def draw_sources(
+    result: CurriculumResult,
+    target: str | None = None,
+    *,
+    seed: int = 0,
+    at: At | None = None,
+) -> Figure:
+    """Return the figure of a target's potentials: one a transfer, their aggregate, and the truth.
+
+    A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, one for the aggregate as it enters
+    the target, one for V*(s) = max_a Q*(s, a), all in the same colours; and one for what the
+    aggregate promises too much: phi(s, a*) - V*(s), a* being the action that phi prefers. The last
+    two are left out where the target cannot be solved, the aggregate where it is the only source.
+
+    Parameters
+    ----------
+    result : CurriculumResult
+        With the target's sources trained.
+    target : str, optional
+        By default the task that all others lead to.
+    seed : int
+        Whose sources; one of those trained.
+    at : dict of str to int, str or (int, int), optional
+        What the components of a state are that are not drawn, as in :func:`draw_potential`. A maze
+        needs none.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    CurriculumError
+        When the target is unknown, not unique or has no transfer into it.
+    SettingError
+        When the seed was not trained, or the states are none of a grid.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
+    >>> figure = draw_sources(plan.train())
+    >>> [axes.get_title() for axes in figure.axes[:3]]
+    ['φ: corner -> maze', 'V* = max Q*', 'φ(s, a*) − V*(s)']
+    """
+    curriculum = result.curriculum
+    name = curriculum.target if target is None else target
+    if not curriculum.in_edges(name):
+        raise CurriculumError(f"sources to draw need transfers into the task: {name!r} has none")
+    k = _row_of(seed, result, name)
+    task = curriculum.tasks[name]
+    panels, aggregate = _promises(result, name, k)
+    solution = Target.of(task).solution
+    words = f"Seed {seed}. Values of the best action, all in one scale of return"
+    if solution is None:
+        words += "; the target is too large to solve, so that Q* is not drawn."
+    else:
+        panels.append(_Panel("V* = max Q*", solution.values))
+        promise = aggregate.max(axis=1) - solution.values
+        panels.append(_Panel("φ(s, a*) − V*(s)", promise, difference=True))
+        words += (
+            ". Last panel, in a scale of its own: φ of the action a* that φ prefers, less what the "
+            "state is worth; above 0 it promises too much."
+        )
+    return _draw_panels(task, panels, at, f"{name}: what its sources promise", words)
+
+
+def _row_of(seed: int, result: CurriculumResult, name: str) -> int:
+    """Return the row of a seed among those of the target's sources."""
+    source = result.curriculum.in_edges(name)[0].source
+    seeds = result[source].seeds
+    one_of("seed", seed, seeds, SettingError)
+    return seeds.index(seed)
+
+
+def _promises(result: CurriculumResult, name: str, k: int) -> tuple[list[_Panel], FloatArray]:
+    """Return the panels of a seed's potentials, and the aggregate, (S, A)."""
+    curriculum, edges = result.curriculum, result.curriculum.in_edges(name)
+    each = [curriculum.potentials(name, result.nodes, transfers=[edge])[k].values for edge in edges]
+    panels = [
+        _Panel(f"φ{_subscript(i) * (len(edges) > 1)}: {words}", values)
+        for i, (words, values) in enumerate(zip(transfer_names(edges), each, strict=True), 1)
+    ]
+    used = result.potentials.get(name) or curriculum.potentials(name, result.nodes)
+    aggregate = used[k].values
+    if len(edges) > 1 or not np.array_equal(aggregate, each[0]):
+        function = curriculum.setting("aggregate", name)
+        title = f"φ: {getattr(function, '__name__', 'aggregate')}"
+        if name in result.calibrations:
+            title += f", calibrated × {result.calibrations[name][k].scale:.2g}"
+        panels.append(_Panel(title, aggregate))
+    return panels, aggregate
+
+
+def _subscript(number: int) -> str:
+    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))
+
+
+def _draw_panels(
+    task: Task, panels: Sequence[_Panel], at: At | None, title: str, words: str
+) -> Figure:
+    """Return a figure of panels, all that are no differences in the same colours."""
+    alike = [panel.values for panel in panels if not panel.difference]
+    limits, shown = shared_limits(task, *alike, at=at), board(task, at)
+    columns = min(len(panels), 3 if len(panels) <= 6 else 4)
+    rows = -(-len(panels) // columns)
+    high = (PANEL - 0.6) * min(1.5, shown.shape[0] / shown.shape[1]) + 0.55
+    figure, grid = new_figure(rows, columns, width=1 + PANEL * columns, height=0.8 + high * rows)
+    places = list(grid.flat)
+    for axes in places[len(panels) :]:
+        axes.remove()
+    image: Any = None
+    for axes, panel in zip(places, panels, strict=False):
+        if panel.difference:
+            draw_potential(axes, task, panel.values, label=panel.title, at=at, difference=True)
+        else:
+            image = draw_potential(
+                axes, task, panel.values, label=panel.title, at=at, limits=limits, bar=False
+            )
+        axes.set_xlabel("column")
+    shared = [a for a, panel in zip(places, panels, strict=False) if not panel.difference]
+    figure.colorbar(image, ax=shared, label="return", shrink=0.8)
+    figure.suptitle(title)
+    words += " Hatched: the episode is over." * bool(shown.ended.any())
+    if shown.words:
+        words += f" {shown.words[0].upper()}{shown.words[1:]}."
+    caption(figure, words)
+    return figure

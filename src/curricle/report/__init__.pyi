@@ -1,0 +1,2 @@
+from .study_page import StudyRecord as StudyRecord, study_page as study_page
+from .study_report import write_report as write_report

@@ -1,0 +1,221 @@
+"""What was to be expected of each curriculum, and whether its potential is safe."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from curricle.certificate.certification import certify
+from curricle.certificate.verdict import Certificate
+from curricle.comparison.forecasting import Forecast, forecast
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.potentials import calibrated
+from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.result import LearningResult
+from curricle.report.sharing import shared
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model
+
+EFFORT = 800_000
+"""Target pairs, times forecasts, times seeds, that are looked at: about ten seconds."""
+MOST_SEEDS = 3
+"""Seeds of a forecast."""
+LARGEST_CERTIFIED = 20_000_000
+"""Target pairs up to which a potential is certified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What curricula with the same graph promised.
+
+    Attributes
+    ----------
+    arms : tuple of str
+    forecast : Forecast or None
+        None where it was left out.
+    used : dict of str to tuple of str
+        Name of what was foreseen -> the arms that it was used by.
+    came : dict of str to float
+        Arm -> greedy return with which the target began, mean over all seeds.
+    certificates : tuple of (tuple of str, Certificate)
+        Of the potentials of the arms' first seeds, each with the arms that it holds for; none where
+        they were left out.
+    left_out : tuple of str
+        What, why, and how to get it, in a sentence each.
+    """
+
+    arms: tuple[str, ...]
+    forecast: Forecast | None
+    used: Mapping[str, tuple[str, ...]]
+    came: Mapping[str, float]
+    certificates: tuple[tuple[tuple[str, ...], Certificate], ...]
+    left_out: tuple[str, ...]
+
+
+def promises(
+    results: Mapping[str, CurriculumResult], groups: Sequence[Sequence[str]]
+) -> tuple[Promise, ...]:
+    """Return what each group of arms promised.
+
+    Parameters
+    ----------
+    results : dict of str to CurriculumResult
+    groups : sequence of sequence of str
+        Arms with the same graph; they share a forecast.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
+    >>> found, = promises({"taught": plan.train()}, [["taught"]])
+    >>> found.used, [(arms, bool(one)) for arms, one in found.certificates]
+    ({'mean': ('taught',)}, [(('taught',), True)])
+    """
+    return tuple(_promise(tuple(arms), results, len(groups)) for arms in groups)
+
+
+def _promise(
+    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
+) -> Promise:
+    curriculum = results[arms[0]].curriculum
+    target = curriculum.target
+    if is_observation_task(curriculum.tasks[target]):
+        return _observed_promise(arms, results, target)
+    space = generative_model(curriculum.tasks[target])
+    pairs = space.states.size * space.actions.size
+    left_out, found = list[str](), None
+    certificates = dict[str, Certificate]()
+    seeds = min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(results[arms[0]][target].seeds))
+    kept = all(
+        isinstance(results[arm][t.source].values, np.ndarray)
+        for arm in arms
+        for t in results[arm].curriculum.in_edges(target)
+    )
+    why = f"{target} has {pairs:,} state-action pairs"
+    if not kept:
+        why = "the sources' values were not kept in dense tables"
+    elif n_groups > 1:
+        why += f" and there are {n_groups} graphs"
+    if kept and seeds:
+        found = _foreseen(arms, results, target, seeds)
+    else:
+        left_out.append(
+            f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
+        )
+    if kept and pairs <= LARGEST_CERTIFIED:
+        certificates = {arm: _certified(results[arm], target) for arm in arms}
+    else:
+        left_out.append(
+            f"Certificates are left out, because {why}: curricle.certify(task, potential) gives "
+            "them."
+        )
+    used = _used(found, arms, results, target)
+    alike = tuple(shared(certificates, lambda one, other: str(one) == str(other)))
+    return Promise(arms, found, used, _came(arms, results, target), alike, tuple(left_out))
+
+
+def _observed_promise(
+    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], target: str
+) -> Promise:
+    """Return what was promised of a target seen through observations, for the first seed."""
+    left_out = [
+        f"Certificates are left out, because {target} is seen through observations: they need "
+        "numbered states."
+    ]
+    first, found = results[arms[0]], None
+    if all(first[t.source].values is not None for t in first.curriculum.in_edges(target)):
+        found = _foreseen(arms, results, target, 1)
+    else:
+        left_out.append(
+            "The forecast is left out, because the sources' values were not kept, or their "
+            "networks cannot be read here: pip install curricle[deep]."
+        )
+    used = _used(found, arms, results, target)
+    return Promise(arms, found, used, _came(arms, results, target), (), tuple(left_out))
+
+
+def _came(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+) -> dict[str, float]:
+    """Return the greedy return with which the target began, by arm."""
+    return {arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms}
+
+
+def _foreseen(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
+) -> Forecast:
+    first = results[arms[0]]
+    curriculum = first.curriculum
+    sources = curriculum.ancestors(target)
+    trained = {name: first_seeds(first[name], seeds) for name in sources}
+    others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
+    return forecast(
+        curriculum, seeds=first[target].seeds[:seeds], aggregates=others, trained=trained
+    )
+
+
+def _used(
+    found: Forecast | None,
+    arms: Sequence[str],
+    results: Mapping[str, CurriculumResult],
+    target: str,
+) -> dict[str, tuple[str, ...]]:
+    """Return which arms used what was foreseen."""
+    used: dict[str, tuple[str, ...]] = {}
+    names = [] if found is None else [one.name for one in found.rows]
+    for arm in arms:
+        curriculum = results[arm].curriculum
+        called = getattr(curriculum.setting("aggregate", target), "__name__", "")
+        called += ", calibrated" * (curriculum.calibration(target) is not None)
+        if called in names:
+            used[called] = (*used.get(called, ()), arm)
+    return used
+
+
+def _certified(result: CurriculumResult, target: str) -> Certificate:
+    how, phi = result.curriculum.setting("how", target), _entering(result, target)
+    task = result.curriculum.tasks[target]
+    return certify(task, phi.to_state() if how == "state" else phi, how)
+
+
+def _entering(result: CurriculumResult, target: str) -> PairPotential:
+    """Return the potential that the first seed of a target began with."""
+    curriculum: Curriculum = result.curriculum
+    phi: PairPotential
+    if known := result.potentials.get(target):
+        phi = known[0]
+        return phi
+    sources = {
+        edge.source: first_seeds(result[edge.source], 1) for edge in curriculum.in_edges(target)
+    }
+    phi, *_ = found = curriculum.potentials(target, sources)
+    if (settings := curriculum.calibration(target)) is not None:
+        phi = calibrated(target, found, settings, result[target].seeds[:1])[0].potential
+    return phi
+
+
+def first_seeds(result: LearningResult, n: int) -> LearningResult:
+    """Return a training as if only its first `n` seeds had been run.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> first_seeds(learn(GridWorld("S.T"), budget=500, seeds=3), 2).seeds
+    (0, 1)
+    """
+    return replace(
+        result,
+        seeds=result.seeds[:n],
+        values=None if result.values is None else result.values[:n],
+        training_return=result.training_return[:n],
+        greedy_return=result.greedy_return[:n],
+        episodes=result.episodes[:n],
+        steps_used=result.steps_used[:n],
+        episodes_used=result.episodes_used[:n],
+        out_of_memory=result.out_of_memory[:n],
+        guard_share=result.guard_share[:n],
+    )

@@ -1,0 +1,34 @@
+from .censored import (
+    Survival as Survival,
+    median_time as median_time,
+    restricted_mean_time as restricted_mean_time,
+    survival as survival,
+)
+from .curves import Curve as Curve, charge_source as charge_source, smooth as smooth
+from .hypothesis_tests import (
+    holm as holm,
+    performance_profile as performance_profile,
+    probability_of_improvement as probability_of_improvement,
+    sign_flip_test as sign_flip_test,
+)
+from .intervals import (
+    Interval as Interval,
+    bootstrap as bootstrap,
+    interquartile_mean as interquartile_mean,
+    paired_difference as paired_difference,
+    stratified_bootstrap as stratified_bootstrap,
+)
+from .metrics import (
+    asymptotic_performance as asymptotic_performance,
+    jumpstart as jumpstart,
+    mean_return as mean_return,
+    transfer_ratio as transfer_ratio,
+)
+from .sequential import AddedSeeds as AddedSeeds, add_seeds as add_seeds
+from .thresholds import (
+    Times as Times,
+    fraction_of_optimum as fraction_of_optimum,
+    midpoint as midpoint,
+    steps_saved as steps_saved,
+    time_to_threshold as time_to_threshold,
+)

@@ -1,0 +1,209 @@
+"""Measures of transfer, read from learning curves.
+
+Weak transfer takes the source tasks as free; strong transfer charges the steps spent on them.
+On the strong axis (:func:`charge_source`) an arm's curve starts after its source steps, and until
+then the arm holds the direct learner's first value, since it has earned nothing in the target.
+Both arms are compared at the same total number of steps.
+
+Definitions follow Taylor and Stone, "Transfer learning for reinforcement learning domains: a
+survey", JMLR 10, 2009, and Narvekar et al., "Curriculum learning for reinforcement learning
+domains: a framework and survey", JMLR 21(181), 2020.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import SettingError
+from curricle.statistics.curves import Curve, charge_source, require_direct, require_pair, smooth
+from curricle.statistics.thresholds import (
+    Times,
+    fraction_of_optimum,
+    midpoint,
+    steps_saved,
+    time_to_threshold,
+)
+
+__all__ = [
+    "Curve",
+    "Times",
+    "asymptotic_performance",
+    "charge_source",
+    "fraction_of_optimum",
+    "jumpstart",
+    "mean_return",
+    "midpoint",
+    "smooth",
+    "steps_saved",
+    "time_to_threshold",
+    "transfer_ratio",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
+    """Return how much better than the direct learner transfer starts, seed by seed.
+
+    transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
+    strong: what the direct learner has by then learnt with the steps the sources took.
+
+    Parameters
+    ----------
+    baseline, transfer : Curve
+        The same K seeds and T checkpoints.
+    strong : bool
+        Whether to charge the source steps.
+
+    Returns
+    -------
+    (K,) float64
+        Return. NaN for a seed whose source steps outlast the baseline's curve, which then cannot
+        tell what they were worth. The baseline is linearly interpolated between checkpoints.
+
+    Raises
+    ------
+    SettingError
+        If the curves do not pair, or if strong and `baseline` has source steps.
+
+    References
+    ----------
+    Taylor and Stone, JMLR 10, 2009.
+
+    Examples
+    --------
+    >>> steps = np.array([0, 100, 200])
+    >>> direct = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
+    >>> helped = Curve(steps, np.array([[4.0, 5.0, 5.0]]), np.array([150]))
+    >>> jumpstart(direct, helped), jumpstart(direct, helped, strong=True)
+    (array([4.]), array([1.]))
+    """
+    require_pair(baseline, transfer)
+    first, rows = transfer.filled()[:, 0], baseline.filled()
+    by_then: FloatArray = rows[:, 0]
+    if strong:
+        require_direct(baseline)
+        start = transfer.steps[0] + transfer.source_steps
+        pairs = zip(start, rows, strict=True)
+        by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])
+    return np.subtract(first, by_then)
+
+
+def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray:
+    """Return the mean return over the last checkpoints, seed by seed.
+
+    mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1. For strong
+    transfer give it ``charge_source(baseline, transfer)``.
+
+    Parameters
+    ----------
+    curve : Curve
+        K seeds, T checkpoints.
+    fraction : float
+        Share of the checkpoints, above 0 and at most 1.
+
+    Returns
+    -------
+    (K,) float64
+        Return.
+
+    Raises
+    ------
+    SettingError
+        If `fraction` is out of range.
+
+    References
+    ----------
+    Taylor and Stone, JMLR 10, 2009.
+
+    Examples
+    --------
+    >>> asymptotic_performance(Curve(np.array([0, 1, 2]), np.array([[0.0, 3.0, 5.0]])))
+    array([5.])
+    """
+    if not 0 < fraction <= 1:
+        raise SettingError(f"fraction must be above 0 and at most 1: got {fraction}")
+    last = max(1, round(fraction * curve.steps.size))
+    mean: FloatArray = curve.filled()[:, -last:].mean(axis=1)
+    return mean
+
+
+def mean_return(curve: Curve) -> FloatArray:
+    """Return the mean height of the learning curve, seed by seed.
+
+    (area under the curve from the first to the last checkpoint) / (steps between them), by the
+    trapezoid rule. For strong transfer give it ``charge_source(baseline, transfer)``.
+
+    Parameters
+    ----------
+    curve : Curve
+        K seeds, T checkpoints, T at least 2.
+
+    Returns
+    -------
+    (K,) float64
+        Return (not return x steps): the literature's total reward, freed of the budget's length.
+
+    Raises
+    ------
+    SettingError
+        If the curve has a single checkpoint.
+
+    References
+    ----------
+    Taylor and Stone, JMLR 10, 2009.
+
+    Examples
+    --------
+    >>> mean_return(Curve(np.array([0, 100, 400]), np.array([[0.0, 4.0, 4.0]])))
+    array([3.5])
+    """
+    if curve.steps.size < 2:
+        raise SettingError(f"an area needs at least 2 checkpoints: got {curve.steps.size}")
+    area = np.asarray(np.trapezoid(curve.filled(), curve.steps, axis=1), dtype=np.float64)
+    return area / float(curve.steps[-1] - curve.steps[0])
+
+
+def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
+    """Return the relative gain in total reward, seed by seed.
+
+    ``(area with transfer - area without) / |area without|``. The bars keep a gain positive where
+    returns are negative.
+
+    Parameters
+    ----------
+    baseline, transfer : Curve
+        The same K seeds and T checkpoints.
+    strong : bool
+        Whether to charge the source steps.
+
+    Returns
+    -------
+    (K,) float64
+        No unit. NaN for a seed whose baseline area is 0; near 0 the ratio says little, and the
+        difference of :func:`mean_return` says more.
+
+    Raises
+    ------
+    SettingError
+        If the curves do not pair, have a single checkpoint, or if strong and `baseline` has
+        source steps.
+
+    References
+    ----------
+    Taylor and Stone, JMLR 10, 2009.
+
+    Examples
+    --------
+    >>> steps = np.array([0, 100, 200])
+    >>> direct = Curve(steps, np.array([[-4.0, -4.0, -4.0]]))
+    >>> helped = Curve(steps, np.array([[-1.0, -1.0, -1.0]]), np.array([100]))
+    >>> transfer_ratio(direct, helped), transfer_ratio(direct, helped, strong=True)
+    (array([0.75]), array([0.5625]))
+    """
+    require_pair(baseline, transfer)
+    without = mean_return(baseline)
+    gain = mean_return(charge_source(baseline, transfer) if strong else transfer) - without
+    scale = np.where(without == 0, np.nan, np.abs(without))
+    return gain / scale

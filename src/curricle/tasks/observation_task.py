@@ -1,0 +1,153 @@
+"""Tasks seen through observations: vectors, pictures or dicts instead of numbered states."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import gymnasium
+from gymnasium.spaces import Discrete
+
+from curricle.checks import number, whole_number
+from curricle.errors import TaskError
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Makes an environment of Gymnasium's registry; equal where it makes the same one.
+
+    Examples
+    --------
+    >>> Registered("MountainCar-v0")().observation_space.shape
+    (2,)
+    """
+
+    id: str
+    arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __call__(self) -> gymnasium.Env[Any, Any]:
+        """Return a new environment."""
+        return gymnasium.make(self.id, **self.arguments)
+
+    def __str__(self) -> str:
+        said = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
+        return f"{self.id}({', '.join(said)})" if said else self.id
+
+
+@dataclass(frozen=True)
+class ObservationTask:
+    """A task whose learner sees observations, as deep learners do; tables know it not.
+
+    Two tasks are equal where the same function makes their environments, with the same discount
+    and time limit.
+
+    Parameters
+    ----------
+    make : callable
+        Returns a new Gymnasium environment; called for each that is needed.
+    discount : float
+        gamma, in [0, 1].
+    time_limit : int, optional
+        Steps after which an episode is cut off; by default the environment's own affair.
+
+    Raises
+    ------
+    TaskError
+        When `make` does not return an environment, or a number is out of range.
+
+    Examples
+    --------
+    >>> car = ObservationTask(Registered("MountainCar-v0"), discount=0.98)
+    >>> car
+    ObservationTask(MountainCar-v0, discount 0.98, Box(2,) -> Discrete(3))
+    >>> car.n_actions, car == ObservationTask(Registered("MountainCar-v0"), discount=0.98)
+    (3, True)
+    """
+
+    make: Callable[[], gymnasium.Env[Any, Any]]
+    discount: float = 0.99
+    time_limit: int | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.make):
+            raise TaskError(f"make must be a function that returns an environment: {self.make!r}")
+        number("discount", self.discount, TaskError, 0, 1)
+        if self.time_limit is not None:
+            whole_number("time_limit", self.time_limit, 1, TaskError)
+        _ = self._looked_at
+
+    @cached_property
+    def _looked_at(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any], int | None]:
+        environment = self.make()
+        if not isinstance(environment, gymnasium.Env):
+            raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
+        limit = None if environment.spec is None else environment.spec.max_episode_steps
+        if limit is None:  # an environment of Curricle's cuts its task's episodes itself
+            limit = getattr(getattr(environment.unwrapped, "task", None), "time_limit", None)
+        spaces = environment.observation_space, environment.action_space
+        environment.close()
+        return (*spaces, limit if self.time_limit is None else self.time_limit)
+
+    @property
+    def observations(self) -> gymnasium.Space[Any]:
+        """The space of one observation."""
+        return self._looked_at[0]
+
+    @property
+    def actions(self) -> gymnasium.Space[Any]:
+        """The space of one action."""
+        return self._looked_at[1]
+
+    @property
+    def n_actions(self) -> int | None:
+        """The number of actions, A; None where they are not numbered from 0."""
+        space = self.actions
+        return int(space.n) if isinstance(space, Discrete) and space.start == 0 else None
+
+    @property
+    def longest(self) -> int | None:
+        """Steps after which an episode is cut off; None if nobody says."""
+        return self._looked_at[2]
+
+    def environment(self) -> gymnasium.Env[Any, Any]:
+        """Return a new environment, cut off at the task's time limit."""
+        made = self.make()
+        if self.time_limit is None:
+            return made
+        return gymnasium.wrappers.TimeLimit(made, self.time_limit)
+
+    @property
+    def shapes(self) -> str:
+        """What is seen and done, in words, such as ``Box(2,) -> Discrete(3)``."""
+        return " -> ".join(_shape(space) for space in self._looked_at[:2])
+
+    def __repr__(self) -> str:
+        limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
+        made = getattr(self.make, "__name__", str(self.make))
+        return f"ObservationTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
+
+
+def _shape(space: gymnasium.Space[Any]) -> str:
+    if isinstance(space, gymnasium.spaces.Box):
+        return f"Box{space.shape}"
+    return str(space)
+
+
+def is_observation_task(task: Any) -> bool:
+    """Return whether a task is seen through observations."""
+    return isinstance(task, ObservationTask)
+
+
+def batch_size(observations: Any) -> int:
+    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
+    5
+    """
+    while isinstance(observations, (tuple, Mapping)):
+        parts = observations.values() if isinstance(observations, Mapping) else observations
+        observations = next(iter(parts))
+    return len(observations)

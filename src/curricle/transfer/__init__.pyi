@@ -1,0 +1,27 @@
+from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
+from .by_name import ComponentMapping as ComponentMapping, project as project
+from .calibration import Calibration as Calibration, calibrate as calibrate
+from .coverage import Coverage as Coverage
+from .edges import Calibrate as Calibrate, Transfer as Transfer
+from .mapping import (
+    ENDED as ENDED,
+    UNMAPPED as UNMAPPED,
+    StateActionMapping as StateActionMapping,
+    compose as compose,
+    from_function as from_function,
+    identity as identity,
+    relative_objects as relative_objects,
+    same_position as same_position,
+)
+from .mapping_search import Projection as Projection, find_projections as find_projections
+from .observation_mapping import (
+    ObservationCoverage as ObservationCoverage,
+    ObservationMapping as ObservationMapping,
+)
+from .observation_potential import ObservationPotential as ObservationPotential
+from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
+from .value_sources import (
+    FunctionValues as FunctionValues,
+    TableValues as TableValues,
+    ValueSource as ValueSource,
+)

@@ -1,0 +1,142 @@
+"""One edge of a curriculum: a source's values, read through a mapping, scaled and shifted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, number, whole_number
+from curricle.errors import CurriculumError, SettingError
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.observation_mapping import ObservationMapping
+
+EPISODES = 200
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """How to calibrate; what ``Transfer(..., calibrate=...)`` takes.
+
+    Parameters
+    ----------
+    episodes : int
+        Greedy episodes to act in the target. They are charged to it.
+    shift : bool
+        Whether to fit a shift b besides the scale c. Where rewards have both signs a scale alone
+        is often the wrong model: what is overestimated by a sum is not overestimated by a factor.
+    quantile : float, optional
+        Between 0 and 1: fit so that this share of the returns stays below the potential, instead
+        of the mean. 0.1 makes it pessimistic, as few returns fall short of it.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range.
+
+    Examples
+    --------
+    >>> Calibrate(quantile=0.1)
+    Calibrate(episodes=200, shift=False, quantile=0.1)
+    """
+
+    episodes: int = EPISODES
+    shift: bool = False
+    quantile: float | None = None
+
+    def __post_init__(self) -> None:
+        whole_number("episodes of a calibration", self.episodes, 1, SettingError)
+        instance("shift of a calibration", self.shift, bool, SettingError)
+        if self.quantile is not None:
+            number("quantile of a calibration", self.quantile, SettingError)
+            if not 0 < self.quantile < 1:
+                raise SettingError(
+                    f"quantile of a calibration must lie between 0 and 1: got {self.quantile:g}"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What a source task hands to a target: phi_i(s, a) = scale Q_source(f(s, a)) + shift.
+
+    Parameters
+    ----------
+    source, target : str
+        Names of tasks in the curriculum.
+    mapping : StateActionMapping or ObservationMapping
+        From the target to the source; the latter into a task seen through observations.
+    scale, shift : float
+        Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
+        mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
+    calibrate : bool or Calibrate
+        Whether the target is to fit its potential to what the potential's own policy earns there,
+        before it learns (:func:`calibrate`). All transfers into a task are calibrated together, on
+        their aggregate, so they must agree.
+
+    Raises
+    ------
+    CurriculumError
+        When scale or shift is not finite, or the mapping is none.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
+    >>> maze = GridWorld("S.T")
+    >>> Transfer("a", "b", identity(maze), scale=2).potential(np.ones((3, 4)))[0]
+    array([2., 2., 2., 2.])
+    """
+
+    source: str
+    target: str
+    mapping: Any
+    scale: float = 1.0
+    shift: float = 0.0
+    calibrate: bool | Calibrate = False
+
+    def __post_init__(self) -> None:
+        edge = f"{self.source} -> {self.target}"
+        if not isinstance(self.mapping, StateActionMapping | ObservationMapping):
+            raise CurriculumError(
+                f"mapping of {edge} must be a StateActionMapping or an ObservationMapping: got "
+                f"{self.mapping!r}"
+            )
+        for name in ("scale", "shift"):
+            number(f"{name} of {edge}", getattr(self, name), CurriculumError)
+        if not isinstance(self.calibrate, bool | Calibrate):
+            raise CurriculumError(
+                f"calibrate of {edge} must be True, False or a Calibrate: got {self.calibrate!r}"
+            )
+
+    @property
+    def calibration(self) -> Calibrate | None:
+        """How to calibrate; None if not at all."""
+        if isinstance(self.calibrate, Calibrate):
+            return self.calibrate
+        return Calibrate() if self.calibrate else None
+
+    def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return phi_i, (..., S, A), for source values (..., S', A')."""
+        q = np.asarray(source_values, dtype=np.float64)
+        read = self.mapping.read(self.scale * q)
+        return np.asarray(read + self.shift * (self.mapping.index != UNMAPPED))
+
+
+def transfer_names(transfers: Sequence[Transfer]) -> list[str]:
+    """Return a name for each transfer, ``source -> target``, numbered where several share it."""
+    return numbered([f"{transfer.source} -> {transfer.target}" for transfer in transfers])
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return the names, numbered where several are alike.
+
+    Examples
+    --------
+    >>> numbered(["a", "b", "a"])
+    ['a [1]', 'b', 'a [2]']
+    """
+    return [
+        f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]

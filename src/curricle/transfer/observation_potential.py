@@ -1,0 +1,135 @@
+"""Potentials over observations: sources of values, mapped, scaled and aggregated."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance
+from curricle.errors import PotentialError
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer.aggregation import OF_ONE, Aggregate, aggregate, mean
+from curricle.transfer.edges import Transfer
+from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.value_sources import ValueSource, no_actions
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationPotential:
+    """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read off n observations at once.
+
+    It is a :class:`ValueSource` itself. Where all sources tell actions apart, and the actions are
+    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of what they say of states.
+
+    Parameters
+    ----------
+    task : ObservationTask
+        The target.
+    edges : sequence of N Transfer
+        With an :class:`ObservationMapping` each.
+    values : sequence of N ValueSource
+        What was valued in the source of each.
+    function : callable
+        g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
+    scale, shift : float
+
+    Raises
+    ------
+    PotentialError
+        When there is no source, or a mapping was made for another target.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> from curricle.transfer import FunctionValues
+    >>> car = observation_task("MountainCar-v0")
+    >>> height = FunctionValues(state_values=lambda cars: cars[:, 0])
+    >>> edge = Transfer("height", "car", ObservationMapping(car, car), scale=10.0)
+    >>> phi = ObservationPotential(car, [edge], [height])
+    >>> phi.v(np.array([[0.5, 0.0], [-1.0, 0.0]])), phi.of_actions
+    (array([  5., -10.]), False)
+    """
+
+    task: ObservationTask
+    edges: Sequence[Transfer]
+    values: Sequence[ValueSource]
+    function: Aggregate = mean
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", tuple(self.edges))
+        object.__setattr__(self, "values", tuple(self.values))
+        if not self.edges or len(self.edges) != len(self.values):
+            raise PotentialError(
+                "a potential over observations needs values for each of its transfers, at least "
+                f"one: got {len(self.edges)} transfers and {len(self.values)} values"
+            )
+        for edge, values in zip(self.edges, self.values, strict=True):
+            instance(f"values of {edge.source}", values, ValueSource, PotentialError)
+            instance(f"mapping of {edge.source}", edge.mapping, ObservationMapping, PotentialError)
+            if edge.mapping.target != self.task:
+                raise PotentialError(
+                    f"a potential's mappings must be made for its task, {self.task}: that of "
+                    f"{edge.source!r} was made for {edge.mapping.target}"
+                )
+
+    @classmethod
+    def of(cls, task: ObservationTask, values: ValueSource) -> Self:
+        """Return the potential that says of a task's observations what `values` say."""
+        edge = Transfer("values", "task", ObservationMapping(task, task))
+        return cls(task, [edge], [values])
+
+    @cached_property
+    def of_actions(self) -> bool:
+        """Whether it tells actions apart."""
+        return self.task.n_actions is not None and all(v.of_actions for v in self.values)
+
+    @property
+    def highest(self) -> float:
+        """NaN: nobody knows the highest promise over all observations."""
+        return float("nan")
+
+    def pairs(self, observations: Any) -> FloatArray:
+        """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
+        if not self.of_actions:
+            raise no_actions(self)
+        return self._together(
+            edge.mapping.pairs(values, observations, edge.scale, edge.shift)
+            for edge, values in zip(self.edges, self.values, strict=True)
+        )
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return phi(s, a), of the shape of `actions`: (n,), or (n, m)."""
+        pairs, chosen = self.pairs(observations), np.asarray(actions)
+        if chosen.ndim == 2:
+            return np.take_along_axis(pairs, chosen, axis=1)
+        return np.asarray(pairs[np.arange(len(pairs)), chosen])
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return Phi(s), (n,) float64."""
+        if self.of_actions:
+            return np.asarray(self.pairs(observations).max(axis=1))
+        found = self._together(
+            edge.mapping.states(values, observations, edge.scale, edge.shift)[:, None]
+            for edge, values in zip(self.edges, self.values, strict=True)
+        )
+        return found[:, 0]
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return scale phi + shift."""
+        return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
+
+    def _together(self, each: Iterable[FloatArray]) -> FloatArray:
+        """Return the aggregate of what each source says, (N of (n, A)) -> (n, A)."""
+        found = list(each)
+        alone = len(found) == 1 and self.function in OF_ONE
+        together = found[0] if alone else aggregate(self.function, np.array(found))
+        if self.scale == 1 and self.shift == 0:
+            return together
+        return self.scale * together + self.shift
