@@ -8,8 +8,11 @@ from .pettingzoo import (
     to_pettingzoo as to_pettingzoo,
 )
 from .potential_shaping import PotentialShaping as PotentialShaping
-from .tracker import Tracker as Tracker
-from .trackers import Trackers as Trackers, open_trackers as open_trackers
+from .trackers import (
+    Tracker as Tracker,
+    Trackers as Trackers,
+    open_trackers as open_trackers,
+)
 from .vector_pursuit import (
     PursuitVectors as PursuitVectors,
     VectorPursuit as VectorPursuit,

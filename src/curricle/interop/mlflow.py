@@ -1,4 +1,4 @@
-"""A study's curves as MLflow runs."""
+"""MLflow."""
 
 import os
 import re
@@ -7,34 +7,34 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from curricle.interop.tracker import checkpoints, environment_variables, hyperparameters, run_name
+from curricle.interop.trackers import checkpoints, environment_variables, hyperparameters, run_name
 from curricle.learning.result import LearningResult
 
 IDENTITY = ("curricle.folder", "curricle.arm", "curricle.node", "curricle.seed")
-"""Tags that tell a run from all others; recording it again adds to it."""
+"""Tags by which a run is found again."""
 SETTINGS = {
     "MLFLOW_ALLOW_FILE_STORE": "true",  # without SQL there is no other; from MLflow 3.13 on refused
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
 }
-"""Environment variables for MLflow, where the user has not set them."""
+"""Environment variables of MLflow that the user may set otherwise."""
 
 
 class MLflow:
     """An experiment named after the study, with a tagged run for each arm, node and seed.
 
-    Plain files in ``<folder>/mlflow``, or what ``MLFLOW_TRACKING_URI`` names. The settings, with
-    arm and node, are the parameters. What is recorded again is added to its run.
+    It logs to files in ``<folder>/mlflow``, or to ``MLFLOW_TRACKING_URI``. The settings, with arm
+    and node, are the parameters. A seed that is recorded again is added to its run.
 
     Examples
     --------
-    >>> from curricle.interop.tracker import Tracker
+    >>> from curricle.interop.trackers import Tracker
     >>> isinstance(MLflow(), Tracker)
     True
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Find the study's experiment and its runs, or make it."""
+        """Find the study's experiment and its runs, or make the experiment."""
         address = os.environ.get("MLFLOW_TRACKING_URI") or (folder / "mlflow").as_uri()
         with environment_variables(**SETTINGS):
             from mlflow.tracking import MlflowClient
@@ -44,7 +44,7 @@ class MLflow:
         self._experiment = found.experiment_id if found else self._client.create_experiment(study)
         self._configuration = configuration
         self._folder = str(folder)
-        self._runs = self._known()
+        self._runs = self._earlier_runs()
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
         """Log a run for each seed."""
@@ -63,10 +63,10 @@ class MLflow:
                 self._client.set_terminated(run)
 
     def close(self) -> None:
-        """Do nothing: every run was ended when it was logged."""
+        """Do nothing: each run is ended when it is logged."""
 
-    def _known(self) -> dict[tuple[str | None, ...], str]:
-        """Return the runs of the experiment: identity -> id."""
+    def _earlier_runs(self) -> dict[tuple[str | None, ...], str]:
+        """Return the experiment's runs: their tags (:data:`IDENTITY`) -> id."""
         runs: dict[tuple[str | None, ...], str] = {}
         token = None
         while token != "":
@@ -77,7 +77,7 @@ class MLflow:
         return runs
 
     def _run(self, arm: str, node: str, seed: int) -> str:
-        """Return the id of the run of one seed, which is made if there is none."""
+        """Return the id of the run of one seed; make the run if there is none."""
         from mlflow.entities import Param
 
         identity = (self._folder, arm, node, str(seed))

@@ -1,4 +1,4 @@
-"""A study's curves as TensorBoard event files."""
+"""TensorBoard."""
 
 import re
 import time
@@ -8,20 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from curricle.errors import StoreError
-from curricle.interop.tracker import checkpoints, hyperparameters
+from curricle.interop.trackers import checkpoints, hyperparameters
 from curricle.learning.result import LearningResult
 
 NO_FILE_NAME = re.compile(r'[%<>:"/\\|?*\x00-\x1f]|^\.|[. ]$')
-"""What some file system takes for something other than part of a name."""
+"""What is not allowed in a file name on some system."""
 
 
 class TensorBoard:
     """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32.
 
-    Each recording is a file of its own and overwrites none, so what another process logs into the
-    same folder, or an earlier run of the study, stays. TensorBoard shows all files of a folder as
-    one run. The settings, with arm and node, are the run's hyperparameters; seeds that share them
-    are one group.
+    Each call of `record` writes a new file for each seed, so that nothing logged by another process
+    or an earlier run of the study is overwritten. TensorBoard shows all files of a folder as one
+    run. The settings, with arm and node, are the run's hyperparameters; seeds that share them are
+    one group.
 
     Examples
     --------
@@ -34,8 +34,8 @@ class TensorBoard:
     ...     board.close()
     ...     for folder in sorted(Path(place).rglob("seed-*")):
     ...         print(folder.relative_to(place).as_posix())
-    tensorboard/direct/maze/seed-0
-    tensorboard/direct/maze/seed-1
+    tensorboard/scratch/maze/seed-0
+    tensorboard/scratch/maze/seed-1
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class TensorBoard:
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
         """Make the folder."""
-        import tensorboard.summary.writer.record_writer  # noqa: F401  fails now or not at all
+        import tensorboard.summary.writer.record_writer  # noqa: F401 - if it fails, then at the start
 
         self._configuration = configuration
         self._root = folder / "tensorboard"
@@ -79,12 +79,12 @@ class TensorBoard:
 
 
 def _file_name(name: str) -> str:
-    """Return a name that can be a folder's, different for different names."""
+    """Return a name for a folder; different names stay different."""
     return NO_FILE_NAME.sub(lambda found: f"%{ord(found[0]):02X}", name)
 
 
 def _unique_name() -> str:
-    """Return a name for an event file; TensorBoard reads those of a folder in their order."""
+    """Return a name for an event file; TensorBoard reads a folder's files in their names' order."""
     return f"events.out.tfevents.{int(time.time()):010d}.{uuid.uuid4().hex}"
 
 
@@ -106,7 +106,7 @@ def _events(settings: Mapping[str, Any], result: LearningResult, k: int) -> list
 
 
 def _write(path: Path, events: list[Any]) -> None:
-    # Not with a SummaryWriter: its thread dies of a full disk, and then the caller waits for ever.
+    # Not with a SummaryWriter: on a full disk its thread dies and the caller waits for ever.
     from tensorboard.summary.writer.record_writer import RecordWriter
 
     with path.open("xb") as file:

@@ -1,71 +1,78 @@
-"""Sending a study's curves to the tools that people watch: :func:`open_trackers`."""
+"""Trackers: a study's curves in TensorBoard, Weights & Biases, MLflow or a tool of one's own."""
 
+import json
+import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from curricle.checks import one_of
 from curricle.errors import SettingError
-from curricle.interop.mlflow import MLflow
-from curricle.interop.tensorboard import TensorBoard
-from curricle.interop.tracker import Tracker
-from curricle.interop.wandb import WandB
 from curricle.learning.result import LearningResult
 
-TRACKERS: dict[str, type[Tracker]] = {
-    "tensorboard": TensorBoard,
-    "wandb": WandB,
-    "mlflow": MLflow,
+CURVES = {
+    "rollout/ep_rew_mean": "training_return",
+    "eval/mean_reward": "greedy_return",
+    "time/episodes": "episodes",
+    "curricle/guard_share": "guard_share",
 }
-"""Name of a tool, which is also its package's and that of Curricle's extra, -> its tracker."""
+"""Tag of a curve, as other libraries name it, -> field of :class:`LearningResult`."""
+TRACKERS = {"tensorboard": "TensorBoard", "wandb": "WandB", "mlflow": "MLflow"}
+"""A tool, which is also its package, Curricle's extra and the module here -> its tracker."""
 
 
-def open_trackers(
-    trackers: Iterable[str | Tracker],
-    study: str,
-    configuration: Mapping[str, Any],
-    folder: str | Path,
-    report: Callable[[str], Any] | None = None,
-) -> "Trackers":
-    """Return trackers that have been told of a study, as one.
+@runtime_checkable
+class Tracker(Protocol):
+    """Logs a study as it runs.
 
-    Parameters
-    ----------
-    trackers : iterable of str or Tracker
-        "tensorboard", "wandb", "mlflow", or a :class:`Tracker` of one's own; each is opened once.
-    study : str
-        Its name.
-    configuration : Mapping
-        Its settings; logged as hyperparameters.
-    folder : str or Path
-        The study's folder. What the tools write stays inside.
-    report : callable, optional
-        Called with one sentence for each failure; by default it is printed to stderr.
-
-    Raises
-    ------
-    SettingError
-        When a name is unknown or its tool is not installed.
+    A tracker may raise any `Exception`: :class:`Trackers` reports it and switches the tracker off.
 
     Examples
     --------
-    >>> open_trackers(["tensorbord"], "hunt", {}, "results")
-    Traceback (most recent call last):
-        ...
-    curricle.errors.SettingError: a tracker must be one of tensorboard, wandb, mlflow: got ...
+    >>> class Finals:
+    ...     def start(self, study, configuration, folder):
+    ...         print(study, configuration["budget"])
+    ...
+    ...     def record(self, arm, node, result):
+    ...         print(arm, node, result.greedy_return[:, -1].round(2))
+    ...
+    ...     def close(self):
+    ...         pass
+    >>> isinstance(Finals(), Tracker)
+    True
     """
-    opened = Trackers([_tracker(each) for each in dict.fromkeys(trackers)], report)
-    opened.start(study, configuration, Path(folder))
-    return opened
+
+    def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
+        """Begin a study, before anything is trained.
+
+        Parameters
+        ----------
+        study : str
+            Its name.
+        configuration : Mapping
+            Its settings, nested as in its file.
+        folder : Path
+            Where its results are, absolute. An earlier run of the study may have logged there.
+        """
+
+    def record(self, arm: str, node: str, result: LearningResult) -> None:
+        """Log a task that has been trained, in an arm, under its name there."""
+
+    def close(self) -> None:
+        """End the study."""
 
 
 class Trackers:
     """Several trackers as one, which never stops the study.
 
     A tracker that raises is reported, with the place and the exception, and not called again; the
-    others go on. Only what is no `Exception` passes, as KeyboardInterrupt.
+    others go on. KeyboardInterrupt and whatever else is no `Exception` is raised.
 
     Parameters
     ----------
@@ -103,34 +110,73 @@ class Trackers:
         self.failures: list[str] = []
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Tell every tracker of the study."""
+        """Begin a study with every tracker."""
         folder = folder.resolve()
         self._each("at the start of the study", lambda t: t.start(study, configuration, folder))
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
-        """Tell every tracker of a task that was trained."""
+        """Log a task that has been trained with every tracker."""
         self._recorded = True
         self._each(f"at arm {arm!r}, task {node!r}", lambda t: t.record(arm, node, result))
 
     def close(self) -> None:
-        """Tell every tracker that nothing more will come, and report if nothing ever came."""
+        """End the study with every tracker, and report if nothing was ever recorded."""
         if self._working and not self._recorded:
             tools = ", ".join(type(tracker).__name__ for tracker in self._working)
             self._report(f"{tools}: nothing was logged, as this run finished no unit of work")
         self._each("at the end of the study", lambda t: t.close())
         self._working = []
 
-    def _each(self, place: str, tell: Callable[[Tracker], None]) -> None:
-        """Call all that work, and switch off those that raise."""
+    def _each(self, place: str, call: Callable[[Tracker], None]) -> None:
+        """Call all trackers that work, and switch off those that raise."""
         for tracker in tuple(self._working):
             try:
-                tell(tracker)
+                call(tracker)
             except Exception as error:
                 self._working = [other for other in self._working if other is not tracker]
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 failure = f"{type(tracker).__name__} failed {place} and is switched off: {what}"
                 self.failures.append(failure)
                 self._report(failure)
+
+
+def open_trackers(
+    trackers: Iterable[str | Tracker],
+    study: str,
+    configuration: Mapping[str, Any],
+    folder: str | Path,
+    report: Callable[[str], Any] | None = None,
+) -> Trackers:
+    """Return trackers as one, started on a study.
+
+    Parameters
+    ----------
+    trackers : iterable of str or Tracker
+        "tensorboard", "wandb", "mlflow", or a :class:`Tracker` of one's own; each is opened once.
+    study : str
+        Its name.
+    configuration : Mapping
+        Its settings; logged as hyperparameters.
+    folder : str or Path
+        The study's folder. What the tools write stays inside.
+    report : callable, optional
+        Called with one sentence for each failure; by default it is printed to stderr.
+
+    Raises
+    ------
+    SettingError
+        When a name is unknown or its tool is not installed.
+
+    Examples
+    --------
+    >>> open_trackers(["tensorbord"], "hunt", {}, "results")
+    Traceback (most recent call last):
+        ...
+    curricle.errors.SettingError: a tracker must be one of tensorboard, wandb, mlflow: got ...
+    """
+    opened = Trackers([_tracker(each) for each in dict.fromkeys(trackers)], report)
+    opened.start(study, configuration, Path(folder))
+    return opened
 
 
 def _tracker(given: str | Tracker) -> Tracker:
@@ -144,8 +190,102 @@ def _tracker(given: str | Tracker) -> Tracker:
             f"tracker {given!r} needs a package that is not installed: "
             f"pip install curricle[{given}]"
         )
-    return TRACKERS[given]()
+    made: Tracker = getattr(import_module(f"curricle.interop.{given}"), TRACKERS[given])()
+    return made
 
 
 def _to_stderr(sentence: str) -> None:
     print(sentence, file=sys.stderr)
+
+
+# What the trackers of tools share
+
+
+def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str, float]]]:
+    """Yield what was measured at each checkpoint of the seed at place `k`, if anything was.
+
+    Yields
+    ------
+    step : int
+        Steps taken in this task, at most what the seed used.
+    values : dict of str to float
+        Tag (:data:`CURVES`) -> value. NaN is left out.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> result = learn(GridWorld("S.T"), budget=20, seeds=1, eval_freq=10)
+    >>> for step, values in checkpoints(result, 0):
+    ...     print(step, sorted(values))
+    0 ['eval/mean_reward', 'time/episodes']
+    10 ['eval/mean_reward', 'rollout/ep_rew_mean', 'time/episodes']
+    20 ['eval/mean_reward', 'rollout/ep_rew_mean', 'time/episodes']
+    """
+    curves = {tag: getattr(result, field)[k] for tag, field in CURVES.items()}
+    for t in np.flatnonzero(result.steps <= result.steps_used[k]):
+        values = {tag: float(curve[t]) for tag, curve in curves.items() if not np.isnan(curve[t])}
+        if values:
+            yield int(result.steps[t]), values
+
+
+def run_name(arm: str, node: str, seed: int) -> str:
+    """Return the name of the run of one seed.
+
+    Examples
+    --------
+    >>> run_name("scratch", "hunt", 3)
+    'scratch/hunt/seed-3'
+    """
+    return f"{arm}/{node}/seed-{seed}"
+
+
+def as_json(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings in JSON's types; values of other types become text.
+
+    Examples
+    --------
+    >>> as_json({"folder": Path("results"), "seeds": (0, 1)})
+    {'folder': 'results', 'seeds': [0, 1]}
+    """
+    found: dict[str, Any] = json.loads(json.dumps(dict(configuration), default=str))
+    return found
+
+
+def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
+    """Return nested settings as one level, with dotted names; lists and None become JSON text.
+
+    Examples
+    --------
+    >>> hyperparameters({"budget": 1000, "learner": {"epsilon": 0.1, "tags": ["a", "b"]}})
+    {'budget': 1000, 'learner.epsilon': 0.1, 'learner.tags': '["a", "b"]'}
+    """
+    flat: dict[str, bool | int | float | str] = {}
+    for name, value in as_json(configuration).items():
+        if isinstance(value, dict) and value:
+            flat |= {f"{name}.{inner}": leaf for inner, leaf in hyperparameters(value).items()}
+        elif isinstance(value, bool | int | float | str):
+            flat[name] = value
+        else:
+            flat[name] = json.dumps(value, ensure_ascii=False)
+    return flat
+
+
+@contextmanager
+def environment_variables(**defaults: str) -> Iterator[None]:
+    """Set environment variables, those that are not set already, while the context lasts.
+
+    Examples
+    --------
+    >>> with environment_variables(CURRICLE_EXAMPLE="yes"):
+    ...     os.environ["CURRICLE_EXAMPLE"]
+    'yes'
+    >>> "CURRICLE_EXAMPLE" in os.environ
+    False
+    """
+    added = {name: value for name, value in defaults.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)

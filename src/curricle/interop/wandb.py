@@ -1,4 +1,4 @@
-"""A study's curves as runs of Weights & Biases."""
+"""Weights & Biases."""
 
 import os
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from curricle.interop.tracker import checkpoints, environment_variables, plain, run_name
+from curricle.interop.trackers import as_json, checkpoints, environment_variables, run_name
 from curricle.learning.result import LearningResult
 
 
@@ -14,23 +14,23 @@ class WandB:
     """A run for each seed, in ``<folder>/wandb``; offline unless ``WANDB_MODE`` says otherwise.
 
     The group is the study, the job type the arm, the configuration the study's settings with arm,
-    node and seed. The project is ``WANDB_PROJECT``, by default "curricle". Every recording is a
-    run of its own, as offline runs cannot be added to. W&B writes from a process of its own, which
-    this one waits for when it ends; files may lag until then.
+    node and seed. The project is ``WANDB_PROJECT``, by default "curricle". Each call of `record`
+    makes a new run, as offline runs cannot be added to. W&B writes from a process of its own;
+    files are complete when the program has ended.
 
     Examples
     --------
-    >>> from curricle.interop.tracker import Tracker
+    >>> from curricle.interop.trackers import Tracker
     >>> isinstance(WandB(), Tracker)
     True
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Make the folder; W&B would rather fall back to a temporary one than fail."""
-        self._study, self._folder, self._configuration = study, folder, plain(configuration)
+        """Make the folder; without it W&B falls back to a temporary one."""
+        self._study, self._folder, self._configuration = study, folder, as_json(configuration)
         (folder / "wandb").mkdir(parents=True, exist_ok=True)
-        with self._own_places():
-            import wandb  # noqa: F401  fails now or not at all
+        with self._inside_the_folder():
+            import wandb  # noqa: F401 - if it fails, then at the start
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
         """Log a run for each seed."""
@@ -38,19 +38,18 @@ class WandB:
 
         mode: Any = os.environ.get("WANDB_MODE", "offline")
         settings = wandb.Settings(
-            reinit="create_new",  # leave alone a run that the caller has under way
+            reinit="create_new",  # beside a run that the caller may have under way
             console="off",
             quiet=True,
             silent=mode == "offline",
             disable_git=True,
-            # Nothing about this process: it only passes on what was learnt, three times as fast.
-            x_disable_meta=True,
+            x_disable_meta=True,  # without data on this process logging is three times as fast
             x_disable_stats=True,
             x_save_requirements=False,
         )
         for k, seed in enumerate(result.seeds):
             with (
-                self._own_places(),
+                self._inside_the_folder(),
                 wandb.init(
                     mode=mode,
                     dir=self._folder,
@@ -66,9 +65,9 @@ class WandB:
                     run.log(values, step=step)
 
     def close(self) -> None:
-        """Do nothing: every run was finished when it was logged."""
+        """Do nothing: each run is finished when it is logged."""
 
-    def _own_places(self) -> AbstractContextManager[None]:
+    def _inside_the_folder(self) -> AbstractContextManager[None]:
         """Keep W&B's logs out of the home directory, and send no error reports."""
         cache = str(self._folder / "wandb" / "cache")
         return environment_variables(WANDB_CACHE_DIR=cache, WANDB_ERROR_REPORTING="false")

@@ -13,8 +13,7 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import CurricleError, SettingError, StudyError
-from curricle.interop.tracker import Tracker
-from curricle.interop.trackers import open_trackers
+from curricle.interop.trackers import Tracker, open_trackers
 from curricle.learning.result import LearningResult
 from curricle.study.config.study_file import StudyFile
 from curricle.study.runner.arms import Arms
