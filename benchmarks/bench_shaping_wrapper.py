@@ -20,8 +20,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorSta
 from timing import arguments, in_turns, on_one_thread
 
 import curricle as cr
-from curricle.interop.potential_shaping import PotentialShaping
-from curricle.interop.vector_shaping import VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 
 BAR = 15.0  # microseconds a step, one environment and a tabular potential
 MANY = 16

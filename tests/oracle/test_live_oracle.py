@@ -70,7 +70,7 @@ def pair(random_mdp):
 def assert_same(live, tabled, terminal):
     """To the last bit, but for the values of terminal states, which a live task cannot know."""
     np.testing.assert_array_equal(live.values[:, ~terminal], tabled.values[:, ~terminal])
-    names = "training_return", "greedy_return", "episodes", "steps_used", "episodes_used", "trust"
+    names = "training_return", "greedy_return", "episodes", "steps_used", "episodes_used", "guard_share"
     for name in names:
         np.testing.assert_array_equal(getattr(live, name), getattr(tabled, name))
 
@@ -132,7 +132,7 @@ def test_budgets_in_episodes(pair):
     learn_both(pair(5, time_limit=9), cr.DoubleQLearning(), cr.Episodes(70))
 
 
-def test_following_and_walking(pair):
+def test_greedy_rollouts(pair):
     mdp, live = pair(6, time_limit=9)
     phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
     phi[mdp.terminal] = 0.0
@@ -140,7 +140,7 @@ def test_following_and_walking(pair):
         cr.learning.greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30)
         for t in (live, mdp)
     )
-    for name in ("states", "actions", "promised", "earned", "lengths", "ended", "returns"):
+    for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 

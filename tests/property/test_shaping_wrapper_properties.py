@@ -8,8 +8,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.interop.potential_shaping import PotentialShaping
-from curricle.interop.vector_shaping import VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 
 
 class World(gym.Env):

@@ -16,8 +16,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorSta
 
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
-from curricle.interop.potential_shaping import PotentialShaping
-from curricle.interop.vector_shaping import VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.learning.value_lookup import nothing
 
 N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7

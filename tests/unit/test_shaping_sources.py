@@ -12,9 +12,8 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.observation_tasks import observation_task
-from curricle.interop.potential_shaping import PotentialShaping
-from curricle.interop.shaping_sources import stack
-from curricle.interop.vector_shaping import VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.interop.potential_sources import stack
 from curricle.transfer.aggregation import aggregate, aggregate_numbers
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.value_sources import FunctionValues, TableValues

@@ -1,8 +1,7 @@
 """Potential-based shaping of Stable-Baselines3's vector environments, for all its algorithms."""
 
 import inspect
-from collections.abc import Callable, Mapping
-from itertools import islice
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +9,15 @@ import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
 from curricle.errors import SettingError
-from curricle.interop.shaping_episodes import Episode
-from curricle.interop.shaping_sources import Potential, unstack
-from curricle.interop.shaping_terms import check_unshaped, observed_potential
+from curricle.interop.potential_sources import Potential
+from curricle.interop.shaping_episodes import Episodes
+from curricle.interop.shaping_potential import check_unshaped, shaping_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
-except ModuleNotFoundError:  # the extra is not installed; making one says so
+except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = VecEnvWrapper = object
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,9 +35,9 @@ class ShapedVecEnv(VecEnvWrapper):
 
     Each sub-environment's ``info`` holds ``original_reward``, ``shaping`` (F) and ``potential``
     (Phi(s')); with several sources ``shaping_terms``, F_i of each; and at an episode's end
-    ``original_return`` and ``telescoping_residual``, all as :class:`PotentialShaping` tells them.
+    ``original_return`` and ``telescoping_residual``, all as in :class:`PotentialShaping`.
 
-    What stands inside sees the task's own rewards, what stands outside the shaped ones. `Monitor`,
+    Wrappers inside see the task's own rewards, wrappers outside the shaped ones. `Monitor`,
     `VecMonitor` and wrappers that clip rewards belong inside: then ``rollout/ep_rew_mean`` is that
     of the task. `VecNormalize` belongs outside. An environment for evaluation needs no shaping.
 
@@ -51,9 +50,9 @@ class ShapedVecEnv(VecEnvWrapper):
     Raises
     ------
     PotentialError, SettingError
-        As :class:`VectorPotentialShaping`; when a `VecNormalize` stands inside, whose own rewards
-        off-policy algorithms would store instead of the shaped; and when an algorithm asks for
-        ``compute_reward``, as hindsight replay does, for what it would get is unshaped.
+        As :class:`VectorPotentialShaping`; when a `VecNormalize` is inside, as off-policy
+        algorithms would store its unshaped rewards; and when an algorithm calls
+        ``compute_reward``, as hindsight replay does, which would be unshaped too.
 
     Examples
     --------
@@ -82,12 +81,13 @@ class ShapedVecEnv(VecEnvWrapper):
         super().__init__(venv)
         if unwrap_vec_normalize(venv) is not None:
             raise SettingError(
-                "VecNormalize must stand outside of the shaping: off-policy algorithms store the "
+                "VecNormalize must be outside of the shaping: off-policy algorithms store the "
                 "rewards that go into it"
             )
-        self._potential = observed_potential(
+        space = venv.observation_space
+        self._potential = shaping_potential(
             potential,
-            venv.observation_space,
+            space,
             discount=discount,
             weight=weight,
             aggregate=aggregate,
@@ -95,9 +95,8 @@ class ShapedVecEnv(VecEnvWrapper):
             tolerance=tolerance,
             batched=batched,
         )
-        self._stacked_space = batch_space(venv.observation_space, venv.num_envs)
-        self._steps = 0  # of all sub-environments together
-        self._episodes: list[Episode] = []
+        stacked = batch_space(space, venv.num_envs)
+        self._episodes = Episodes(self._potential, stacked, venv.num_envs, same_step=True)
 
     @property
     def discount(self) -> float:
@@ -105,44 +104,40 @@ class ShapedVecEnv(VecEnvWrapper):
         return self._potential.discount
 
     def reset(self) -> Any:
-        """Reset all sub-environments; what they return is handed on."""
+        """Reset all sub-environments and return what they return."""
         observations = self.venv.reset()
-        rows = unstack(self._stacked_space, observations)
-        here = self._potential.each(rows, self._steps, observations)
-        self._episodes = [
-            Episode(first, self._steps, phi) for first, phi in zip(rows, here, strict=True)
-        ]
+        self._episodes.begin(observations)
         return observations
 
     def step_wait(self) -> tuple[Any, FloatArray, BoolArray, list[dict[str, Any]]]:
-        """Return what the environments return, their rewards shaped and their infos told so."""
+        """Return what the environments return, with shaped rewards and their parts in the infos."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        self._steps += self.num_envs
-        rows = unstack(self._stacked_space, observations)
-        ended = [i for i, done in enumerate(dones.tolist()) if done]
-        here, there, starts = self._read(rows, observations, ended, _finals(ended, infos))
-        shaped, told = [], []
-        steps = zip(self._episodes, there, rewards.tolist(), infos, strict=True)
-        sources, discount = self._potential.sources, self.discount
-        for episode, phi, reward, info in steps:
+        for info in infos:
             check_unshaped(info)
-            shaping = episode.go(phi, reward, discount)
-            shaped.append(reward + shaping[0])
-            own = {"original_reward": reward, "shaping": shaping[0], "potential": phi[0]}
+        truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
+        finals = _finals(truncated, infos)
+        done = self._episodes.step(observations, rewards, dones & ~truncated, truncated, finals)
+        sources, infos = self._potential.sources, [*infos]
+        shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
+        steps = zip(rewards.tolist(), done.shaping, done.potential, strict=True)
+        for i, (reward, shaping, phi) in enumerate(steps):
+            infos[i] = {
+                **infos[i],
+                "original_reward": reward,
+                "shaping": shaping[0],
+                "potential": phi,
+                **done.ended.get(i, {}),
+            }
             if len(sources) > 1:
-                own["shaping_terms"] = dict(zip(sources, shaping[1:], strict=True))
-            told.append(info | own)
-        for i, start in starts.items():
-            told[i] |= self._close(i, start)
-            self._episodes[i] = Episode(rows[i], self._steps, here[i])
-        return observations, np.array(shaped), dones, told
+                infos[i]["shaping_terms"] = dict(zip(sources, shaping[1:], strict=True))
+        return observations, shaped, dones, infos
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""
         if method_name == "compute_reward":
             raise SettingError(
-                "rewards that are computed anew, as in hindsight replay, would lack the shaping; "
-                "an algorithm that does so must learn from the environment itself"
+                "rewards that are computed anew, as in hindsight replay, would lack the shaping: "
+                "an algorithm that does so must learn from the unshaped environment"
             )
         return self.venv.env_method(method_name, *args, indices=indices, **named)
 
@@ -154,45 +149,15 @@ class ShapedVecEnv(VecEnvWrapper):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
 
-    def _read(
-        self, rows: list[Any], stacked: Any, ended: list[int], finals: dict[int, Any]
-    ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
-        """Return the potentials of what was returned, those of s', and Phi where the ended began.
 
-        They are read at once: a network costs as much for one as for many.
-        """
-        if not ended:
-            here = self._potential.each(rows, self._steps, stacked)
-            return here, here, {}
-        over = [self._episodes[i] for i in ended]
-        asked = [*rows, *finals.values(), *(episode.first for episode in over)]
-        now = [self._steps] * (len(rows) + len(finals))
-        steps = np.array([*now, *(episode.begun for episode in over)])
-        read = iter(self._potential.each(asked, steps))
-        here = list(islice(read, len(rows)))
-        there = here.copy()
-        for i in ended:
-            there[i] = next(read) if i in finals else [0.0] * len(here[i])
-        return here, there, {i: phi[0] for i, phi in zip(ended, read, strict=True)}
-
-    def _close(self, i: int, start: float) -> dict[str, float]:
-        """Return what an episode that has ended came to, checked."""
-        episode = self._episodes[i]
-        residual = episode.residual(start)
-        place = f"at the end of an episode of sub-environment {i}"
-        self._potential.check_telescoping(residual, episode.largest, place)
-        return {"telescoping_residual": residual, "original_return": episode.original}
-
-
-def _finals(ended: list[int], infos: list[dict[str, Any]]) -> dict[int, Any]:
-    """Return the observations in which episodes were cut off, by sub-environment."""
-    finals = {}
-    for i in ended:
-        if infos[i].get("TimeLimit.truncated", False):
-            finals[i] = infos[i].get("terminal_observation")
-            if finals[i] is None:
-                raise SettingError(
-                    "a vector environment must hand over the observation at which it cut an "
-                    f"episode off, in info['terminal_observation']: sub-environment {i} did not"
-                )
+def _finals(truncated: BoolArray, infos: Sequence[dict[str, Any]]) -> dict[int, Any]:
+    """Return the observations at which episodes were cut off, by sub-environment."""
+    places = np.flatnonzero(truncated).tolist()
+    finals = {i: infos[i].get("terminal_observation") for i in places}
+    for i, observation in finals.items():
+        if observation is None:
+            raise SettingError(
+                "a vector environment must hand over the observation at which it cut an "
+                f"episode off, in info['terminal_observation']: sub-environment {i} did not"
+            )
     return finals

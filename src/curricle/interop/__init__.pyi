@@ -7,7 +7,10 @@ from .pettingzoo import (
     agent_mappings as agent_mappings,
     to_pettingzoo as to_pettingzoo,
 )
-from .potential_shaping import PotentialShaping as PotentialShaping
+from .potential_shaping import (
+    PotentialShaping as PotentialShaping,
+    VectorPotentialShaping as VectorPotentialShaping,
+)
 from .trackers import (
     Tracker as Tracker,
     Trackers as Trackers,
@@ -19,4 +22,3 @@ from .vector_pursuit import (
     observed_pursuit as observed_pursuit,
     predator_mapping as predator_mapping,
 )
-from .vector_shaping import VectorPotentialShaping as VectorPotentialShaping

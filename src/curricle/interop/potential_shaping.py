@@ -1,49 +1,60 @@
-"""Potential-based shaping of any Gymnasium environment, for any algorithm.
+"""Potential-based shaping of any Gymnasium environment, one or many, for any algorithm.
 
 Ng, Harada and Russell 1999 (paper E2): F = gamma Phi(s') - Phi(s), added to the reward, changes no
 optimal policy. That holds for an episode that ends only if the potential of a terminal state is 0
-(Grzes 2017), and one that is merely cut off has not reached a terminal state: it keeps Phi(s').
+(Grzes 2017); an episode that is cut off has not reached a terminal state and keeps Phi(s').
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import gymnasium
+import numpy as np
+import numpy.typing as npt
 from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from curricle.interop.shaping_episodes import Episode
-from curricle.interop.shaping_sources import Potential
-from curricle.interop.shaping_terms import check_unshaped, observed_potential
+from curricle.errors import SettingError
+from curricle.interop.potential_sources import Potential
+from curricle.interop.shaping_episodes import Episode, Episodes
+from curricle.interop.shaping_potential import check_unshaped, shaping_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+if TYPE_CHECKING:
+    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
+else:  # it takes types only in newer versions of Gymnasium
+    AnyVectorWrapper = VectorWrapper
 
 
 class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of an environment.
 
-    Phi(s') is 0 where the step terminated and only there: truncation keeps it, and so must the
-    learner, which bootstraps from s'. Nothing else of the environment changes. Values learnt from
-    the shaped rewards are Q - Phi; the greedy policy is the same.
+    Phi(s') is 0 where the step terminated and only there: truncation keeps it, and the learner must
+    bootstrap from s'. Nothing else of the environment changes. Values learnt from the shaped
+    rewards are Q - Phi; the greedy policy is the same.
 
-    A step's ``info`` says what was done to its reward:
+    Each step's ``info`` holds
 
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
     - ``shaping_terms``: for each source, F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s), what it
-      would pay if it were the only one. Under a linear aggregate F is the same of them: their mean
-      under `mean`, their sum under `total`. Other aggregates have no shares to tell: under
-      `maximum` and `minimum` F may follow one source at s and another at s', and all that is sure
-      is that it lies between the least and the largest F_i;
+      would pay if it were the only one. F is their mean under `mean` and their sum under `total`.
+      Under `maximum` and `minimum` F lies between the least and the largest F_i: it may follow one
+      source at s and another at s';
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
-      computed anew from a copy of the observation. Rounding aside it is 0 for a function of the
-      observation alone, and not for one that looks at something else or changes.
+      computed anew from a copy of the observation. It is 0, but for rounding, where Phi is a
+      function of the observation (and t) alone.
 
     A step after an episode's end is taken to be the reset of an environment that resets itself
     (`gymnasium.wrappers.Autoreset`): its reward stays as it is.
 
-    Wrappers that record returns belong inside, where they see the original rewards:
+    Wrappers that record returns belong inside, where rewards are the original ones:
     ``PotentialShaping(RecordEpisodeStatistics(env), ...)``, or ``Monitor`` of Stable-Baselines3.
 
     Parameters
@@ -59,24 +70,23 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
         w(t), t the steps taken through this wrapper, episode after episode. It multiplies Phi, as
-        do frames and weight of a `StatePotential`, which go by the same t (Devlin, Kudenko 2012).
+        do frames and weight of a `StatePotential`, which use the same t (Devlin, Kudenko 2012).
     aggregate : callable, optional
         g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A) as everywhere, called with S = A = 1;
         the mean unless given.
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        How large the residual may be, as a share of the largest size of Phi in the episode; up to
-        0.001 in any case for a `ValueSource`, which may be a network that rounds. None raises no
-        error, for potentials that change on purpose, such as a network in training.
-        Shaping is sound for these too (Devlin, Kudenko 2012): what is taken back on leaving s is
-        the number that was paid on arriving there.
+        The largest residual allowed, as a share of the largest size of Phi in the episode; for a
+        `ValueSource` at least 0.001, as networks round. None allows any, for potentials that change
+        on purpose, such as a network in training. Shaping is sound for these too (Devlin, Kudenko
+        2012): what is taken back on leaving s is the number that was paid on arriving there.
 
     Raises
     ------
     PotentialError
-        When a value is no finite number, naming the observation; when an episode's residual is
-        beyond the tolerance.
+        When a value is not finite, naming the observation; when an episode's residual is beyond
+        the tolerance.
     SettingError
         When the discount is not stated, or stated differently; when observations do not number
         the states of a task; when the environment is shaped already.
@@ -108,7 +118,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         # Potentials are functions or frozen: a copy of a large one would only cost memory.
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
         gymnasium.Wrapper.__init__(self, env)
-        self._potential = observed_potential(space=env.observation_space, **settings)
+        self._potential = shaping_potential(space=env.observation_space, **settings)
         self._steps = 0
         self._episode: Episode | None = None
 
@@ -120,36 +130,40 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; what it returns is handed on."""
+        """Reset the environment and return what it returns."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Return what the environment returns, its reward shaped and its info told so."""
+        """Return what the environment returns, with the shaped reward and its parts in the info."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         check_unshaped(info)
-        if self._episode is None:
+        episode = self._episode
+        if episode is None:
             here = self._begin(observation)
-            told = self._told(reward, [0.0] * len(here), here)
-            return observation, reward, terminated, truncated, {**info, **told}
+            shown = self._shown(reward, [0.0] * len(here), here)
+            return observation, reward, terminated, truncated, {**info, **shown}
         self._steps += 1
         if terminated:
-            there = [0.0] * len(self._episode.here)
+            there = [0.0] * len(episode.here)
         else:
             there = self._potential.one(observation, self._steps)
-        shaping = self._episode.go(there, float(reward), self.discount)
-        told = self._told(reward, shaping, there)
+        shaping = episode.step(there, float(reward), self.discount)
+        shown = self._shown(reward, shaping, there)
         if terminated or truncated:
-            told |= self._end(self._episode)
-        return observation, float(reward) + shaping[0], terminated, truncated, {**info, **told}
+            self._episode = None
+            start = self._potential.one(episode.first, episode.begun)[0]
+            place = f"after {self._steps - episode.begun} steps"
+            shown |= episode.end(self._potential, start, place)
+        return observation, float(reward) + shaping[0], terminated, truncated, {**info, **shown}
 
     def _begin(self, observation: Any) -> list[float]:
         here = self._potential.one(observation, self._steps)
         self._episode = Episode(observation, self._steps, here)
         return here
 
-    def _told(
+    def _shown(
         self, reward: SupportsFloat, shaping: list[float], there: list[float]
     ) -> dict[str, Any]:
         return {
@@ -159,9 +173,138 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
             "potential": there[0],
         }
 
-    def _end(self, episode: Episode) -> dict[str, float]:
-        self._episode = None
-        start = self._potential.one(episode.first, episode.begun)[0]
-        residual, steps = episode.residual(start), self._steps - episode.begun
-        self._potential.check_telescoping(residual, episode.largest, f"after {steps} steps")
-        return {"telescoping_residual": residual, "original_return": episode.original}
+
+class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
+    """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
+
+    It is :class:`PotentialShaping` for vector environments: the same potentials, the same rules,
+    episode by episode of each sub-environment. Where ``metadata["autoreset_mode"]`` is
+
+    - NEXT_STEP, the step that only resets a sub-environment has F = 0 and keeps its reward;
+    - SAME_STEP, s' of a step that cuts an episode off is ``infos["final_obs"]``, and the
+      observation returned is where the next episode begins;
+    - DISABLED, an episode begins where ``reset(options={"reset_mask": ...})`` says so.
+
+    ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
+    under the name with an underscore in front, ``shaping_terms`` as a dict of such arrays. The
+    masks leave out the sub-environments that only reset; ``telescoping_residual`` and
+    ``original_return`` are there when an episode ended, with the mask of the ended. ``potential``
+    is Phi(s') of the state the step arrived in, in SAME_STEP too.
+
+    Parameters
+    ----------
+    env : gymnasium.vector.VectorEnv
+    potential, discount, weight, aggregate, encode, tolerance
+        As in :class:`PotentialShaping`. The t of potentials that change with time counts the steps
+        of all sub-environments together, as a budget does.
+    batched : bool
+        Whether potential functions return an (m,) array for m observations, stacked as the vector
+        environment does it, and `encode` an (m,) array of integers. m is n, or more where episodes
+        end: then the observations at which they were cut off and began are read as well. Otherwise
+        functions are called with one observation after another. Observations that ended an episode
+        by termination are never read. Sources of values always read stacked observations.
+
+    Raises
+    ------
+    PotentialError, SettingError
+        As :class:`PotentialShaping`, and when the vector environment does not say how it resets.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> lakes = gymnasium.make_vec("FrozenLake-v1", num_envs=2, is_slippery=False)
+    >>> envs = VectorPotentialShaping(lakes, lambda s: s / 15, discount=0.9, batched=True)
+    >>> envs.reset(seed=0)[0], envs.step(np.array([1, 2]))[1]  # to the squares 4 and 1
+    (array([0, 0]), array([0.24, 0.06]))
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        potential: Potential | Mapping[str, Potential],
+        *,
+        discount: float | None = None,
+        weight: float | Schedule = 1.0,
+        aggregate: Aggregate | None = None,
+        encode: Callable[[Any], Any] | None = None,
+        tolerance: float | None = 1e-6,
+        batched: bool = False,
+    ):
+        settings: dict[str, Any] = {
+            "potential": potential, "discount": discount, "weight": weight, "aggregate": aggregate,
+            "encode": encode, "tolerance": tolerance, "batched": batched,
+        }  # fmt: skip
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
+        VectorWrapper.__init__(self, env)
+        mode = env.metadata.get("autoreset_mode")
+        if not isinstance(mode, AutoresetMode):
+            raise SettingError(
+                "a vector environment must say how it resets, in metadata['autoreset_mode']: got "
+                f"{mode!r}"
+            )
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self._potential = shaping_potential(space=env.single_observation_space, **settings)
+        self._episodes = Episodes(
+            self._potential, env.observation_space, env.num_envs, same_step=self._same_step
+        )
+
+    @property
+    def discount(self) -> float:
+        """The discount gamma."""
+        return self._potential.discount
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the sub-environments, or those of ``options["reset_mask"]``."""
+        options = None if options is None else dict(options)  # environments take the mask out of it
+        mask = (options or {}).get("reset_mask")
+        observations, infos = self.env.reset(seed=seed, options=options)
+        self._episodes.begin(observations, mask)
+        return observations, infos
+
+    def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+        """Return what the environments return, with shaped rewards and their parts in the infos."""
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        check_unshaped(infos)
+        finals = _finals(truncated & ~terminated, infos) if self._same_step else {}
+        done = self._episodes.step(observations, rewards, terminated, truncated, finals)
+        shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
+        potential = np.array(done.potential)
+        infos = {
+            **infos,
+            **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),
+            "shaping_terms": _shown(
+                stepped, **dict(zip(self._potential.sources, shaping[1:], strict=True))
+            ),
+            "_shaping_terms": stepped,
+        }
+        if done.ended:
+            ended = np.zeros(self.num_envs, np.bool_)
+            ended[list(done.ended)] = True
+            for name in ("telescoping_residual", "original_return"):
+                infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), ended
+                infos[name][ended] = [reported[name] for _, reported in sorted(done.ended.items())]
+        return observations, rewards + shaping[0], terminated, truncated, infos
+
+
+def _finals(cut_off: BoolArray, infos: dict[str, Any]) -> dict[int, Any]:
+    """Return the observations at which episodes were cut off, where others were returned."""
+    found = {}
+    for i in np.flatnonzero(cut_off).tolist():
+        if "final_obs" not in infos or infos["final_obs"][i] is None:
+            raise SettingError(
+                "a vector environment that resets in the same step must hand over the "
+                "observation at which it cut an episode off, in infos['final_obs']: "
+                f"sub-environment {i} did not"
+            )
+        found[i] = infos["final_obs"][i]
+    return found
+
+
+def _shown(mask: BoolArray, /, **arrays: FloatArray) -> dict[str, Any]:
+    """Return arrays as Gymnasium's infos hold them: 0 where the mask is false, each with it."""
+    shown: dict[str, Any] = {}
+    for name, values in arrays.items():
+        shown[name], shown[f"_{name}"] = np.where(mask, values, 0.0), mask
+    return shown

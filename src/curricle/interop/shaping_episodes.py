@@ -1,29 +1,28 @@
-"""The accounts of episodes: what shaping adds to each step, and what it comes to at the end."""
+"""Episodes under shaping: what is paid at each step, and the sum that must telescope at the end."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from curricle.interop.shaping_sources import unstack
-from curricle.interop.shaping_terms import ObservedPotential
+from curricle.interop.potential_sources import unstack
+from curricle.interop.shaping_potential import ShapingPotential
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass
 class Episode:
-    """The account of one episode; the potentials are Phi and after it each source's.
+    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i.
 
     Examples
     --------
     >>> episode = Episode(first=0, begun=0, here=[1.0])
-    >>> episode.go([4.0], reward=-1.0, discount=0.5), episode.original  # 0.5 * 4 - 1
+    >>> episode.step([4.0], reward=-1.0, discount=0.5), episode.original  # 0.5 * 4 - 1
     ([1.0], -1.0)
     >>> episode.residual(start=1.0)
     0.0
@@ -41,8 +40,8 @@ class Episode:
         self.first = deepcopy(self.first)  # environments may write over what they returned
         self.largest = abs(self.here[0])
 
-    def go(self, there: list[float], reward: float, discount: float) -> list[float]:
-        """Enter a step, which went `there`, and return F = gamma Phi(s') - Phi(s) of each."""
+    def step(self, there: list[float], reward: float, discount: float) -> list[float]:
+        """Move on to potentials `there` and return F = gamma Phi(s') - Phi(s) of each."""
         shaping = [
             discount * after - before for after, before in zip(there, self.here, strict=True)
         ]
@@ -57,161 +56,138 @@ class Episode:
         """Return sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), given Phi(s_0) read anew."""
         return self.shaped - (self.power * self.here[0] - start)
 
+    def end(self, potential: ShapingPotential, start: float, place: str) -> dict[str, float]:
+        """Return what is reported of an ended episode; PotentialError unless it telescoped."""
+        residual = self.residual(start)
+        potential.check_telescoping(residual, self.largest, place)
+        return {"telescoping_residual": residual, "original_return": self.original}
 
-@dataclass(frozen=True)
-class Shaped:
-    """What shaping makes of a step of n sub-environments.
 
-    Attributes
-    ----------
-    stepped : (n,) bool
-        Those that made a step of an episode; the others only reset.
-    shaping : (1 + N, n) float64
-        F and after it each source's F_i; 0 where none was made.
-    potential : (n,) float64
-        Phi(s').
-    ended : (n,) bool
-        Those whose episode ended.
-    residual, original : (n,) float64
-        Of the ended: how far the discounted sum of F is from what theory says, and the sum of the
-        environment's own rewards. They mean nothing elsewhere.
-    """
+class ShapedStep(NamedTuple):
+    """What shaping makes of one step of n sub-environments."""
 
-    stepped: BoolArray
-    shaping: FloatArray
-    potential: FloatArray
-    ended: BoolArray
-    residual: FloatArray
-    original: FloatArray
+    stepped: list[bool]
+    """Which made a step of an episode; the others only reset."""
+    shaping: list[list[float]]
+    """(n, 1 + N): F and after it each source's F_i; 0 where the sub-environment only reset."""
+    potential: list[float]
+    """(n,): Phi(s')."""
+    ended: dict[int, dict[str, float]]
+    """Of each sub-environment whose episode ended, what :meth:`Episode.end` returns."""
 
 
 class Episodes:
-    """The accounts of n sub-environments' episodes; potentials are Phi and after it each source's.
-
-    What is in them of a sub-environment that is in no episode means nothing.
+    """The episodes of n sub-environments.
 
     Parameters
     ----------
-    potential : ObservedPotential
+    potential : ShapingPotential
     space : gymnasium.Space
         Of n stacked observations.
     n : int
-    at_once : bool
+    same_step : bool
         Whether a step that ends an episode returns the observation with which the next one begins.
 
     Examples
     --------
     >>> from gymnasium.spaces import Discrete, MultiDiscrete
-    >>> from curricle.interop.shaping_terms import observed_potential
-    >>> phi = observed_potential(float, Discrete(9), discount=0.5, weight=1.0, aggregate=None,
-    ...                          encode=None, tolerance=1e-6)
-    >>> episodes = Episodes(phi, MultiDiscrete([9, 9]), 2, at_once=True)
+    >>> from curricle.interop.shaping_potential import shaping_potential
+    >>> phi = shaping_potential(float, Discrete(9), discount=0.5, weight=1.0, aggregate=None,
+    ...                         encode=None, tolerance=1e-6)
+    >>> episodes = Episodes(phi, MultiDiscrete([9, 9]), 2, same_step=True)
     >>> no = np.zeros(2, bool)
-    >>> episodes.begin(~no, np.array([1, 2]))
-    >>> episodes.step(np.array([4, 8]), np.zeros(2), no, no, {}).shaping[0]  # 4 / 2 - 1, 8 / 2 - 2
-    array([1., 2.])
+    >>> episodes.begin(np.array([1, 2]))
+    >>> episodes.step(np.array([4, 8]), np.zeros(2), no, no, {}).potential
+    [4.0, 8.0]
     """
 
     def __init__(
-        self, potential: ObservedPotential, space: gymnasium.Space[Any], n: int, *, at_once: bool
+        self, potential: ShapingPotential, space: gymnasium.Space[Any], n: int, *, same_step: bool
     ):
-        self._potential, self._space, self._at_once = potential, space, at_once
+        self._potential, self._space, self._same_step = potential, space, same_step
         self._steps = 0  # of all sub-environments together
-        self._running = np.zeros(n, np.bool_)
-        self._first: list[Any] = [None] * n  # the observation it began with
-        self._begun = np.zeros(n, np.int64)  # the step at which it began
-        self._here = np.zeros((1 + len(potential.sources), n))  # those of the state it has reached
-        self._largest = np.zeros(n)  # |Phi| met so far
-        self._power = np.ones(n)  # gamma^t
-        self._shaped = np.zeros(n)  # sum of gamma^t F_t
-        self._original = np.zeros(n)  # sum of the environment's own rewards
+        self._running: list[Episode | None] = [None] * n
 
-    def begin(self, begun: BoolArray, observations: Any) -> None:
-        """Open accounts where episodes have begun, given the observations of all, stacked."""
-        rows, here = unstack(self._space, observations), self._here.copy()
-        here[:, begun] = self._potential.many([rows[i] for i in _places(begun)], self._steps)
-        self._open(begun, here, rows)
+    def begin(self, observations: Any, mask: Sequence[bool] | BoolArray | None = None) -> None:
+        """Begin episodes, everywhere or where `mask` is true, given all observations, stacked."""
+        rows = unstack(self._space, observations)
+        begun = [i for i in range(len(rows)) if mask is None or mask[i]]
+        stacked = observations if mask is None else None
+        here = self._potential.each([rows[i] for i in begun], self._steps, stacked)
+        for i, phi in zip(begun, here, strict=True):
+            self._running[i] = Episode(rows[i], self._steps, phi)
 
     def step(
         self,
         observations: Any,
-        rewards: FloatArray,
+        rewards: npt.NDArray[Any],
         terminated: BoolArray,
         truncated: BoolArray,
         finals: Mapping[int, Any],
-    ) -> Shaped:
-        """Enter a step of all sub-environments and return what shaping makes of it.
+    ) -> ShapedStep:
+        """Return what shaping makes of a step.
 
-        `observations` are the stacked ones that it returned; `finals`, by sub-environment, those in
-        which an episode was cut off where others were returned.
+        Parameters
+        ----------
+        observations : stacked observations
+            As the step returned them.
+        rewards, terminated, truncated : (n,) arrays
+        finals : dict
+            By sub-environment, the observation at which an episode was cut off, where the step
+            returned another.
         """
-        discount, rows = self._potential.discount, unstack(self._space, observations)
-        stepped, ended = self._running, self._running & (terminated | truncated)
-        n_stepped = int(np.count_nonzero(stepped))  # the quickest way to ask for any or all
-        self._steps += n_stepped
-        if np.count_nonzero(ended):
-            here, there, start = self._read(rows, terminated, ended, finals)
-        else:
-            here = there = self._potential.many(rows, self._steps, observations)
-            start = here[0]
-        shaping = discount * there - self._here
-        if n_stepped < len(rows):
-            shaping = np.where(stepped, shaping, 0.0)
-        self._largest = np.maximum(self._largest, abs(there[0]))
-        self._shaped += self._power * shaping[0]
-        self._power *= discount
-        self._original += rewards
-        residual = self._shaped - (self._power * there[0] - start)
-        shaped = Shaped(stepped, shaping, there[0], ended, residual, self._original.copy())
-        self._close(shaped)
-        self._open(ended if self._at_once else ~stepped, here, rows)
-        return shaped
+        rows = unstack(self._space, observations)
+        running = self._running.copy()
+        self._steps += sum(episode is not None for episode in running)
+        over = np.flatnonzero(terminated | truncated).tolist()
+        ended = {i: episode for i in over if (episode := running[i]) is not None}
+        here, there, starts = self._read(rows, observations, terminated, ended, finals)
+        discount, nothing = self._potential.discount, [0.0] * len(here[0])
+        steps = zip(running, there, rewards.tolist(), strict=True)
+        shaping = [
+            nothing if episode is None else episode.step(phi, reward, discount)
+            for episode, phi, reward in steps
+        ]
+        for i, episode in enumerate(running):
+            if episode is None or (i in ended and self._same_step):
+                self._running[i] = Episode(rows[i], self._steps, here[i])
+            elif i in ended:
+                self._running[i] = None
+        reported = {
+            i: episode.end(
+                self._potential, starts[i], f"at the end of an episode of sub-environment {i}"
+            )
+            for i, episode in ended.items()
+        }
+        stepped = [episode is not None for episode in running]
+        return ShapedStep(stepped, shaping, [phi[0] for phi in there], reported)
 
     def _read(
-        self, rows: list[Any], terminated: BoolArray, ended: BoolArray, finals: Mapping[int, Any]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the potentials of what was returned, those of s', and Phi of where it all began.
+        self,
+        rows: list[Any],
+        stacked: Any,
+        terminated: BoolArray,
+        ended: Mapping[int, Episode],
+        finals: Mapping[int, Any],
+    ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
+        """Return the potentials of what was returned, those of s', and Phi where the ended began.
 
-        They are read at once, as many observations in one go are cheaper for a network. Ends by
-        termination are not read.
+        All are read in one batch, as a network costs as much for one observation as for many.
+        Observations that ended an episode by termination are not read: their potential is 0.
         """
-        returned = ~terminated | (ended & self._at_once)
-        places, beginnings = _places(returned), _places(ended)
-        asked = [
-            *(rows[i] for i in places),
-            *finals.values(),
-            *(self._first[i] for i in beginnings),
-        ]
-        steps = np.full(len(asked), self._steps)
-        steps[len(asked) - len(beginnings) :] = self._begun[ended]
-        values = self._potential.many(asked, steps)
-        here, start = np.zeros_like(self._here), np.zeros(len(rows))
-        here[:, places] = values[:, : len(places)]
-        there = np.where(terminated, 0.0, here)
-        there[:, list(finals)] = values[:, len(places) : len(asked) - len(beginnings)]
-        start[beginnings] = values[0, len(asked) - len(beginnings) :]
-        return here, there, start
-
-    def _close(self, shaped: Shaped) -> None:
-        """Close the accounts of the episodes that have ended, which must have telescoped."""
-        if not np.count_nonzero(shaped.ended):
-            return
-        self._running = self._running & ~shaped.ended
-        for i in _places(shaped.ended):
-            place = f"at the end of an episode of sub-environment {i}"
-            self._potential.check_telescoping(shaped.residual[i], self._largest[i], place)
-
-    def _open(self, begun: BoolArray, here: FloatArray, rows: list[Any]) -> None:
-        """Open accounts where episodes have begun; `here` are the potentials of all."""
-        self._here = here
-        if not np.count_nonzero(begun):
-            return
-        self._running = self._running | begun
-        for i in _places(begun):
-            self._first[i] = deepcopy(rows[i])  # environments may write over what they returned
-        self._begun[begun], self._largest[begun] = self._steps, abs(here[0, begun])
-        self._power[begun], self._shaped[begun], self._original[begun] = 1.0, 0.0, 0.0
-
-
-def _places(mask: BoolArray) -> list[int]:
-    return np.flatnonzero(mask).tolist()
+        if not ended:
+            here = self._potential.each(rows, self._steps, stacked)
+            return here, here, {}
+        read = [i for i in range(len(rows)) if self._same_step or not terminated[i]]
+        asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
+        now = [self._steps] * (len(read) + len(finals))
+        steps = np.array([*now, *(episode.begun for episode in ended.values())])
+        values = iter(self._potential.each(asked, steps))
+        nothing = [0.0] * (1 + len(self._potential.sources))
+        here = [nothing] * len(rows)
+        for i in read:
+            here[i] = next(values)
+        there = [nothing if end else phi for end, phi in zip(terminated, here, strict=True)]
+        for i in finals:
+            there[i] = next(values)
+        return here, there, {i: phi[0] for i, phi in zip(ended, values, strict=True)}

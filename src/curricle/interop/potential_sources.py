@@ -1,4 +1,4 @@
-"""One potential of an observation: a function, a table, or the values of a network."""
+"""What the potential of an observation comes from: a function, a table, or a network's values."""
 
 import operator
 from collections.abc import Callable, Iterable
@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
-from typing import Any, ClassVar, Protocol, TypeGuard
+from typing import Any, ClassVar, TypeGuard
 
 import gymnasium
 import numpy as np
@@ -31,35 +31,18 @@ Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
 
 
-class Source(Protocol):
-    """One potential, read from observations."""
-
-    rounding: ClassVar[float]
-    """By how much Phi_i of one observation may differ between two readings, as a share of it."""
-
-    @property
-    def batched(self) -> bool:
-        """Whether :meth:`many` can be asked."""
-
-    def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s, t)."""
-
-    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
-        """Return Phi_i of n stacked observations, (n,) float64."""
-
-
 @dataclass(frozen=True, eq=False)
 class FunctionSource:
     """A potential that is a function of an observation, or of n stacked ones where batched."""
 
-    rounding: ClassVar[float] = 0.0
+    rounding: ClassVar[float] = 0.0  # relative difference allowed between two readings
 
     name: str
     function: Callable[[Any], Any]
     batched: bool
 
     def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s)."""
+        """Return Phi_i(s, t)."""
         value = self.function(observation)
         try:
             return float(value)
@@ -76,9 +59,9 @@ class FunctionSource:
 
 @dataclass(frozen=True, eq=False)
 class ValuesSource:
-    """A potential that is V(s) of a source of values, which always reads many at once."""
+    """A potential that is V(s) of a source of values, read for many observations at once."""
 
-    # A network in single precision rounds otherwise in a batch of another size, and on a graphics
+    # In single precision a network's output changes with the size of the batch, on a graphics
     # processor, whose products of matrices have 11 bits, by up to 1e-3.
     rounding: ClassVar[float] = 1e-3
     batched: ClassVar[bool] = True
@@ -88,7 +71,7 @@ class ValuesSource:
     space: gymnasium.Space[Any]  # of one observation
 
     def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s)."""
+        """Return Phi_i(s, t)."""
         return float(self.many(stack(self.space, [observation]), 1, step)[0])
 
     def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
@@ -98,7 +81,7 @@ class ValuesSource:
 
 @dataclass(frozen=True, eq=False)
 class StateSource:
-    """A potential over the states of a task, whose numbers are read off the observations."""
+    """A potential over the states of a task; observations give the states' numbers."""
 
     rounding: ClassVar[float] = 0.0
 
@@ -130,7 +113,7 @@ class StateSource:
         states = whole(self.state_of(stacked), "the states of observations")
         if states.shape != (n,):
             raise SettingError(
-                f"a batch of observations has states of shape {(n,)}: {self.name!r} got "
+                f"a batch of observations must have states of shape {(n,)}: {self.name!r} got "
                 f"{states.shape}"
             )
         outside = (states < 0) | (states >= self.n_states)
@@ -146,6 +129,9 @@ class StateSource:
         )
 
 
+Source = FunctionSource | ValuesSource | StateSource
+
+
 def source(
     name: str,
     potential: Potential,
@@ -153,18 +139,17 @@ def source(
     encode: Callable[[Any], Any] | None,
     batched: bool,
 ) -> Source:
-    """Return a potential as it is read from observations of a space.
+    """Return a potential, to be read from observations of a space.
 
-    `encode` says which state an observation is, for potentials over a task; `batched`, whether it
-    and functions take stacked observations. Values are read from stacked ones in any case: a
-    network costs as much for one as for many.
+    `encode` gives the state of an observation, for potentials over a task; `batched` is whether it
+    and functions take stacked observations. Sources of values always take stacked ones.
 
     Raises
     ------
     PotentialError
         When it is neither a function nor a potential nor a source of values.
     SettingError
-        When it is read from other observations than those of its task.
+        When the observations are not those of its task.
 
     Examples
     --------
@@ -193,7 +178,7 @@ def source(
 
 
 def over_a_task(potential: Any) -> TypeGuard[TaskPotential]:
-    """Return whether a potential is one over the states of a task."""
+    """Return whether a potential is over the states of a task."""
     return isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
 
 
@@ -207,8 +192,8 @@ def stack(space: gymnasium.Space[Any], rows: list[Any]) -> Any:
     """
     if isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
         return np.array(rows, dtype=space.dtype)
-    room: Any = create_empty_array(space, len(rows))
-    return concatenate(space, rows, room)
+    empty: Any = create_empty_array(space, len(rows))
+    return concatenate(space, rows, empty)
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
@@ -220,7 +205,7 @@ def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
     [np.int64(3), np.int64(4)]
     """
     if isinstance(stacked, np.ndarray):
-        return list(stacked)  # as below, and quicker
+        return list(stacked)  # as `iterate` does, and quicker
     return list(iterate(space, stacked))
 
 
@@ -241,7 +226,7 @@ def weights(weight: Schedule, steps: Steps) -> Any:
 
 
 def each_step(steps: Steps) -> Iterable[int]:
-    """Return the step of each of many observations, without an end where it is one for all.
+    """Return the step of each of many observations, endlessly where it is the same for all.
 
     Examples
     --------
@@ -251,15 +236,15 @@ def each_step(steps: Steps) -> Iterable[int]:
     return repeat(steps) if isinstance(steps, int) else steps.tolist()
 
 
-def _one_each(who: str, said: Any, n: int) -> FloatArray:
-    values = numbers(f"what {who} returns", said, PotentialError)
+def _one_each(who: str, returned: Any, n: int) -> FloatArray:
+    values = numbers(f"what {who} returns", returned, PotentialError)
     if values.shape != (n,):
         raise PotentialError(f"what {who} returns must have shape {(n,)}: got {values.shape}")
     return values
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
-    """Return how an observation, or a stack of them, numbers the states of a task."""
+    """Return the function from an observation, or stacked ones, to numbers of a task's states."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(_counted_from, int(space.start))
     if isinstance(space, MultiDiscrete) and tuple(space.nvec.tolist()) == states.shape:
@@ -301,10 +286,8 @@ def _values(
 ) -> FloatArray:
     """Return Phi(s, t) of n states, (n,) float64."""
     if isinstance(potential, MappedPotential):
-        phi, terminal = (
-            potential.rows(states).max(axis=1),
-            generative_model(potential.task).terminal,
-        )
+        phi = potential.rows(states).max(axis=1)
+        terminal = generative_model(potential.task).terminal
         return phi if terminal is None else np.where(terminal[states], 0.0, phi)
     frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
     return np.asarray(weights(potential.weight, steps) * potential.values[frame, states])

@@ -1,7 +1,7 @@
-"""Potentials read from observations: what shaping one environment and shaping many share.
+"""The potential of an observation: named sources, an aggregate, a weight, one discount.
 
-The potential of an observation is Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)), where t counts
-the steps taken through the wrapper, episode after episode.
+Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)), where t counts the steps taken through the
+wrapper, episode after episode.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, number
 from curricle.errors import PotentialError, SettingError
-from curricle.interop.shaping_sources import (
+from curricle.interop.potential_sources import (
     Potential,
     Source,
     Steps,
@@ -34,36 +34,17 @@ from curricle.transfer.observation_potential import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 
-ALONE = "potential"
-"""The name of a potential that was given without one."""
-
 
 @dataclass(frozen=True, eq=False)
-class ObservedPotential:
-    """N named potentials of an observation, what they come to together, and their discount.
+class ShapingPotential:
+    """Phi of observations, with what each of its N named sources gives."""
 
-    Parameters
-    ----------
-    space : gymnasium.Space
-        Of one observation.
-    sources : dict of str to Source
-    discount : float
-    weight : Schedule
-        w(t).
-    aggregate : callable, optional
-        g, (N, S, A) -> (S, A), called with n observations as S and with A = 1; None where the
-        only source is the whole.
-    tolerance : float, optional
-        How far an episode's shaping may be from telescoping, as a share of the largest size of
-        Phi in it; as far as a source's rounding in any case.
-    """
-
-    space: gymnasium.Space[Any]
+    space: gymnasium.Space[Any]  # of one observation
     sources: dict[str, Source]
     discount: float
-    weight: Schedule
-    aggregate: Aggregate | None
-    tolerance: float | None
+    weight: Schedule  # w(t)
+    aggregate: Aggregate | None  # g, called with n observations as S and A = 1; None for one source
+    tolerance: float | None  # of the telescoping residual, as a share of the largest |Phi|
 
     @cached_property
     def _batched(self) -> bool:
@@ -92,8 +73,8 @@ class ObservedPotential:
     def many(self, rows: list[Any], steps: Steps, stacked: Any = None) -> FloatArray:
         """Return the same of n observations, (1 + N, n) float64.
 
-        `steps` is t for all of them, or one for each, (n,) int64; `stacked` are the observations as
-        a vector environment hands them out, where they are at hand.
+        `steps` is t of all, or of each, (n,) int64; `stacked` are the observations as a vector
+        environment stacks them, if at hand.
         """
         n = len(rows)
         values = np.empty((1 + len(self.sources), n))
@@ -118,13 +99,13 @@ class ObservedPotential:
         return values
 
     def each(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
-        """Return what :meth:`one` returns, of n observations, read in one batch where that pays."""
+        """Return :meth:`one` of each observation, in one batch if some source is batched."""
         if self._batched:
             return self.many(rows, steps, stacked).T.tolist()  # type: ignore[no-any-return]
         return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
 
     def check_telescoping(self, residual: float, largest: float, place: str) -> None:
-        """Raise PotentialError when an episode's shaping does not come to what it must."""
+        """Raise PotentialError when an episode's shaping does not telescope."""
         if self.tolerance is None:
             return
         allowed = max(self.tolerance, *(each.rounding for each in self.sources.values()))
@@ -132,11 +113,11 @@ class ObservedPotential:
             raise PotentialError(
                 "an episode's shaping must come to gamma^T Phi(s_T) - Phi(s_0), as it does where "
                 f"Phi depends on the observation alone: it is off by {residual:g} {place}, where "
-                f"the size of Phi was up to {largest:g}"
+                f"|Phi| was up to {largest:g}"
             )
 
 
-def observed_potential(
+def shaping_potential(
     potential: Potential | Mapping[str, Potential],
     space: gymnasium.Space[Any],
     *,
@@ -146,26 +127,26 @@ def observed_potential(
     encode: Callable[[Any], Any] | None,
     tolerance: float | None,
     batched: bool = False,
-) -> ObservedPotential:
-    """Return potentials as they are read from observations of a space.
+) -> ShapingPotential:
+    """Return the potential of observations of a space.
 
     Raises
     ------
     PotentialError
-        When a potential is none of what can be one, or there is none.
+        When there is no potential, or something that cannot be one.
     SettingError
-        When the discount is not stated or differs, or when the observations do not number the
-        states of a potential's task, or are not those of its task.
+        When the discount is not stated or differs, or when the observations are not those of a
+        potential's task and do not number its states.
 
     Examples
     --------
     >>> from gymnasium.spaces import Box
-    >>> height = observed_potential(lambda x: x[0], Box(-1, 1), discount=0.9, weight=2.0,
+    >>> height = shaping_potential(lambda x: x[0], Box(-1, 1), discount=0.9, weight=2.0,
     ...                             aggregate=None, encode=None, tolerance=1e-6)
     >>> height.one(np.array([0.5]), step=0)
     [1.0, 1.0]
     """
-    named = potential if isinstance(potential, Mapping) else {ALONE: potential}
+    named = potential if isinstance(potential, Mapping) else {"potential": potential}
     if not named:
         raise PotentialError("shaping needs a potential: got none")
     for name in named:
@@ -176,7 +157,7 @@ def observed_potential(
         raise SettingError("encode must be left out where no potential is one over a task")
     if aggregate is None and len(named) > 1:
         aggregate = aggregation.mean
-    return ObservedPotential(
+    return ShapingPotential(
         space=space,
         sources={name: source(name, each, space, encode, batched) for name, each in named.items()},
         discount=one_discount(named, discount),
@@ -187,7 +168,7 @@ def observed_potential(
 
 
 def one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the discount that the potentials' tasks and the caller state, or raise SettingError.
+    """Return the one discount that the potentials' tasks and the caller state, or SettingError.
 
     Examples
     --------
@@ -212,7 +193,7 @@ def one_discount(potentials: Mapping[str, Potential], discount: float | None) ->
 
 
 def check_unshaped(info: Mapping[str, Any]) -> None:
-    """Raise SettingError when a step's info says that its reward has been shaped already."""
+    """Raise SettingError when a step's reward has been shaped already."""
     if "shaping" in info:
         raise SettingError(
             "an environment must be shaped once, by all its potentials in one dict: its info has "
