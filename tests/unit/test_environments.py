@@ -17,6 +17,7 @@ from curricle.interop.figures import AGENT, OBJECTS, PREY, painted, predator
 from curricle.interop.registration import register
 from curricle.interop.scene import scene_of
 from curricle.planning import rollout
+from curricle.tasks.draws import integers, uniform
 from curricle.tasks.task import generative_model
 
 register()
