@@ -15,7 +15,7 @@ from . import (
     transfer as transfer,
 )
 from .certificate.certification import certify as certify
-from .comparison.arms import compare as compare
+from .comparison.comparing import compare as compare
 from .comparison.forecasting import forecast as forecast
 from .curriculum.curriculum import Curriculum as Curriculum
 from .errors import CurricleError as CurricleError

@@ -13,7 +13,7 @@ import pytest
 
 import curricle as cr
 from curricle.cli.tables import study_lines
-from curricle.comparison.arms import compare
+from curricle.comparison.comparing import compare
 from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError
 from curricle.report.study_report import write_report

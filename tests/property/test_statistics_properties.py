@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from curricle.statistics.censored import median_time, restricted_mean_time, survival
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from curricle.statistics.censored import median_time, restricted_mean_time, survival
 from curricle.statistics.hypothesis_tests import (
     holm,
     performance_profile,

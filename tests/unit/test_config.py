@@ -32,7 +32,6 @@ from curricle import (
     project,
     same_position,
 )
-from curricle.comparison.comparison import SCRATCH as COMPARED
 from curricle.curriculum.curriculum import SETTINGS
 from curricle.deep import DeepLearner
 from curricle.errors import ConfigError
@@ -41,7 +40,7 @@ from curricle.study.config import settings, tasks, transfers
 from curricle.study.config.document import Document, json_schema
 from curricle.study.config.merging import merged
 from curricle.study.config.positions import Places
-from curricle.study.config.reading import SCRATCH, read_study, resolved
+from curricle.study.config.reading import read_study, resolved
 from curricle.study.config.references import load
 from curricle.study.config.study_file import StudyFile
 from curricle.study.config.templates import KINDS, template
@@ -193,7 +192,6 @@ def test_choices_are_those_of_what_is_built():
     }
     for word in get_args(get_args(Capture)[0]):
         assert tasks.PursuitTask(capture=word).capture == word
-    assert SCRATCH == COMPARED
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Comparison
 from curricle.errors import CurriculumError, SettingError
 from curricle.plotting.choice_flips import collapse_figure, draw_flips
 from curricle.plotting.comparison import draw_comparison
@@ -122,11 +123,11 @@ def test_gains_have_a_row_each_with_interval_and_p():
     assert [0, 0] in [list(line.get_xdata()) for line in axes.lines]
     dots = labelled(axes)
     for row, name in enumerate(["taught", "taught, placebo"], 1):
-        gain = found.contrasts[name].gain
+        gain = found.contrasts[name].strong_gain
         assert (*dots[name].get_xdata(), *dots[name].get_ydata()) == (gain.estimate, row)
         segment = axes.collections[row - 1].get_segments()[0]
         assert segment.tolist() == [[gain.low, row], [gain.high, row]]
-        assert f"{found.contrasts[name].adjusted:.2g}" in texts(axes)
+        assert f"{found.contrasts[name].adjusted_p:.2g}" in texts(axes)
         assert dots[name].get_markerfacecolor() == "w"  # p is 1/8 at best with 4 seeds
     assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts(axes))
 

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
 from curricle.planning.solution import greedy_policy
 from curricle.plotting.learning_curves import draw_learning_curves
@@ -267,7 +268,7 @@ def compared(seeds=8, threshold=5.0, **arms):
 
 def test_the_headline_names_what_paid_and_by_how_much():
     found = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
-    gain = found.contrasts["better"].gain
+    gain = found.contrasts["better"].strong_gain
     said = headline(found).replace("\xa0", " ")
     assert said.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
     assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in said
@@ -306,7 +307,14 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
     cells, rows = table(pursuit.comparison), pursuit.comparison.rows()
     assert list(cells) == [row["arm"] for row in rows]
     for row in rows[1:]:
-        for measure in ("gain", "gain_free", "jumpstart", "final", "better", "return"):
+        for measure in (
+            "strong_gain",
+            "weak_gain",
+            "jumpstart",
+            "asymptotic_gain",
+            "probability_of_improvement",
+            "return",
+        ):
             shown = cells[row["arm"]][measure]
             numbers = [shown.text, *shown.below.strip("[]").split(", ")]
             wanted = [row[measure], row[f"{measure}_low"], row[f"{measure}_high"]]
@@ -320,7 +328,7 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     assert cells["good"]["strong_steps_saved"].text == "≥ 80.0"
     assert cells["bad"]["strong_steps_saved"].below == "never reached"
     reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
-    assert table(reverse)["bad"]["saved"].text.startswith("≤ ")
+    assert table(reverse)["bad"]["weak_steps_saved"].text.startswith("≤ ")
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import scipy.stats
+from curricle.statistics.censored import median_time, restricted_mean_time, survival
 
 from curricle.errors import SettingError
-from curricle.statistics.censored import median_time, restricted_mean_time, survival
 from curricle.statistics.intervals import bootstrap
 from curricle.statistics.thresholds import Times
 

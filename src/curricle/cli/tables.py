@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import one_of
-from curricle.comparison.comparison import ROUNDING, SCRATCH
 from curricle.errors import StoreError
+from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.runner.study import Study
 
 

@@ -1,297 +1,102 @@
-"""Comparing curricula with learning the target directly, and with each other, fairly.
+"""One arm of a comparison: the curves of its seeds on the axis that all arms share."""
 
-All arms spend the same total of steps, source steps included; seed k of every arm draws from the
-same random stream in the target; and arms whose targets are not one problem are refused.
-"""
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, number, whole_number
-from curricle.comparison.comparison import SCRATCH, Arm, Comparison, joined
-from curricle.comparison.controls import (
-    Control,
-    check_controls,
-    check_fit,
-    learn_changed,
-    source_control,
-    value_controls,
-)
-from curricle.comparison.task_differences import differences
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
-from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
 from curricle.learning.result import LearningResult
-from curricle.learning.stopping import StoppingRule
-from curricle.planning.target import Target
-from curricle.statistics.sequential import add_seeds
-from curricle.statistics.thresholds import fraction_of_optimum, midpoint
-from curricle.transfer.observation_target import ObservationTarget, target_of
+from curricle.statistics.curves import ROUNDING, Curve, charge_source
+from curricle.statistics.metrics import mean_return
 
-FRACTION = 0.9
-"""How far from untaught to optimal the default threshold lies."""
+FloatArray = npt.NDArray[np.float64]
 
 
-def compare(
-    arms: Curriculum | Mapping[str, Curriculum],
-    *,
-    seeds: int | Sequence[int] = 30,
-    controls: Sequence[Control] = (),
-    threshold: float | None = None,
-    window: int = 5,
-    precision: float | None = None,
-    difference: bool = False,
-    most_seeds: int = 100,
-    workers: int | None = None,
-    progress: Callable[[str], Any] | None = None,
-) -> Comparison:
-    """Return how curricula do against learning their target directly, at the same total budget.
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The curves of one arm, over target steps, up to the total budget of the comparison.
 
-    The target's budget, in steps, is what every arm would have without sources; the direct learner
-    gets as many steps more as the most expensive arm spends on its sources (or can spend at most,
-    where a source's budget is in episodes), and the other arms what is left of that total, seed by
-    seed.
-
-    Parameters
+    Attributes
     ----------
-    arms : Curriculum or dict of str to Curriculum
-        All with the same target; the name "scratch" is taken.
-    seeds : int or sequence of int
-        Or, with `precision` or `difference`, the number of seeds to begin with.
-    controls : sequence of str
-        Of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``; run for each
-        curriculum (``controls.py`` says what they show).
-    threshold : float, optional
-        Return that counts as learnt. By default nine tenths of the way from an untaught to an
-        optimal policy; midway through the direct learner's curve where that tells nothing.
-    window : int
-        Checkpoints over which curves are smoothed before they reach the threshold.
-    precision : float, optional
-        Add seeds until the first arm's gain is known to plus or minus so much return.
-    difference : bool
-        Add seeds until the first arm's gain is known to differ from 0.
-    most_seeds : int
-        When to stop adding.
-    workers : int, optional
-        Threads over seeds.
-    progress : callable, optional
-        Called with a few words for each arm done.
-
-    Returns
-    -------
-    Comparison
-
-    Raises
-    ------
-    CurriculumError
-        When arms are not comparable; the message names what their targets differ in.
-    SettingError
-        When a setting makes no sense; nothing has been trained then.
+    curve : Curve
+        Greedy return (K, T), with the source steps of each seed.
+    training_return, guard_share : (K, T) float64
+        As in :class:`LearningResult`.
+    control : bool
+        Whether it is a control of another arm.
 
     Examples
     --------
-    >>> from curricle import GridWorld, Transfer, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
-    ...     budget={"corner": 500, "maze": 5000})
-    >>> found = compare(plan, seeds=5, controls=["placebo"])
-    >>> list(found.arms), found.total
-    (['scratch', 'transfer', 'transfer, placebo'], 5500)
+    >>> flat = np.zeros((2, 3))
+    >>> steps = np.array([0, 10, 20])
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat, False)
+    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat, False))
+    array([3., 3.])
     """
-    plan = _Plan.of(arms, controls, workers, progress)
-    window = whole_number("window", window, 1, SettingError)
-    if window > plan.budget // plan.eval_freq + 1:
-        raise SettingError(
-            f"window must be at most {plan.budget // plan.eval_freq + 1}, the checkpoints within the "
-            f"target's budget: got {window}"
-        )
-    if threshold is None:
-        place = plan.place()
-    else:
-        number("threshold", threshold, SettingError)
-    if precision is None and not difference:
-        found = plan.run(seed_tuple(seeds))
-    else:
-        found = plan.run_until(seeds, precision, difference, most_seeds)
-    if threshold is None:
-        threshold = default_threshold(place, found[SCRATCH])
-    return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
 
-
-@dataclass(frozen=True)
-class _Plan:
-    """The arms, checked, and what they share."""
-
-    arms: Mapping[str, Curriculum]
-    controls: Sequence[Control]
-    target: str
-    budget: int
-    total: int
-    eval_freq: int
-    workers: int | None
-    progress: Callable[[str], Any]
+    curve: Curve
+    training_return: FloatArray = field(repr=False)
+    guard_share: FloatArray = field(repr=False)
+    control: bool
 
     @classmethod
     def of(
         cls,
-        given: Curriculum | Mapping[str, Curriculum],
-        controls: Sequence[Control],
-        workers: int | None,
-        progress: Callable[[str], Any] | None,
-    ) -> "_Plan":
-        arms = {"transfer": given} if isinstance(given, Curriculum) else given
-        instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
-        if not arms:
-            raise CurriculumError("a comparison needs at least one curriculum: got none")
-        for name, arm in arms.items():
-            instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
-            if name == SCRATCH:
-                raise CurriculumError(f"an arm {SCRATCH!r} is always there: name yours otherwise")
-        check_controls(controls)
-        first = next(iter(arms.values()))
-        check_comparable(arms)
-        target = first.target
-        budget = first.setting("budget", target)
-        if isinstance(budget, Episodes | StoppingRule):
-            raise SettingError(
-                f"a comparison at one total budget needs the target's in steps: {target!r} has "
-                f"{budget}"
-            )
-        if first.setting("evaluation", target).method == "off":
-            raise SettingError(
-                f"a comparison rests on greedy evaluation: that of {target!r} is off"
-            )
-        for name, arm in arms.items():
-            check_fit(controls, name, arm)
-        eval_freq = spacing(first.setting("eval_freq", target), budget)
-        most = max(most_source_steps(arm) for arm in arms.values())
-        total = -(-(limits(budget)[0] + most) // eval_freq) * eval_freq
-        tick = progress or (lambda words: None)
-        return cls(dict(arms), controls, target, limits(budget)[0], total, eval_freq, workers, tick)
-
-    def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
-        """Return all arms for these seeds, the direct learner first."""
-        first = next(iter(self.arms.values()))
-        node = first.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
-        scratch = node.train(seeds, workers=self.workers)
-        self.progress(SCRATCH)
-        found = {SCRATCH: self._arm(scratch, np.zeros(len(seeds), np.int64))}
-        for name, curriculum in self.arms.items():
-            for label, arm in self._with_controls(curriculum, seeds):
-                called = f"{name}, {label}" if label else name
-                found[called] = arm
-                self.progress(called)
-        return found
-
-    def _with_controls(
-        self, curriculum: Curriculum, seeds: Sequence[int]
-    ) -> Iterator[tuple[str, Arm]]:
-        result = self._trained(curriculum, seeds)
-        spent = result.source_steps(self.target)
-        yield "", self._arm(result[self.target], spent)
-        for label, change in value_controls(self.controls):
-            changed = learn_changed(result, change, self.workers)
-            yield label, self._arm(changed, spent, control=True)
-        for control in ("random_start", "pretraining"):
-            if control in self.controls:
-                arm = self._from_itself(curriculum, control, seeds, spent)
-                yield control.replace("_", " "), arm
-
-    def _from_itself(
-        self,
-        curriculum: Curriculum,
-        control: Control,
-        seeds: Sequence[int],
+        result: LearningResult,
         spent: npt.NDArray[np.int64],
-    ) -> Arm:
-        """Return a control whose source takes each seed as long as the curriculum's sources did."""
-        parts, places = list[dict[str, Arm]](), []
-        for steps in np.unique(spent):
-            place = np.flatnonzero(spent == steps)
-            other = source_control(curriculum, control, int(steps))
-            again = self._trained(other, [seeds[k] for k in place.tolist()])
-            parts.append({control: self._arm(again[self.target], spent[place], control=True)})
-            places.append(place)
-        return joined(parts)[control].taken(np.argsort(np.concatenate(places)))
+        total: int,
+        eval_freq: int,
+        *,
+        control: bool = False,
+    ) -> Self:
+        """Return a training of the target on the axis that all arms share.
 
-    def _trained(self, curriculum: Curriculum, seeds: Sequence[int]) -> CurriculumResult:
-        """Return a curriculum trained, its target for what its sources leave of the total."""
-        longer = curriculum.replace(self.target, budget=self.total, eval_freq=self.eval_freq)
-        return longer.train(seeds, charge=True, workers=self.workers)
-
-    def _arm(
-        self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
-    ) -> Arm:
-        return Arm.of(result, spent, self.total, self.eval_freq, control=control)
-
-    def run_until(
-        self, first: Any, precision: float | None, difference: bool, most: int
-    ) -> dict[str, Arm]:
-        """Return all arms for as many seeds as it takes."""
-        batches = list[dict[str, Arm]]()
-        first = whole_number("seeds to begin adding with", first, 2, SettingError)
-
-        def gain(seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-            batches.append(self.run(tuple(seeds)))
-            scratch, arm = (batches[-1][name] for name in (SCRATCH, next(iter(self.arms))))
-            return arm.gain(scratch)
-
-        add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
-        return joined(batches)
-
-    def place(self) -> Target | ObservationTarget:
-        """Return the target, solved if it can be."""
-        first = next(iter(self.arms.values()))
-        return target_of(first.tasks[self.target], first.setting("evaluation", self.target))
-
-
-def default_threshold(place: Target | ObservationTarget, scratch: Arm) -> float:
-    """Return nine tenths of the way from untaught to optimal; midway where that says nothing."""
-    if place.solution is None:
-        return midpoint(scratch.curve)
-    best, worst = place.optimum, place.random_return
-    # Judged without discount, what is optimal with it need not be better than acting at random.
-    return midpoint(scratch.curve) if best <= worst else fraction_of_optimum(best, worst, FRACTION)
-
-
-def most_source_steps(curriculum: Curriculum) -> int:
-    """Return a bound of the steps that a curriculum's sources take."""
-    most = 0
-    for name in curriculum.ancestors(curriculum.target):
-        back, sources = (
-            curriculum.setting("back", name),
-            {t.source for t in curriculum.in_edges(name)},
+        Seed k learns for total - spent_k steps; after these its last value is kept. `total` is the
+        steps of every arm, sources included, `spent` (K,) the source steps, `eval_freq` the steps
+        between checkpoints.
+        """
+        n = total // eval_freq + 1
+        last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
+        place = np.minimum(np.arange(n), last[:, None])
+        greedy, training, guard_share = (
+            np.take_along_axis(found, place, axis=1)
+            for found in (result.greedy_return, result.training_return, result.guard_share)
         )
-        most += curriculum.node(name).most_steps
-        most += 0 if back is None else back.most * back.again * len(sources)
-    return most
+        return cls(Curve(np.arange(n) * eval_freq, greedy, spent), training, guard_share, control)
+
+    def charged(self, scratch: "Arm") -> Curve:
+        """Return the curve over total steps, source steps included (:func:`charge_source`)."""
+        return charge_source(scratch.curve, self.curve)
+
+    def take(self, seeds: npt.NDArray[np.int64]) -> "Arm":
+        """Return the arm with the seeds in these rows, in this order."""
+        curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
+        return Arm(curve, self.training_return[seeds], self.guard_share[seeds], self.control)
+
+    def strong_gain(self, scratch: "Arm") -> FloatArray:
+        """Return the area under the charged curve minus that of scratch, (K,), in return.
+
+        Both are normalised (:func:`mean_return`); a difference within their rounding is 0.
+        """
+        mine, base = mean_return(self.charged(scratch)), mean_return(scratch.curve)
+        noise = ROUNDING * np.maximum(np.abs(mine), np.abs(base))
+        return np.where(np.abs(mine - base) > noise, np.subtract(mine, base), 0.0)
 
 
-def check_comparable(arms: Mapping[str, Curriculum]) -> None:
-    """Raise CurriculumError unless all arms have one target, learnt and judged alike."""
-    (name, first), *others = arms.items()
-    target = first.target
-    for other_name, other in others:
-        pair = f"{name!r} and {other_name!r}"
-        if other.target != target:
-            raise CurriculumError(
-                f"arms must share their target: {pair} have {target!r} and {other.target!r}"
-            )
-        apart = differences(first.tasks[target], other.tasks[target])
-        if apart:
-            raise CurriculumError(
-                f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        for which in ("evaluation", "budget", "learner", "eval_freq"):
-            mine, yours = first.setting(which, target), other.setting(which, target)
-            if mine != yours:
-                raise CurriculumError(
-                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
-                )
+def joined(batches: Sequence[Mapping[str, Arm]]) -> dict[str, Arm]:
+    """Return the arms of several batches of seeds as arms of all seeds."""
+    return {
+        name: Arm(
+            Curve(
+                arm.curve.steps,
+                np.concatenate([batch[name].curve.values for batch in batches]),
+                np.concatenate([batch[name].curve.source_steps for batch in batches]),
+            ),
+            np.concatenate([batch[name].training_return for batch in batches]),
+            np.concatenate([batch[name].guard_share for batch in batches]),
+            arm.control,
+        )
+        for name, arm in batches[0].items()
+    }

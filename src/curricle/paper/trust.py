@@ -108,7 +108,7 @@ def _draw_controls(panel: Any, found: Trust) -> None:
     }
     names = list(contrasts)[::-1]
     for y, name in enumerate(names):
-        gain, control = contrasts[name].gain, name.startswith("mean, calibrated,")
+        gain, control = contrasts[name].strong_gain, name.startswith("mean, calibrated,")
         panel.errorbar(
             gain.estimate,
             y,

@@ -149,7 +149,7 @@ def _larger(found: Trust) -> Claim:
 
 
 def _placebo(found: Trust) -> Claim:
-    gains = {name: one.gain for name, one in found.controls.contrasts.items()}
+    gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
     main = gains["mean, calibrated"]
     others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
     return Claim(
@@ -166,10 +166,10 @@ def _placebo(found: Trust) -> Claim:
 def _longer(found: Trust) -> Claim:
     contrasts = found.controls.contrasts
     gains = {
-        name: contrasts[f"mean, calibrated, {name}"].gain
+        name: contrasts[f"mean, calibrated, {name}"].strong_gain
         for name in ("random start", "pretraining")
     }
-    main = contrasts["mean, calibrated"].gain
+    main = contrasts["mean, calibrated"].strong_gain
     return Claim(
         "trust.not-just-longer",
         "trust",

@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.comparison.comparison import SCRATCH, SIGNIFICANT, Comparison
+from curricle.comparison.comparison import SIGNIFICANT, Comparison
 from curricle.errors import SettingError
 from curricle.plotting.figures import COLOURS, STYLE, write_columns
 from curricle.plotting.learning_curves import LOG, draw_arms
 from curricle.plotting.scales import caption, minus, return_scale, steps_scale
 from curricle.plotting.styles import Look, arm_looks
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.metrics import asymptotic_performance
 
@@ -45,7 +46,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
     Examples
     --------
-    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.comparison.arms import Arm
     >>> from curricle.statistics.curves import Curve
     >>> steps, low = np.array([0, 50, 100]), np.zeros((3, 3))
     >>> arms = {
@@ -123,12 +124,12 @@ def _draw_gains(axes: Axes, comparison: Comparison, looks: Mapping[str, Look]) -
         if name == SCRATCH:
             continue
         contrast = comparison.contrasts[name]
-        gain = contrast.gain
-        shown = contrast.adjusted < SIGNIFICANT
+        gain = contrast.strong_gain
+        shown = contrast.adjusted_p < SIGNIFICANT
         axes.hlines(row, gain.low, gain.high, colors=look.colour, lw=2)
         face = look.colour if shown else "w"
         axes.plot(gain.estimate, row, "o", color=look.colour, mfc=face, ms=4.5, label=name)
-        p = f"{contrast.adjusted:.2g}" if sure else ""
+        p = f"{contrast.adjusted_p:.2g}" if sure else ""
         numbers[name] = minus(str(gain).rsplit(",", 1)[0]), p
     _write_rows(axes, looks, numbers, ("gain [95 %]", "p (Holm)") if sure else ("gain", ""))
     axes.margins(x=0.08)

@@ -38,7 +38,7 @@ def draw_learning_curves(
 
     Examples
     --------
-    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.comparison.arms import Arm
     >>> flat = np.zeros((2, 3))
     >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
     >>> free, charged = draw_learning_curves(Comparison("hunt", {"scratch": arm}, 50, 100, 1.0, 1))

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
-from curricle.comparison.comparison import SCRATCH, Comparison
+from curricle.comparison.comparison import Comparison
 from curricle.plotting.figures import COLOURS
+from curricle.statistics.curves import SCRATCH
 
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula, in order; then again with other dashes. The direct learner is black."""
@@ -50,7 +51,7 @@ def arm_looks(comparison: Comparison) -> dict[str, Look]:
 
     Examples
     --------
-    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.comparison.arms import Arm
     >>> from curricle.statistics.curves import Curve
     >>> flat = np.zeros((2, 2))
     >>> arm = Arm(Curve(np.array([0, 9]), flat), flat, flat, False)

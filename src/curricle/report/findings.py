@@ -5,27 +5,37 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from curricle.comparison.comparison import SCRATCH, SIGNIFICANT, Comparison
+from curricle.comparison.comparison import SIGNIFICANT, Comparison
 from curricle.plotting.scales import minus
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
 MEASURES = {
-    "gain": ("gain", "mean height of the curve above the direct learner's, in return"),
-    "final": ("gain at end", "return at the end of all steps, above the direct learner's"),
-    "better": ("P(better)", "probability that a run is above a direct run on average"),
+    "strong_gain": ("gain", "mean height of the curve above the direct learner's, in return"),
+    "asymptotic_gain": (
+        "gain at end",
+        "return at the end of all steps, above the direct learner's",
+    ),
+    "probability_of_improvement": (
+        "P(better)",
+        "probability that a run is above a direct run on average",
+    ),
     "strong_steps_saved": (
         "steps saved",
         "steps to the threshold, fewer than the direct learner's",
     ),
     "return": ("mean return", "interquartile mean over seeds of the curve's mean height"),
-    "gain_free": ("gain", "as before, over the target's budget alone"),
+    "weak_gain": ("gain", "as before, over the target's budget alone"),
     "jumpstart": ("jumpstart", "return at the first target step, above the direct learner's"),
-    "saved": ("steps saved", "target steps to the threshold, fewer than the direct learner's"),
+    "weak_steps_saved": (
+        "steps saved",
+        "target steps to the threshold, fewer than the direct learner's",
+    ),
 }
 """Measure of :meth:`Comparison.rows` -> its name, and what it is."""
-FREE = ("gain_free", "jumpstart", "saved")
+FREE = ("weak_gain", "jumpstart", "weak_steps_saved")
 """Those that leave source steps aside."""
-TIMED = ("saved", "strong_steps_saved")
+TIMED = ("weak_steps_saved", "strong_steps_saved")
 
 
 @dataclass(frozen=True)
@@ -79,9 +89,9 @@ def headline(comparison: Comparison) -> str:
         counts.append(f"of {open_} no difference is shown")
     said = ", ".join(counts)
     most = max(
-        paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].gain.estimate))
+        paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].strong_gain.estimate))
     )
-    gain, seeds = signed(comparison.contrasts[most].gain), comparison.seeds
+    gain, seeds = signed(comparison.contrasts[most].strong_gain), comparison.seeds
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
     return (
         f"{said[0].upper()}{said[1:]}: {leading}{gain} return against learning directly, "
@@ -95,7 +105,7 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     Examples
     --------
     >>> import numpy as np
-    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.comparison.arms import Arm
     >>> from curricle.statistics.curves import Curve
     >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
     >>> arms = {"scratch": Arm(Curve(steps, low), low, low, False),
@@ -112,15 +122,15 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
 def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
     contrast, row = comparison.contrasts[name], rows[name]
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
-    sure = f" (p\xa0=\xa0{contrast.adjusted:.2g})" if comparison.seeds > 1 else ""
+    sure = f" (p\xa0=\xa0{contrast.adjusted_p:.2g})" if comparison.seeds > 1 else ""
     sentences = [
-        f"{signed(contrast.gain)} return on average over all {comparison.total:,} steps, its "
+        f"{signed(contrast.strong_gain)} return on average over all {comparison.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps charged{sure}.",
-        f"With sources free: {signed(contrast.gain_free)}.",
+        f"With sources free: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[SCRATCH]),
     ]
     control = comparison[name].control
-    return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.gain)
+    return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.strong_gain)
 
 
 def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any]) -> str:
@@ -184,12 +194,12 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     Examples
     --------
     >>> import numpy as np
-    >>> from curricle.comparison.comparison import Arm
+    >>> from curricle.comparison.arms import Arm
     >>> from curricle.statistics.curves import Curve
     >>> flat = np.zeros((2, 3))
     >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
     >>> found = table(Comparison("hunt", {"scratch": arm, "taught": arm}, 50, 100, 1.0, 1))
-    >>> found["taught"]["time"], found["scratch"]["gain"].text
+    >>> found["taught"]["time"], found["scratch"]["strong_gain"].text
     (Cell(text='> 100', below='2 of 2 never'), '')
     """
     found = {}
@@ -200,7 +210,7 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
             "> " * (missed > 0) + f"{row['steps_to_threshold']:,.0f}",
             f"{missed} of {row['seeds']} never" if missed else "",
         )
-        p = row["p_adjusted"]
+        p = row["adjusted_p"]
         cells["p"] = Cell("" if math.isnan(p) or row["seeds"] == 1 else f"{p:.2g}")
         cells["source_steps"] = Cell(f"{row['source_steps']:,.0f}")
         found[name] = cells

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.comparison.comparison import SCRATCH
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import Episodes
 from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus
 from curricle.report.findings import figures
 from curricle.report.sharing import shared
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import bootstrap
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task

@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from curricle.comparison.comparison import SCRATCH, Comparison
+from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import SETTINGS, CurriculumResult
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
@@ -33,6 +33,7 @@ from curricle.report.inline import inline_svg
 from curricle.report.replay import SnapshotsByTask, Story, stories
 from curricle.report.sharing import shared
 from curricle.report.storyboard import shades_of
+from curricle.statistics.curves import SCRATCH
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Inches of the curves on a desk and on a phone."""

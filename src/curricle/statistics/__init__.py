@@ -1,4 +1,7 @@
-"""Curves, metrics on them, intervals and tests; arrays only."""
+"""Learning curves, metrics on them, intervals over seeds and hypothesis tests.
+
+All of it works on arrays. Axes: K seeds, T checkpoints, M tasks, L thresholds.
+"""
 
 import lazy_loader
 

@@ -1,9 +1,3 @@
-from .censored import (
-    Survival as Survival,
-    median_time as median_time,
-    restricted_mean_time as restricted_mean_time,
-    survival as survival,
-)
 from .curves import Curve as Curve, charge_source as charge_source, smooth as smooth
 from .hypothesis_tests import (
     holm as holm,

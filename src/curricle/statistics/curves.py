@@ -1,24 +1,33 @@
-"""Learning curves: what one arm earned at each checkpoint, seed by seed.
+"""Learning curves: the return of one arm at each checkpoint, one row per seed.
 
-A curve may be NaN in the leading checkpoints of a seed, where no episode has ended yet. Such a
-place is read in one of two ways: it never counts as reaching a threshold, and in everything else
-the seed's first measured value stands in for it.
+A curve may be NaN in the leading checkpoints of a seed, where no episode has ended yet. A leading
+NaN never counts as reaching a threshold; everywhere else the seed's first measured value is used.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
-from curricle.learning.result import LearningResult
-
-__all__ = ["Curve", "charge_source", "require_direct", "require_pair", "smooth"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+SCRATCH = "scratch"
+"""Name of the arm that learns the target from scratch; all others are compared with it."""
+ROUNDING = 1e-7
+"""Relative difference of two mean returns that rounding can cause in exact evaluations."""
+
+
+class GreedyReturns(Protocol):
+    """What :meth:`Curve.of` reads of a :class:`LearningResult`: steps (T,), returns (K, T)."""
+
+    steps: IntArray
+    greedy_return: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,14 +97,10 @@ class Curve:
             object.__setattr__(self, name, array)
 
     @classmethod
-    def of(cls, result: LearningResult, source_steps: npt.ArrayLike = 0) -> Curve:
-        """Return the greedy returns of a training as a curve.
+    def of(cls, result: GreedyReturns, source_steps: npt.ArrayLike = 0) -> Curve:
+        """Return the greedy returns of a :class:`LearningResult` as a curve.
 
-        Parameters
-        ----------
-        result : LearningResult
-        source_steps : int or (K,) int array
-            As :meth:`CurriculumResult.source_steps` gives them.
+        `source_steps` is an int or (K,), as :meth:`CurriculumResult.source_steps` gives them.
         """
         return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
@@ -125,14 +130,14 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
     Parameters
     ----------
     values : (K, T) float64
-        Return. NaN is allowed only in leading places: it is left out of the means and stays NaN.
+        Return. NaN is allowed only in leading places; it is left out of the means and stays NaN.
     window : int
-        Checkpoints from 1, which changes nothing, to T. The paper uses 10.
+        Checkpoints, from 1 (no smoothing) to T. The paper uses 10.
 
     Returns
     -------
     (K, T) float64
-        Return. A row that is constant stays exactly so: rounding moves no threshold.
+        Return. A constant row stays exactly constant, so that rounding moves no threshold.
 
     Raises
     ------
@@ -160,23 +165,23 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
 
 
 def charge_source(baseline: Curve, transfer: Curve) -> Curve:
-    """Return a transfer curve on the strong axis: total steps, source steps included.
+    """Return a transfer curve over total steps, source steps included (strong transfer).
 
-    At the checkpoint x of the direct learner, seed k has the direct learner's first value while
-    x < source_steps_k + steps_0, and its own value at x - source_steps_k target steps from there
-    on. Any measure of the result is that measure under strong transfer, at the same total budget.
+    At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
+    from there on its own value at x - source_steps_k target steps. Any measure of the result is
+    that measure under strong transfer, at the same total budget.
 
     Parameters
     ----------
     baseline : Curve
-        The direct learner, K seeds and T checkpoints, without source steps.
+        The learner from scratch, K seeds and T checkpoints, without source steps.
     transfer : Curve
         The same seeds and checkpoints.
 
     Returns
     -------
     Curve
-        K seeds, T checkpoints, no source steps left to charge.
+        K seeds, T checkpoints; its source steps are 0.
 
     Raises
     ------
@@ -185,8 +190,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
 
     Notes
     -----
-    Values between checkpoints are linearly interpolated, and the start of learning is resolved
-    to one checkpoint.
+    Values between checkpoints are linearly interpolated, so the start of learning is exact to
+    one checkpoint.
 
     References
     ----------
@@ -195,13 +200,13 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     Examples
     --------
     >>> steps = np.array([0, 100, 200, 300])
-    >>> direct = Curve(steps, np.array([[0.0, 1.0, 2.0, 3.0]]))
+    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 2.0, 3.0]]))
     >>> helped = Curve(steps, np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([150]))
-    >>> charge_source(direct, helped).values
+    >>> charge_source(scratch, helped).values
     array([[0. , 0. , 5.5, 6.5]])
     """
     require_pair(baseline, transfer)
-    require_direct(baseline)
+    require_no_source(baseline)
     first = baseline.filled()[:, :1]
     target = baseline.steps - transfer.source_steps[:, np.newaxis]
     rows = zip(target, transfer.filled(), strict=True)
@@ -210,18 +215,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
 
 
 def require_pair(baseline: Curve, transfer: Curve) -> None:
-    """Raise unless two curves hold the same seeds and checkpoints.
-
-    Raises
-    ------
-    SettingError
-        If their seeds K or checkpoints (T,) differ.
-
-    Examples
-    --------
-    >>> curve = Curve(np.array([0, 100]), np.array([[1.0, 2.0]]))
-    >>> require_pair(curve, curve)
-    """
+    """Raise SettingError unless two curves have the same seeds K and checkpoints (T,)."""
     ours, theirs = baseline.values.shape, transfer.values.shape
     if ours[0] != theirs[0]:
         raise SettingError(
@@ -236,18 +230,8 @@ def require_pair(baseline: Curve, transfer: Curve) -> None:
         )
 
 
-def require_direct(baseline: Curve) -> None:
-    """Raise unless a curve belongs to a direct learner, one without source steps.
-
-    Raises
-    ------
-    SettingError
-        If any seed of `baseline` spent steps on source tasks.
-
-    Examples
-    --------
-    >>> require_direct(Curve(np.array([0, 100]), np.array([[1.0, 2.0]])))
-    """
+def require_no_source(baseline: Curve) -> None:
+    """Raise SettingError if any seed of the baseline spent steps on source tasks."""
     if np.any(baseline.source_steps):
         raise SettingError(
             "the baseline of a strong comparison must have no source steps:"

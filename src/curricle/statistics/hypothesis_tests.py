@@ -1,8 +1,8 @@
-"""Which arm is better: profiles, the chance of improvement, tests and their correction.
+"""Which arm is better: profiles, the probability of improvement, tests and their correction.
 
-An interval says how large a difference is, a test whether luck alone would show one like it. Each
-test of several raises its own false alarms, which :func:`holm` holds to the rate of one. Arrays
-only. A NaN is never dropped in silence: it makes an estimate NaN, and no test can be made of it.
+An interval shows how large a difference is, a test whether chance alone could produce it. Several
+tests raise more false alarms than one; :func:`holm` corrects for that. A NaN is never dropped: it
+makes an estimate NaN, and a test refuses it.
 
 Sources: Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice",
 NeurIPS 2021; Fisher, "The design of experiments", 1935; Holm, "A simple sequentially rejective
@@ -11,22 +11,20 @@ multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import overload
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import permutation_test
 
-from curricle.checks import number, numbers, whole_number
+from curricle.checks import numbers, whole_number
 from curricle.errors import SettingError
 from curricle.statistics.intervals import Interval, by_task, draw_counts, percentiles, resample
-
-__all__ = ["holm", "performance_profile", "probability_of_improvement", "sign_flip_test"]
 
 FloatArray = npt.NDArray[np.float64]
 
 EXACT = 14
-"""The most seeds whose 2^K signs are all counted (16,384)."""
+"""The most seeds for which all 2^K sign vectors are counted, 16,384 of them."""
 
 
 def performance_profile(
@@ -39,8 +37,8 @@ def performance_profile(
 ) -> Interval:
     """Return the share of runs that score above each threshold, with stratified bootstrap bands.
 
-    share_l = (number of runs km with x_km > tau_l) / (number of runs), x_km being seed k on task
-    m; as in :func:`stratified_bootstrap`, seeds are resampled for each task alone.
+    share_l = (number of runs km with x_km > tau_l) / (number of runs), where x_km is seed k on task
+    m. As in :func:`stratified_bootstrap`, seeds are resampled within each task.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def performance_profile(
     Returns
     -------
     Interval
-        Arrays (L,) from 0 to 1; the bounds hold for each threshold alone.
+        Arrays (L,) from 0 to 1; the bounds hold for each threshold separately.
 
     Raises
     ------
@@ -64,8 +62,8 @@ def performance_profile(
 
     Notes
     -----
-    Where no run or every run is above a threshold, every resample says the same: there the band
-    has no width, though the true share may well be inside (0, 1).
+    Where no run or every run is above a threshold the band has no width, since all resamples are
+    alike. The true share may still be inside (0, 1).
 
     References
     ----------
@@ -97,7 +95,7 @@ def probability_of_improvement(
     resamples: int = 2000,
     seed: int = 0,
 ) -> Interval:
-    """Return the chance that a run of a beats a run of b, with its bootstrap interval.
+    """Return the probability that a run of a beats a run of b, with its bootstrap interval.
 
     P(a > b) + P(a = b) / 2 = mean_ij ([a_i > b_j] + [a_i = b_j] / 2) over all pairs of runs: the
     Mann-Whitney U over the number of pairs. Seeds of both arms are resampled independently.
@@ -105,7 +103,7 @@ def probability_of_improvement(
     Parameters
     ----------
     a, b : (K,) float64
-        Any unit, more being better; the arms need not share seeds and may differ in K. May be
+        Any unit, larger is better; the arms need not share seeds and may differ in K. May be
         infinite. A NaN makes the result NaN.
     confidence, resamples, seed
         As in :func:`bootstrap`.
@@ -113,7 +111,7 @@ def probability_of_improvement(
     Returns
     -------
     Interval
-        Floats from 0 to 1; 1/2 where neither arm is ahead.
+        Floats from 0 to 1; 1/2 if neither arm is ahead.
 
     Raises
     ------
@@ -122,8 +120,8 @@ def probability_of_improvement(
 
     Notes
     -----
-    It says how often, not by how much. Where every run of one arm beats every run of the other the
-    interval has no width, since every resample says the same.
+    This is how often a beats b, not by how much. If every run of one arm beats every run of the
+    other the interval has no width, since all resamples are alike.
 
     References
     ----------
@@ -148,10 +146,10 @@ def probability_of_improvement(
 
 
 def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed: int = 0) -> float:
-    """Return the p-value of paired differences whose signs might as well be luck, two-sided.
+    """Return the two-sided p-value of paired differences under random signs.
 
-    p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``. All of
-    them are counted for up to 14 seeds; beyond, p = (1 + count) / (1 + resamples) over random ones.
+    p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``. All are
+    counted for up to 14 seeds; beyond, p = (1 + count) / (1 + resamples) over random ones.
 
     Parameters
     ----------
@@ -165,7 +163,7 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     Returns
     -------
     float
-        Above 0 and at most 1; 1 where all differences are 0.
+        Above 0 and at most 1; 1 if all differences are 0.
 
     Raises
     ------
@@ -174,10 +172,10 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
 
     Notes
     -----
-    Under the null hypothesis each difference is as likely as its negative, as it is where the two
-    arms are exchangeable. Then P(p <= alpha) <= alpha, whatever the distribution; where only the
-    mean is 0 this holds roughly, for many seeds. The least p of few seeds is 2^(1 - K): five cannot
-    give one below 0.0625.
+    Under the null hypothesis each difference is as likely as its negative, which holds if the two
+    arms are exchangeable. Then P(p <= alpha) <= alpha whatever the distribution. If only the mean
+    is 0, this holds roughly, for many seeds. The smallest p of K seeds is 2^(1 - K): five seeds
+    cannot give one below 0.0625.
 
     References
     ----------
@@ -197,33 +195,37 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
         place = int(np.argmax(wrong))
         raise SettingError(f"differences must be finite: seed {place} has {array[place]}")
     draws = whole_number("resamples", resamples, 1, SettingError)
-    slack = 1e-12 * np.abs(array).sum()  # sums that are equal may differ by rounding
-    least = abs(array.sum()) - slack
-    if array.size <= EXACT:
-        return float(np.mean(np.abs(_all_sums(array)) >= least))
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(draws, array.size))
-    return float((1 + np.sum(np.abs(signs @ array) >= least)) / (1 + draws))
+    total = np.abs(array).sum()
+    if array.size == 1 or total == 0:
+        return 1.0
+    # In units of their total, sums that differ only by rounding are within SciPy's tolerance.
+    result = permutation_test(
+        (array / total,),
+        lambda signed, axis: np.abs(np.sum(signed, axis=axis)),
+        permutation_type="samples",
+        alternative="greater",
+        n_resamples=2**array.size if array.size <= EXACT else draws,
+        batch=1000,
+        rng=np.random.default_rng(seed),
+    )
+    return float(result.pvalue)
 
 
-@overload
-def holm(p_values: Mapping[str, float]) -> dict[str, float]: ...
-@overload
-def holm(p_values: npt.ArrayLike) -> FloatArray: ...
-def holm(p_values: Mapping[str, float] | npt.ArrayLike) -> dict[str, float] | FloatArray:
-    """Return p-values adjusted for how many there are, by Holm's step-down rule.
+def holm(p_values: npt.ArrayLike) -> FloatArray:
+    """Return p-values adjusted for their number by Holm's step-down rule.
 
-    adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). Calling those
-    at most alpha significant raises a false alarm anywhere among the M tests with chance at most
-    alpha, however the tests depend on each other.
+    adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). If those of
+    at most alpha are called significant, the probability of any false alarm among the M tests is at
+    most alpha, however the tests depend on each other.
 
     Parameters
     ----------
-    p_values : mapping from name to float, or (M,) float64
+    p_values : (M,) float64
         One for each of M tests, from 0 to 1.
 
     Returns
     -------
-    dict from name to float, or (M,) float64
+    (M,) float64
         In the order given.
 
     Raises
@@ -237,12 +239,9 @@ def holm(p_values: Mapping[str, float] | npt.ArrayLike) -> dict[str, float] | Fl
 
     Examples
     --------
-    >>> holm({"maze": 0.01, "pursuit": 0.04, "chain": 0.03})
-    {'maze': 0.03, 'pursuit': 0.06, 'chain': 0.06}
+    >>> holm([0.01, 0.04, 0.03])
+    array([0.03, 0.06, 0.06])
     """
-    if isinstance(p_values, Mapping):
-        named = [number(f"p-value of {n}", p, SettingError, 0, 1) for n, p in p_values.items()]
-        return dict(zip(p_values, holm(named).tolist(), strict=True))
     array = numbers("p-values", p_values, SettingError)
     if array.ndim != 1 or array.size == 0:
         raise SettingError(f"p-values must have shape (M,) with M at least 1: got {array.shape}")
@@ -255,11 +254,3 @@ def holm(p_values: Mapping[str, float] | npt.ArrayLike) -> dict[str, float] | Fl
     adjusted = np.empty_like(array)
     adjusted[order] = np.maximum.accumulate(scaled)
     return adjusted
-
-
-def _all_sums(array: FloatArray) -> FloatArray:
-    """Return sum_k s_k array_k for each of the sign vectors s, shape (2^K,)."""
-    sums = np.zeros(1)
-    for value in array:
-        sums = np.concatenate([sums + value, sums - value])
-    return sums

@@ -1,9 +1,9 @@
-"""Intervals over seeds: bootstrap, interquartile mean, paired differences. Arrays only.
+"""Intervals over seeds: bootstrap, interquartile mean, paired differences.
 
-Seeds are the only unit resampled: a whole row at a time, so that the checkpoints of one seed stay
-together, and within each task alone where there are several. A NaN among the seeds is never
-dropped in silence, since the seeds without a measurement are usually the slow ones: it makes that
-checkpoint's estimate and bounds NaN, unless the statistic given says otherwise (``np.nanmean``).
+Seeds are the unit that is resampled: a whole row at a time, so that the checkpoints of one seed
+stay together, and within each task separately. A NaN among the seeds is never dropped, since the
+seeds without a measurement are usually the slow ones: it makes that checkpoint's estimate and
+bounds NaN, unless the statistic handles it (``np.nanmean``).
 
 Sources: Efron and Tibshirani, "An introduction to the bootstrap", 1993, chapter 13; Agarwal et
 al., "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 2021.
@@ -18,23 +18,10 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import trim_mean
 
 from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
-
-__all__ = [
-    "Interval",
-    "Statistic",
-    "bootstrap",
-    "by_task",
-    "draw_counts",
-    "frozen",
-    "interquartile_mean",
-    "paired_difference",
-    "percentiles",
-    "resample",
-    "stratified_bootstrap",
-]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -53,12 +40,12 @@ class Interval:
     Attributes
     ----------
     estimate, low, high : float or (T,) or (L,) float64
-        In the unit of the values; one per checkpoint or threshold where there are several. The
-        bounds of a single seed are NaN.
+        In the unit of the values; one per checkpoint T or threshold L. The bounds of a single
+        seed are NaN.
     confidence : float
         Nominal coverage of [low, high], between 0 and 1.
     n : int
-        Seeds K; the fewest of any task or arm where those differ.
+        Seeds K; the fewest of any task or arm if they differ.
 
     Examples
     --------
@@ -86,8 +73,8 @@ class Interval:
 def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArray:
     """Return the mean of the middle half of the values.
 
-    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as
-    ``scipy.stats.trim_mean(values, 0.25)`` and rliable do.
+    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out
+    (``scipy.stats.trim_mean(values, 0.25)``, as in rliable).
 
     Parameters
     ----------
@@ -115,14 +102,10 @@ def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArr
     >>> interquartile_mean([0.0, 2.0, 4.0, 100.0])
     3.0
     """
-    array = np.moveaxis(np.asarray(values, dtype=np.float64), axis, 0)
-    seeds = array.shape[0]
-    if seeds == 0:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape[axis] == 0:
         raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
-    cut = seeds // 4
-    ordered = np.partition(array, sorted({cut, seeds - cut - 1}), axis=0)
-    middle = ordered[cut : seeds - cut].mean(axis=0)
-    mean = np.where(np.isnan(array).any(axis=0), np.nan, middle)
+    mean = np.asarray(trim_mean(array, 0.25, axis=axis))
     return float(mean) if mean.ndim == 0 else mean
 
 
@@ -142,7 +125,7 @@ def bootstrap(
     Parameters
     ----------
     values : (K,) or (K, T) float64
-        Any unit. All checkpoints share one set of draws. NaN as the module says.
+        Any unit. All checkpoints share one set of draws. NaN as described in the module.
     statistic : callable
         ``statistic(values, axis=...)`` giving one number per column, such as ``np.mean``.
     confidence : float
@@ -155,7 +138,7 @@ def bootstrap(
     Returns
     -------
     Interval
-        Floats for (K,), arrays (T,) for (K, T); the bounds hold for each checkpoint alone.
+        Floats for (K,), arrays (T,) for (K, T); the bounds hold for each checkpoint separately.
 
     Raises
     ------
@@ -164,9 +147,8 @@ def bootstrap(
 
     Notes
     -----
-    One seed tells nothing about the spread, so its bounds are NaN. With few seeds the interval is
-    too short: for the mean of normal values, a nominal 95 % covers about 84 % with 5 seeds, 90 %
-    with 10 and 94 % with 30.
+    The bounds of a single seed are NaN. With few seeds the interval is too short: for the mean of
+    normal values, a nominal 95 % covers about 84 % with 5 seeds, 90 % with 10 and 94 % with 30.
 
     Examples
     --------
@@ -189,14 +171,14 @@ def stratified_bootstrap(
 ) -> Interval:
     """Return a statistic over the runs of several tasks with its stratified bootstrap interval.
 
-    statistic(x_11, ..., x_KM) over all runs at once, x_km being seed k on task m; a resample draws
-    K seeds with replacement for each task alone, so that every task keeps its share of the runs.
+    statistic(x_11, ..., x_KM) over all runs at once, where x_km is seed k on task m. A resample
+    draws K seeds with replacement within each task, so that every task keeps its share of the runs.
 
     Parameters
     ----------
     scores : (K, M) float64 array, or a list or tuple of M arrays (K_m,)
         K seeds of M tasks, in a unit that is comparable across tasks. One array per task
-        allows different numbers of seeds. NaN as the module says.
+        allows different numbers of seeds. NaN as described in the module.
     statistic : callable
         ``statistic(values, axis=...)`` of the flattened runs, giving one number.
     confidence, resamples, seed
@@ -205,7 +187,7 @@ def stratified_bootstrap(
     Returns
     -------
     Interval
-        Floats. Where a task has a single seed the bounds are NaN.
+        Floats. The bounds are NaN if a task has a single seed.
 
     Raises
     ------
@@ -242,7 +224,7 @@ def paired_difference(
 ) -> Interval:
     """Return the mean of a - b over matched seeds with its bootstrap interval.
 
-    mean_k (a_k - b_k), resampling the differences, so that what a seed gives to both arms cancels.
+    mean_k (a_k - b_k), resampling the differences, so that the common effect of a seed cancels.
 
     Parameters
     ----------
@@ -277,7 +259,7 @@ def paired_difference(
 def by_task(
     scores: npt.ArrayLike | Sequence[npt.ArrayLike],
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Return all runs (N,), task after task, and how many seeds each of the M tasks has."""
+    """Return all runs (N,), task after task, and the number of seeds of each of the M tasks."""
     if isinstance(scores, list | tuple) and any(np.ndim(task) > 0 for task in scores):
         tasks = [numbers("scores", task, SettingError) for task in scores]
     else:
@@ -303,19 +285,28 @@ def resample(
     if np.isinf(runs).any():
         raise SettingError(f"values must not be infinite: got {runs[np.isinf(runs)][0]}")
     estimate = _estimate(runs, statistic)
-    if statistic is np.mean:  # a mean is linear in how often each run was drawn
+    if statistic is np.mean:  # linear in how often each run was drawn
         draws = (draw_counts(sizes, resamples, seed) / len(runs)) @ runs
     else:
-        chosen = _draws(sizes, resamples, seed)
+        chosen = draw_rows(sizes, resamples, seed)
         rows = max(1, BLOCK // runs.size)
         blocks = [chosen[start : start + rows] for start in range(0, len(chosen), rows)]
         draws = np.concatenate([np.asarray(statistic(runs[block], axis=1)) for block in blocks])
     return percentiles(estimate, draws, confidence, min(sizes))
 
 
+def draw_rows(sizes: Sequence[int], resamples: int, seed: int) -> IntArray:
+    """Return the runs each resample draws, (resamples, N): from each stratum as many as it has."""
+    resamples = whole_number("resamples", resamples, 1, SettingError)
+    rng = np.random.default_rng(seed)
+    starts = np.cumsum([0, *sizes[:-1]])
+    pairs = zip(starts, sizes, strict=True)
+    return np.hstack([start + rng.integers(size, size=(resamples, size)) for start, size in pairs])
+
+
 def draw_counts(sizes: Sequence[int], resamples: int, seed: int) -> IntArray:
     """Return how often each resample draws each run, (resamples, N), within strata of `sizes`."""
-    chosen, runs = _draws(sizes, resamples, seed), sum(sizes)
+    chosen, runs = draw_rows(sizes, resamples, seed), sum(sizes)
     places = chosen + runs * np.arange(len(chosen))[:, np.newaxis]
     return np.bincount(places.ravel(), minlength=chosen.size).reshape(chosen.shape)
 
@@ -348,17 +339,6 @@ def frozen(array: FloatArray) -> float | FloatArray:
     copy = array.copy()
     copy.setflags(write=False)
     return copy
-
-
-def _draws(sizes: Sequence[int], resamples: int, seed: int) -> IntArray:
-    """Return the runs each resample draws, (resamples, N): of each stratum its size."""
-    resamples, rng = (
-        whole_number("resamples", resamples, 1, SettingError),
-        np.random.default_rng(seed),
-    )
-    starts = np.cumsum([0, *sizes[:-1]])
-    pairs = zip(starts, sizes, strict=True)
-    return np.hstack([start + rng.integers(size, size=(resamples, size)) for start, size in pairs])
 
 
 def _estimate(array: FloatArray, statistic: Statistic) -> FloatArray:

@@ -1,9 +1,8 @@
-"""Measures of transfer, read from learning curves.
+"""Measures of transfer, computed from learning curves.
 
-Weak transfer takes the source tasks as free; strong transfer charges the steps spent on them.
-On the strong axis (:func:`charge_source`) an arm's curve starts after its source steps, and until
-then the arm holds the direct learner's first value, since it has earned nothing in the target.
-Both arms are compared at the same total number of steps.
+Weak transfer ignores the steps spent on source tasks; strong transfer charges them. On the strong
+axis (:func:`charge_source`) an arm's curve starts after its source steps; until then it has the
+first value of the learner from scratch. Both arms are compared at the same total number of steps.
 
 Definitions follow Taylor and Stone, "Transfer learning for reinforcement learning domains: a
 survey", JMLR 10, 2009, and Narvekar et al., "Curriculum learning for reinforcement learning
@@ -16,38 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
-from curricle.statistics.curves import Curve, charge_source, require_direct, require_pair, smooth
-from curricle.statistics.thresholds import (
-    Times,
-    fraction_of_optimum,
-    midpoint,
-    steps_saved,
-    time_to_threshold,
-)
-
-__all__ = [
-    "Curve",
-    "Times",
-    "asymptotic_performance",
-    "charge_source",
-    "fraction_of_optimum",
-    "jumpstart",
-    "mean_return",
-    "midpoint",
-    "smooth",
-    "steps_saved",
-    "time_to_threshold",
-    "transfer_ratio",
-]
+from curricle.statistics.curves import Curve, charge_source, require_no_source, require_pair
 
 FloatArray = npt.NDArray[np.float64]
 
 
 def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
-    """Return how much better than the direct learner transfer starts, seed by seed.
+    """Return how much better transfer starts than learning from scratch, seed by seed.
 
     transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
-    strong: what the direct learner has by then learnt with the steps the sources took.
+    strong: the baseline has then learnt for as many steps as the sources took.
 
     Parameters
     ----------
@@ -59,8 +36,8 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     Returns
     -------
     (K,) float64
-        Return. NaN for a seed whose source steps outlast the baseline's curve, which then cannot
-        tell what they were worth. The baseline is linearly interpolated between checkpoints.
+        Return. NaN for a seed with more source steps than the baseline's curve has. The baseline
+        is linearly interpolated between checkpoints.
 
     Raises
     ------
@@ -74,16 +51,16 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     Examples
     --------
     >>> steps = np.array([0, 100, 200])
-    >>> direct = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
+    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
     >>> helped = Curve(steps, np.array([[4.0, 5.0, 5.0]]), np.array([150]))
-    >>> jumpstart(direct, helped), jumpstart(direct, helped, strong=True)
+    >>> jumpstart(scratch, helped), jumpstart(scratch, helped, strong=True)
     (array([4.]), array([1.]))
     """
     require_pair(baseline, transfer)
     first, rows = transfer.filled()[:, 0], baseline.filled()
     by_then: FloatArray = rows[:, 0]
     if strong:
-        require_direct(baseline)
+        require_no_source(baseline)
         start = transfer.steps[0] + transfer.source_steps
         pairs = zip(start, rows, strict=True)
         by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])
@@ -94,7 +71,7 @@ def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray
     """Return the mean return over the last checkpoints, seed by seed.
 
     mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1. For strong
-    transfer give it ``charge_source(baseline, transfer)``.
+    transfer pass ``charge_source(baseline, transfer)``.
 
     Parameters
     ----------
@@ -130,10 +107,10 @@ def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray
 
 
 def mean_return(curve: Curve) -> FloatArray:
-    """Return the mean height of the learning curve, seed by seed.
+    """Return the normalised area under the learning curve, seed by seed.
 
-    (area under the curve from the first to the last checkpoint) / (steps between them), by the
-    trapezoid rule. For strong transfer give it ``charge_source(baseline, transfer)``.
+    (area from the first to the last checkpoint) / (steps between them), by the trapezoid rule. For
+    strong transfer pass ``charge_source(baseline, transfer)``.
 
     Parameters
     ----------
@@ -143,7 +120,7 @@ def mean_return(curve: Curve) -> FloatArray:
     Returns
     -------
     (K,) float64
-        Return (not return x steps): the literature's total reward, freed of the budget's length.
+        Return: the total reward of Taylor and Stone, divided by the steps.
 
     Raises
     ------
@@ -166,10 +143,10 @@ def mean_return(curve: Curve) -> FloatArray:
 
 
 def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
-    """Return the relative gain in total reward, seed by seed.
+    """Return the relative gain in area under the curve, seed by seed.
 
-    ``(area with transfer - area without) / |area without|``. The bars keep a gain positive where
-    returns are negative.
+    ``(area with transfer - area without) / |area without|``. The absolute value keeps a gain
+    positive where returns are negative.
 
     Parameters
     ----------
@@ -181,8 +158,8 @@ def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) ->
     Returns
     -------
     (K,) float64
-        No unit. NaN for a seed whose baseline area is 0; near 0 the ratio says little, and the
-        difference of :func:`mean_return` says more.
+        No unit. NaN for a seed whose baseline area is 0; near 0 the ratio is unstable, and the
+        difference of :func:`mean_return` is the better measure.
 
     Raises
     ------
@@ -197,9 +174,9 @@ def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) ->
     Examples
     --------
     >>> steps = np.array([0, 100, 200])
-    >>> direct = Curve(steps, np.array([[-4.0, -4.0, -4.0]]))
+    >>> scratch = Curve(steps, np.array([[-4.0, -4.0, -4.0]]))
     >>> helped = Curve(steps, np.array([[-1.0, -1.0, -1.0]]), np.array([100]))
-    >>> transfer_ratio(direct, helped), transfer_ratio(direct, helped, strong=True)
+    >>> transfer_ratio(scratch, helped), transfer_ratio(scratch, helped, strong=True)
     (array([0.75]), array([0.5625]))
     """
     require_pair(baseline, transfer)

@@ -1,35 +1,40 @@
-"""Time to threshold: how many steps a learner needed to become good enough.
+"""Time to threshold: how many steps a learner needs to become good enough.
 
-A seed that never reaches the threshold is censored, not dropped: it is kept with the steps for
-which it was followed. The thresholds themselves are here too.
+A seed that never reaches the threshold is censored, not dropped: its time is known only to exceed
+the steps for which it was followed. Leaving it out, or taking those steps for its time, would
+flatter the arm. The thresholds themselves are here too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import CensoredData, ecdf
 
+from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.planning.target import part_of_the_way
 from curricle.statistics.curves import Curve, require_pair, smooth
-
-__all__ = ["Times", "fraction_of_optimum", "midpoint", "steps_saved", "time_to_threshold"]
+from curricle.statistics.intervals import Interval, bootstrap, draw_rows, percentiles
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
+ROUNDING = 1e-9
+"""How far a product of shares may be from the fraction it stands for."""
+
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """The steps each seed took to a threshold, with the seeds that never got there kept.
+    """The steps each seed took to a threshold, censored seeds included.
 
     Attributes
     ----------
     steps : (K,) float64
         Steps to the threshold; for a seed that never reached it, the steps for which it was
-        followed, so that its true time is at least that (right-censored).
+        followed, which its true time exceeds (right-censored).
     reached : (K,) bool
         Whether the seed reached the threshold.
 
@@ -66,11 +71,90 @@ class Times:
         object.__setattr__(self, "steps", steps)
         object.__setattr__(self, "reached", reached)
 
-    def restricted_mean(self) -> float:
-        """Return the restricted mean time to threshold, in steps.
+    def survival(self) -> Any:
+        """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.
 
-        mean_k min(time_k, steps for which seed k was followed). It equals the mean time when
-        every seed reached the threshold and is a lower bound of it otherwise.
+        share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
+        n_i are followed until then and have not reached it before. What ends the observation of a
+        seed must not depend on how the seed does, as a budget of steps does not.
+
+        Returns
+        -------
+        EmpiricalDistributionFunction
+            Of ``scipy.stats.ecdf``: ``quantiles`` (L,) are steps, ``probabilities`` (L,) the shares
+            from these steps on; it can plot itself and has ``confidence_interval``.
+
+        References
+        ----------
+        Kaplan and Meier, Journal of the American Statistical Association 53, 1958.
+
+        Examples
+        --------
+        >>> reached = np.array([True, False, True, True])
+        >>> curve = Times(np.array([100.0, 200.0, 300.0, 300.0]), reached).survival()
+        >>> curve.quantiles, curve.probabilities
+        (array([100., 200., 300.]), array([0.75, 0.75, 0.  ]))
+        """
+        return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
+
+    def median(self, *, confidence: float = 0.95, resamples: int = 2000, seed: int = 0) -> Interval:
+        """Return the median time with its bootstrap interval, in steps.
+
+        min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays above. Each seed
+        is resampled together with whether it reached the threshold. `confidence`, `resamples` and
+        `seed` are those of :func:`bootstrap`.
+
+        Raises
+        ------
+        SettingError
+            If a setting is out of range.
+
+        References
+        ----------
+        Efron, "Censored data and the bootstrap", Journal of the American Statistical Association
+        76, 1981.
+
+        Examples
+        --------
+        >>> reached = np.array([True, True, True, False])
+        >>> print(Times(np.array([100.0, 200.0, 300.0, 500.0]), reached).median())
+        200 [100, inf], 4 seeds
+        """
+        k = self.steps.size
+        drawn = [
+            Times(self.steps[rows], self.reached[rows])._median()
+            for rows in draw_rows([k], resamples, seed)
+        ]
+        estimate = np.array(self._median())
+        return percentiles(estimate, np.array(drawn), confidence, k, "inverted_cdf")
+
+    def restricted_mean(
+        self,
+        horizon: float | None = None,
+        *,
+        confidence: float = 0.95,
+        resamples: int = 2000,
+        seed: int = 0,
+    ) -> Interval:
+        """Return the mean time within a horizon with its bootstrap interval, in steps.
+
+        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
+        By default each seed counts with the steps for which it was followed: the mean time if all
+        seeds reached the threshold, else a lower bound of it.
+
+        Parameters
+        ----------
+        horizon : float, optional
+            Steps, above 0, at most the steps for which any censored seed was followed. Arms are
+            comparable only within the same horizon.
+        confidence, resamples, seed
+            As in :func:`bootstrap`.
+
+        Raises
+        ------
+        SettingError
+            If `horizon` exceeds the time at which a seed was censored, or a setting is out of
+            range.
 
         References
         ----------
@@ -79,39 +163,53 @@ class Times:
 
         Examples
         --------
-        >>> Times(np.array([200.0, 900.0]), np.array([True, False])).restricted_mean()
-        550.0
+        >>> times = Times(np.array([200.0, 400.0, 900.0]), np.array([True, True, False]))
+        >>> print(times.restricted_mean(600.0))
+        400 [200, 600], 3 seeds
         """
-        return float(self.steps.mean())
+        within = self.steps
+        if horizon is not None:
+            if number("horizon", horizon, SettingError) <= 0:
+                raise SettingError(f"horizon must be above 0 steps: got {horizon:g}")
+            short = ~self.reached & (self.steps < horizon)
+            if short.any():
+                place = int(np.argmax(short))
+                raise SettingError(
+                    f"horizon must not exceed the steps for which a seed was followed: got"
+                    f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
+                )
+            within = np.minimum(self.steps, horizon)
+        return bootstrap(within, confidence=confidence, resamples=resamples, seed=seed)
+
+    def _median(self) -> float:
+        curve = self.survival()
+        half = curve.probabilities <= 0.5 + ROUNDING
+        return float(curve.quantiles[half.argmax()]) if half.any() else np.inf
 
     def __str__(self) -> str:
         seeds, missed = self.reached.size, int(np.sum(~self.reached))
         of_seeds = f"{seeds} seed{'s' if seeds > 1 else ''}"
-        text = f"{self.restricted_mean():,.0f} steps"
+        text = f"{self.steps.mean():,.0f} steps"
         if missed == 0:
             return f"{text} ({of_seeds})"
         return f"at least {text} ({missed} of {of_seeds} never reached it)"
 
 
 def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
-    """Return the threshold midway between a curve's lowest and highest value.
+    """Return the threshold midway between a curve's lowest and highest value, in return.
 
-    (min_t m_t + max_t m_t) / 2, m the mean over seeds of the smoothed curve.
+    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the smoothed curve. A seed's
+    leading NaN count as its first measured value, so that the mean is always over the same seeds.
 
     Parameters
     ----------
     curve : Curve
-        Usually the direct learner's.
+        Usually that of learning from scratch.
     window : int
         Checkpoints to smooth over.
     after : int
         Steps; earlier checkpoints do not count. An untrained table breaks all its ties at random,
-        which can be far worse than anything that follows.
-
-    Returns
-    -------
-    float
-        Return.
+        which can be far worse than anything later.
 
     Raises
     ------
@@ -120,8 +218,7 @@ def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
 
     Notes
     -----
-    A seed's leading NaN are read as its first measured value, so that the mean is always over
-    the same seeds. Source: the paper, figure 3 (with a window of 10).
+    Source: the paper, figure 3 (with a window of 10).
 
     Examples
     --------
@@ -140,19 +237,14 @@ def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
 def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
     """Return the threshold a fraction of the way from the worst return to the optimum.
 
-    worst + fraction (optimum - worst), which means the same for negative returns as for positive.
+    worst + fraction (optimum - worst), which works for negative returns as for positive ones.
 
     Parameters
     ----------
     optimum, worst : float
-        Return of the optimal policy and of the yardstick that counts as nothing learnt.
+        Return of the optimal policy, and of one that has learnt nothing.
     fraction : float
         From 0 to 1; 1 gives the optimum exactly.
-
-    Returns
-    -------
-    float
-        Return.
 
     Raises
     ------
@@ -168,7 +260,7 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
         raise SettingError(f"worst must be finite and at most optimum: got {worst} and {optimum}")
     if not 0 <= fraction <= 1:
         raise SettingError(f"fraction must be from 0 to 1: got {fraction}")
-    return part_of_the_way(optimum, worst, fraction)
+    return float(optimum - (1 - fraction) * (optimum - worst))
 
 
 def time_to_threshold(
@@ -177,7 +269,7 @@ def time_to_threshold(
     """Return the steps each seed took until its smoothed value first reached a threshold.
 
     min {steps_t : smooth_t >= threshold}, plus the source steps if strong. A seed that never
-    reaches it is censored at the last checkpoint (plus its source steps if strong), not dropped.
+    reaches it is censored at the last checkpoint (plus its source steps if strong).
 
     Parameters
     ----------
@@ -224,23 +316,20 @@ def steps_saved(
 ) -> FloatArray:
     """Return the steps to threshold that transfer saved, seed by seed.
 
-    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k.
+    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k, negative where transfer cost
+    more than it saved.
 
     Parameters
     ----------
     baseline, transfer : Curve
         The same K seeds and T checkpoints.
-    threshold : float
-        Return.
-    window : int
-        Checkpoints to smooth over.
-    strong : bool
-        Whether to charge the source steps.
+    threshold, window, strong
+        As in :func:`time_to_threshold`.
 
     Returns
     -------
     (K,) float64
-        Steps; negative where transfer cost more than it saved.
+        Steps.
 
     Raises
     ------
@@ -255,9 +344,9 @@ def steps_saved(
     Examples
     --------
     >>> steps = np.array([0, 100, 200])
-    >>> direct = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
+    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
     >>> helped = Curve(steps, np.array([[5.0, 5.0, 5.0]]), np.array([150]))
-    >>> steps_saved(direct, helped, 5.0), steps_saved(direct, helped, 5.0, strong=True)
+    >>> steps_saved(scratch, helped, 5.0), steps_saved(scratch, helped, 5.0, strong=True)
     (array([200.]), array([50.]))
     """
     require_pair(baseline, transfer)

@@ -9,6 +9,7 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from curricle.errors import ConfigError
+from curricle.statistics.curves import SCRATCH
 from curricle.study.config.document import Document, Running, Written
 from curricle.study.config.graph import Graph, problems, table
 from curricle.study.config.merging import Raw, assignment, complete, merged
@@ -16,8 +17,6 @@ from curricle.study.config.positions import Places, Problems, line_numbers
 from curricle.study.config.study_file import StudyFile
 from curricle.study.config.tables import Place, Table, unknown
 
-SCRATCH = "scratch"
-"""The arm that learns the target without sources; its name is taken."""
 ONLY_ARM = "transfer"
 """What the arm of a study without arms is called."""
 TEXT = "utf-8-sig"

@@ -8,10 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from curricle.comparison.arms import check_comparable, most_source_steps
-from curricle.comparison.comparison import SCRATCH
+from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.errors import SettingError
+from curricle.statistics.curves import SCRATCH
 from curricle.study.config.graph import Graph
 from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_file import StudyFile

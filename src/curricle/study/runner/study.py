@@ -11,12 +11,14 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from curricle.checks import one_of
-from curricle.comparison.arms import check_comparable, default_threshold
-from curricle.comparison.comparison import SCRATCH, Arm, Comparison
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparing import check_comparable, default_threshold
+from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, StoreError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult, joined_results
+from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_file import StudyFile
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.folder import (

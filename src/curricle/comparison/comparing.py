@@ -1,0 +1,307 @@
+"""Comparing curricula with learning the target from scratch, and with each other.
+
+All arms spend the same total of steps, source steps included. Seed k of every arm draws from the
+same random stream in the target. Arms with different targets are refused.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance, number, whole_number
+from curricle.comparison.arms import Arm, joined
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.controls import (
+    Control,
+    check_controls,
+    check_fit,
+    learn_changed,
+    source_control,
+    value_controls,
+)
+from curricle.comparison.task_differences import differences
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.errors import CurriculumError, SettingError
+from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
+from curricle.learning.result import LearningResult
+from curricle.learning.stopping import StoppingRule
+from curricle.planning.target import Target
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.sequential import add_seeds
+from curricle.statistics.thresholds import fraction_of_optimum, midpoint
+from curricle.transfer.observation_target import ObservationTarget, target_of
+
+FRACTION = 0.9
+"""Of the way from the random policy's return to the optimum: the default threshold."""
+
+
+def compare(
+    arms: Curriculum | Mapping[str, Curriculum],
+    *,
+    seeds: int | Sequence[int] = 30,
+    controls: Sequence[Control] = (),
+    threshold: float | None = None,
+    window: int = 5,
+    precision: float | None = None,
+    difference: bool = False,
+    most_seeds: int = 100,
+    workers: int | None = None,
+    progress: Callable[[str], Any] | None = None,
+) -> Comparison:
+    """Return curricula compared with learning their target from scratch, at one total budget.
+
+    The total is the target's budget plus the steps that the most expensive arm spends on its
+    sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
+    spends all of it in the target, every other arm what its sources leave, seed by seed.
+
+    Parameters
+    ----------
+    arms : Curriculum or dict of str to Curriculum
+        All with the same target; the name "scratch" is taken.
+    seeds : int or sequence of int
+        With `precision` or `difference`, the number of seeds to begin with.
+    controls : sequence of str
+        Of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run for each
+        curriculum (:mod:`curricle.comparison.controls` explains them).
+    threshold : float, optional
+        Return that counts as learnt. By default nine tenths of the way from the random policy's
+        return to the optimum; midway up the curve of scratch if there is no such optimum.
+    window : int
+        Checkpoints over which curves are smoothed before they are held against the threshold.
+    precision : float, optional
+        Add seeds until the half-width of the first arm's strong gain is at most this return.
+    difference : bool
+        Add seeds until the first arm's strong gain differs from 0.
+    most_seeds : int
+        Seeds at which to stop adding.
+    workers : int, optional
+        Threads over seeds.
+    progress : callable, optional
+        Called with the name of each arm when it is done.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    CurriculumError
+        If arms are not comparable; the message names the differences of their targets.
+    SettingError
+        If a setting is out of range. Nothing has been trained then.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 5000})
+    >>> found = compare(plan, seeds=5, controls=["placebo"])
+    >>> list(found.arms), found.total
+    (['scratch', 'transfer', 'transfer, placebo'], 5500)
+    """
+    plan = _Plan.of(arms, controls, workers, progress)
+    window = whole_number("window", window, 1, SettingError)
+    most = plan.budget // plan.eval_freq + 1
+    if window > most:
+        raise SettingError(
+            f"window must be at most {most}, the checkpoints within the target's budget: got {window}"
+        )
+    if threshold is not None:
+        number("threshold", threshold, SettingError)
+    target = plan.solved_target() if threshold is None else None
+    if precision is None and not difference:
+        found = plan.run(seed_tuple(seeds))
+    else:
+        found = plan.run_until(seeds, precision, difference, most_seeds)
+    if target is not None:
+        threshold = default_threshold(target, found[SCRATCH])
+    return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The checked arms, and the settings that they share."""
+
+    arms: Mapping[str, Curriculum]
+    controls: Sequence[Control]
+    target: str
+    budget: int
+    total: int
+    eval_freq: int
+    workers: int | None
+    progress: Callable[[str], Any]
+
+    @classmethod
+    def of(
+        cls,
+        arms: Curriculum | Mapping[str, Curriculum],
+        controls: Sequence[Control],
+        workers: int | None,
+        progress: Callable[[str], Any] | None,
+    ) -> "_Plan":
+        arms = _check_arms(arms)
+        check_controls(controls)
+        check_comparable(arms)
+        first = next(iter(arms.values()))
+        target = first.target
+        budget = first.setting("budget", target)
+        if isinstance(budget, Episodes | StoppingRule):
+            raise SettingError(
+                f"a comparison at one total budget needs the target's in steps: {target!r} has "
+                f"{budget}"
+            )
+        if first.setting("evaluation", target).method == "off":
+            raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
+        for name, arm in arms.items():
+            check_fit(controls, name, arm)
+        eval_freq = spacing(first.setting("eval_freq", target), budget)
+        most = max(most_source_steps(arm) for arm in arms.values())
+        total = -(-(limits(budget)[0] + most) // eval_freq) * eval_freq
+        done = progress or (lambda name: None)
+        return cls(dict(arms), controls, target, limits(budget)[0], total, eval_freq, workers, done)
+
+    @property
+    def first(self) -> Curriculum:
+        """The first arm, whose target's settings all arms share."""
+        return next(iter(self.arms.values()))
+
+    def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
+        """Return all arms for these seeds, scratch first."""
+        node = self.first.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
+        scratch = node.train(seeds, workers=self.workers)
+        self.progress(SCRATCH)
+        found = {SCRATCH: self._arm(scratch, np.zeros(len(seeds), np.int64))}
+        for name, curriculum in self.arms.items():
+            for label, arm in self._with_controls(curriculum, seeds):
+                full_name = f"{name}, {label}" if label else name
+                found[full_name] = arm
+                self.progress(full_name)
+        return found
+
+    def _with_controls(
+        self, curriculum: Curriculum, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, Arm]]:
+        result = self._trained(curriculum, seeds)
+        spent = result.source_steps(self.target)
+        yield "", self._arm(result[self.target], spent)
+        for label, change in value_controls(self.controls):
+            changed = learn_changed(result, change, self.workers)
+            yield label, self._arm(changed, spent, control=True)
+        for control in ("random_start", "pretraining"):
+            if control in self.controls:
+                arm = self._source_control(curriculum, control, seeds, spent)
+                yield control.replace("_", " "), arm
+
+    def _source_control(
+        self,
+        curriculum: Curriculum,
+        control: Control,
+        seeds: Sequence[int],
+        spent: npt.NDArray[np.int64],
+    ) -> Arm:
+        """Return a control with one source, for as many steps as the curriculum's took a seed."""
+        parts, order = list[dict[str, Arm]](), []
+        for steps in np.unique(spent):
+            rows = np.flatnonzero(spent == steps)
+            other = source_control(curriculum, control, int(steps))
+            result = self._trained(other, [seeds[k] for k in rows.tolist()])
+            parts.append({control: self._arm(result[self.target], spent[rows], control=True)})
+            order.append(rows)
+        return joined(parts)[control].take(np.argsort(np.concatenate(order)))
+
+    def _trained(self, curriculum: Curriculum, seeds: Sequence[int]) -> CurriculumResult:
+        """Return the trained curriculum, its target for the steps that its sources leave."""
+        longer = curriculum.replace(self.target, budget=self.total, eval_freq=self.eval_freq)
+        return longer.train(seeds, charge=True, workers=self.workers)
+
+    def _arm(
+        self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
+    ) -> Arm:
+        return Arm.of(result, spent, self.total, self.eval_freq, control=control)
+
+    def run_until(
+        self, first: Any, precision: float | None, difference: bool, most: int
+    ) -> dict[str, Arm]:
+        """Return all arms for as many seeds as the goal takes."""
+        batches = list[dict[str, Arm]]()
+        first = whole_number("seeds to begin adding with", first, 2, SettingError)
+
+        def gain(seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+            batches.append(self.run(tuple(seeds)))
+            scratch, arm = (batches[-1][name] for name in (SCRATCH, next(iter(self.arms))))
+            return arm.strong_gain(scratch)
+
+        add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
+        return joined(batches)
+
+    def solved_target(self) -> Target | ObservationTarget:
+        """Return the target, solved if it can be."""
+        evaluation = self.first.setting("evaluation", self.target)
+        return target_of(self.first.tasks[self.target], evaluation)
+
+
+def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:
+    """Return arms by name, or raise CurriculumError unless they are curricula."""
+    if isinstance(arms, Curriculum):
+        return {"transfer": arms}
+    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
+    if not arms:
+        raise CurriculumError("a comparison needs at least one curriculum: got none")
+    for name, arm in arms.items():
+        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+        if name == SCRATCH:
+            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
+    return arms
+
+
+def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> float:
+    """Return nine tenths of the way from the random policy's return to the optimum.
+
+    It is the midpoint of the curve of scratch if the optimum is unknown or not above that return.
+    """
+    if target.solution is None:
+        return midpoint(scratch.curve)
+    best, worst = target.optimum, target.random_return
+    # Undiscounted, the policy that is optimal with the discount need not beat a random one.
+    return midpoint(scratch.curve) if best <= worst else fraction_of_optimum(best, worst, FRACTION)
+
+
+def most_source_steps(curriculum: Curriculum) -> int:
+    """Return an upper bound of the steps that a curriculum's sources take."""
+    most = 0
+    for name in curriculum.ancestors(curriculum.target):
+        back = curriculum.setting("back", name)
+        sources = {edge.source for edge in curriculum.in_edges(name)}
+        most += curriculum.node(name).most_steps
+        most += 0 if back is None else back.most * back.again * len(sources)
+    return most
+
+
+def check_comparable(arms: Mapping[str, Curriculum]) -> None:
+    """Raise CurriculumError unless all arms have one target with the same settings."""
+    (name, first), *others = arms.items()
+    target = first.target
+    for other_name, other in others:
+        pair = f"{name!r} and {other_name!r}"
+        if other.target != target:
+            raise CurriculumError(
+                f"arms must share their target: {pair} have {target!r} and {other.target!r}"
+            )
+        apart = differences(first.tasks[target], other.tasks[target])
+        if apart:
+            raise CurriculumError(
+                f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
+            )
+        for which in ("evaluation", "budget", "learner", "eval_freq"):
+            mine, yours = first.setting(which, target), other.setting(which, target)
+            if mine != yours:
+                raise CurriculumError(
+                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
+                )

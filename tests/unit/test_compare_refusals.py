@@ -1,0 +1,240 @@
+"""Comparisons that are refused before anything is trained."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import (
+    UNMAPPED,
+    Curriculum,
+    Episodes,
+    FiniteMDP,
+    GreedyEvaluation,
+    GridWorld,
+    Pursuit,
+    Transfer,
+    compare,
+)
+from curricle.errors import CurriculumError, SettingError
+from curricle.transfer import StateActionMapping
+
+MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
+CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
+HERE = cr.same_position(MAZE, CORNER)
+NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
+ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
+LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
+
+
+def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
+    """Return a curriculum from a corner of the maze to the maze."""
+    return Curriculum(
+        tasks={"corner": CORNER, "maze": MAZE},
+        transfers=[Transfer("corner", "maze", mapping)],
+        budget={"corner": source, "maze": target},
+        eval_freq={"maze": eval_freq},
+        **settings,
+    )
+
+
+def copied(task, target="far", **settings):
+    """Return a curriculum from a task to itself."""
+    return Curriculum(
+        tasks={"near": task, target: task},
+        transfers=[Transfer("near", target, cr.transfer.identity(task))],
+        **({"budget": 100} | settings),
+    )
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Return the list of all trainings from now on: their arguments, and what came of them."""
+    noted, learn = [], cr.learn
+
+    def noting(task, learner, budget, **settings):
+        result = learn(task, learner, budget, **settings)
+        charged = settings["charged"]
+        left = budget if charged is None else budget - int(min(charged))
+        noted.append({"task": task, "budget": left, "result": result, **settings})
+        return result
+
+    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
+    return noted
+
+
+def pursuit(**settings):
+    hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
+    changes = {"calibrate": settings.pop("calibrate", False)}
+    return Curriculum(
+        tasks={"chase": chase, "hunt": hunt},
+        transfers=[
+            Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), **changes)
+            for name in hunt.predator_names
+        ],
+        aggregate=cr.minimum,
+        budget={"chase": 5000, "hunt": 8000},
+        eval_freq={"hunt": 100},
+        evaluation=GreedyEvaluation(method="rollouts", episodes=10),
+        **settings,
+    )
+
+
+FORK = [[[(1.0, 1, 1.0)], [(1.0, 2, 1.0)]], [[(1.0, 3, 2.0)]] * 2, [[(1.0, 3, 2.0)]] * 2, [[], []]]
+
+
+def fork(outcomes=FORK, **changes):
+    settings = {"terminal": [False] * 3 + [True], "start": 0, "discount": 0.9} | changes
+    return FiniteMDP.from_outcomes(outcomes, **settings)
+
+
+@pytest.mark.parametrize(
+    ("other", "difference"),
+    [
+        (
+            fork(terminal=[False, False, True, True]),
+            "end rule (state 2 ends one of them only)",
+        ),
+        (
+            fork([FORK[0], [[(1.0, 3, 5.0)]] * 2, *FORK[2:]]),
+            "reward (from state 1: 2 against 5)",
+        ),
+        (fork([[FORK[0][0]] * 2, *FORK[1:]]), "transitions (from state 0)"),
+        (fork(start=2), "start (state 0: 1 against 0)"),
+        (fork(discount=0.5), "discount (0.9 against 0.5)"),
+        (fork(time_limit=7), "time_limit (None against 7)"),
+        (
+            fork([*FORK, FORK[3]], terminal=[False] * 3 + [True] * 2),
+            "states (4 against 5)",
+        ),
+    ],
+    ids=["end", "reward", "transitions", "start", "discount", "limit", "states"],
+)
+def test_targets_that_are_not_one_problem_are_refused(other, difference, calls):
+    arms = {"one": copied(fork()), "two": copied(fork()), "three": copied(other)}
+    with pytest.raises(CurriculumError) as caught:
+        compare(arms, seeds=1)
+    assert str(caught.value) == (
+        f"arms must share their target: those of 'one' and 'three' differ in {difference}"
+    )
+    assert calls == []
+
+
+def test_all_differences_are_named_at_once():
+    with pytest.raises(CurriculumError) as caught:
+        compare({"one": copied(fork()), "two": copied(fork(discount=0.5, start=1))}, seeds=1)
+    assert str(caught.value).endswith(
+        "differ in discount (0.9 against 0.5); start (state 0: 1 against 0)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("which", "mine", "yours"),
+    [
+        ("evaluation", GreedyEvaluation(), GreedyEvaluation(discounted=False)),
+        ("budget", 100, 200),
+        ("learner", cr.QLearning(), cr.QLearning(epsilon=0.2)),
+        ("learner", cr.QLearning(), cr.SARSA()),
+        ("eval_freq", 10, 20),
+    ],
+)
+def test_targets_that_are_not_learnt_alike_are_refused(which, mine, yours, calls):
+    one, two = (copied(MAZE, **{which: {"far": setting}}) for setting in (mine, yours))
+    with pytest.raises(CurriculumError) as caught:
+        compare({"one": one, "two": two}, seeds=1)
+    assert str(caught.value) == (
+        f"arms must share their target's {which}: 'one' and 'two' have {mine} and {yours}"
+    )
+    assert calls == []
+
+
+def test_targets_of_other_names_are_refused():
+    with pytest.raises(CurriculumError) as caught:
+        compare({"one": copied(MAZE), "two": copied(MAZE, target="away")}, seeds=1)
+    assert str(caught.value) == (
+        "arms must share their target: 'one' and 'two' have 'far' and 'away'"
+    )
+
+
+RING = cr.ComputedMDP(
+    cr.Space([cr.Component("place", 9)]),
+    cr.Space([cr.Component("move", 2)]),
+    lambda data, bits: 1,
+    lambda data, state, action, bits: (state - 1 + 2 * action, -1.0, state < 1),
+)
+
+
+@pytest.mark.parametrize(
+    ("arms", "settings", "message"),
+    [
+        ({}, {}, "a comparison needs at least one curriculum: got none"),
+        ([corner()], {}, r"arms, unless they are one curriculum, must be a Mapping: got \["),
+        ({"mine": 3}, {}, "arm 'mine' must be a Curriculum: got 3"),
+        ({"scratch": corner()}, {}, "the name 'scratch' is taken by the baseline: rename this arm"),
+        (
+            corner(target=Episodes(9)),
+            {},
+            "a comparison at one total budget needs the target's in steps: 'maze' has 9 episodes",
+        ),
+        (
+            Curriculum({"a": MAZE, "b": MAZE}),
+            {},
+            "a curriculum must have one task that no other builds on: got a, b",
+        ),
+        (
+            copied(replace(MAZE, time_limit=None), budget={"near": Episodes(3), "far": 100}),
+            {},
+            "a budget in episodes needs a task with a time limit: none set",
+        ),
+        (
+            corner(),
+            {"controls": ["negated", "magic"]},
+            "a control must be one of random_start, .*, negated: got 'magic'",
+        ),
+        (
+            {"plain": Curriculum({"maze": MAZE}, budget=100)},
+            {"controls": ["scaled"]},
+            "controls need a transfer into the target: arm 'plain' has none into 'maze'",
+        ),
+        (
+            {"mine": copied(RING)},
+            {"controls": ["placebo"]},
+            "a task given by functions or played live has no tables to look at",
+        ),
+        (
+            {"mine": pursuit(storage={"hunt": cr.Storage(kind="sparse")})},
+            {"controls": ["scaled", "pretraining"]},
+            "controls other than 'scaled' need dense tables of the target: the storage of 'hunt' "
+            "is sparse in arm 'mine'",
+        ),
+        (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
+        (
+            corner(),
+            {"window": 32},
+            "window must be at most 31, the checkpoints within the target's budget: got 32",
+        ),
+        (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
+        (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
+        (
+            corner(),
+            {"seeds": 1, "precision": 1.0},
+            "to begin adding with must be a whole number, at least 2",
+        ),
+        (corner(), {"seeds": 5, "precision": 0.0}, "precision must be above 0: got 0"),
+        (
+            corner(),
+            {"seeds": 5, "precision": 1.0, "difference": True},
+            "stops at a precision or at a difference, one of them",
+        ),
+        (
+            corner(),
+            {"seeds": 30, "difference": True, "most_seeds": 20},
+            "most must be a whole number, at least 30: got 20",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):
+    with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
+        compare(arms, **({"seeds": 1} | settings))
+    assert calls == []

@@ -1,0 +1,218 @@
+"""The measures, rows and table of a comparison, worked out by hand."""
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import (
+    UNMAPPED,
+    Curriculum,
+    GridWorld,
+    Transfer,
+    compare,
+)
+from curricle.comparison import Arm, Comparison
+from curricle.errors import CurriculumError
+from curricle.statistics import Curve, charge_source
+from curricle.transfer import StateActionMapping
+
+MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
+CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
+HERE = cr.same_position(MAZE, CORNER)
+NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
+ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
+LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
+
+
+def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
+    """Return a curriculum from a corner of the maze to the maze."""
+    return Curriculum(
+        tasks={"corner": CORNER, "maze": MAZE},
+        transfers=[Transfer("corner", "maze", mapping)],
+        budget={"corner": source, "maze": target},
+        eval_freq={"maze": eval_freq},
+        **settings,
+    )
+
+
+STEPS = np.array([0, 10, 20, 30, 40])
+
+
+def arm(rows, source=0, control=False):
+    values = np.array(rows, dtype=float)
+    return Arm(Curve(STEPS, values, np.full(len(values), source)), values, values, control)
+
+
+BY_HAND = Comparison(
+    target="maze",
+    arms={
+        "scratch": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
+        "taught": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
+        "misled": arm([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], source=10, control=True),
+    },
+    budget=20,
+    total=40,
+    threshold=2.0,
+    window=1,
+)
+
+
+def test_measures_by_hand():
+    """Charged, the arms are 0, 0, 2, 4, 4 and 0, -2, -2, 0, 0 or 0, -2, 0, 2, 2."""
+    taught, misled = (BY_HAND.contrasts[name] for name in ("taught", "misled"))
+    assert BY_HAND.seeds == 2
+    assert taught.jumpstart.estimate == 2.0
+    assert (
+        taught.weak_steps_saved.estimate == 20.0
+    )  # scratch never within its own 20 steps, hence 20
+    assert taught.strong_steps_saved.estimate == 10.0  # 30 against 20
+    assert taught.strong_gain.estimate == (0 + 10 + 30 + 40) / 40 - (0 + 5 + 15 + 25) / 40
+    assert taught.asymptotic_gain.estimate == 1.0
+    assert taught.probability_of_improvement.estimate == 1.0
+    assert misled.jumpstart.estimate == -2.0
+    assert misled.weak_steps_saved.estimate == 0.0  # 20 and 20 at most, and 20 and 20
+    assert misled.strong_steps_saved.estimate == (30 - 40 + 30 - 30) / 2
+    assert (
+        misled.strong_gain.estimate
+        == ((-10 - 20 - 10 - 0) / 40 + (-10 - 10 + 10 + 20) / 40) / 2 - 1.125
+    )
+    assert misled.asymptotic_gain.estimate == -2.0
+    assert misled.probability_of_improvement.estimate == 0.0
+    assert BY_HAND.times("misled").reached.tolist() == [False, True]
+    assert BY_HAND.times("misled").steps.tolist() == [40.0, 30.0]
+    assert BY_HAND.times("misled", strong=False).steps.tolist() == [20.0, 20.0]
+    assert BY_HAND.times("taught", strong=False).steps.tolist() == [0.0, 0.0]
+    assert BY_HAND.height("taught").estimate == 2.0
+
+
+def test_measures_are_those_of_the_metrics():
+    arms = {"one": corner(HERE, 100, 200, 10), "two": corner(HERE, 160, 200, 10)}
+    found = compare(arms, seeds=8, window=3, threshold=150)
+    free = slice(0, 21)
+    scratch = found.scratch.curve
+    base = Curve(scratch.steps[free], scratch.values[:, free])
+    for name in ("one", "two"):
+        curve, contrast = found[name].curve, found.contrasts[name]
+        weak, charged = Curve(base.steps, curve.values[:, free]), charge_source(scratch, curve)
+        settings = {"threshold": 150.0, "window": 3}
+        expected = {
+            "jumpstart": cr.statistics.jumpstart(base, weak),
+            "weak_steps_saved": cr.statistics.steps_saved(base, weak, **settings),
+            "strong_steps_saved": cr.statistics.steps_saved(scratch, charged, **settings),
+            "weak_gain": cr.statistics.mean_return(weak) - cr.statistics.mean_return(base),
+            "strong_gain": cr.statistics.mean_return(charged) - cr.statistics.mean_return(scratch),
+            "asymptotic_gain": cr.statistics.asymptotic_performance(charged)
+            - cr.statistics.asymptotic_performance(scratch),
+        }
+        for measure, values in expected.items():
+            assert values.any(), measure
+            interval, wanted = getattr(contrast, measure), cr.statistics.bootstrap(values)
+            assert (interval.estimate, interval.low, interval.high) == pytest.approx(
+                (wanted.estimate, wanted.low, wanted.high)
+            ), measure
+        np.testing.assert_array_equal(
+            found[name].strong_gain(found.scratch), expected["strong_gain"]
+        )
+        wins = cr.statistics.probability_of_improvement(
+            cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
+        )
+        assert contrast.probability_of_improvement.estimate == wins.estimate
+        middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
+        assert found.height(name).estimate == pytest.approx(middle)
+        assert contrast.p == cr.statistics.sign_flip_test(expected["strong_gain"])
+
+
+def test_tests_are_corrected_for_the_number_of_arms():
+    found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
+    assert len(found.contrasts) == 6
+    assert "scratch" not in found.contrasts
+    contrasts = found.contrasts.values()
+    adjusted = cr.statistics.holm([one.p for one in contrasts])
+    assert [one.adjusted_p for one in contrasts] == adjusted.tolist()
+    assert any(one.adjusted_p > one.p for one in contrasts)
+
+
+@pytest.mark.parametrize(
+    ("height", "verdict"),
+    [(1, "pays"), (-1, "costs more than it brings"), (0, "no difference shown")],
+)
+def test_verdicts(height, verdict):
+    """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625."""
+    scratch, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
+    for arms, expected in ((1, verdict), (4, "no difference shown")):
+        names = [f"arm {i}" for i in range(arms)]
+        found = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
+        assert found.contrasts["arm 0"].verdict == expected
+        assert found.contrasts["arm 0"].p == (2**-6 if height else 1.0)
+
+
+def test_rows_are_a_table():
+    rows = BY_HAND.rows()
+    assert [row["arm"] for row in rows] == ["scratch", "taught", "misled"]
+    assert len({tuple(row) for row in rows}) == 1
+    scratch, taught, misled = rows
+    assert (scratch["control"], misled["control"]) == (False, True)
+    assert (taught["source_steps"], taught["steps_to_threshold"], taught["reached"]) == (20, 20, 2)
+    assert (misled["source_steps"], misled["steps_to_threshold"], misled["reached"]) == (10, 35, 1)
+    assert {row["seeds"] for row in rows} == {2}
+    for row in (taught, misled):
+        contrast = BY_HAND.contrasts[row["arm"]]
+        for measure in (
+            "jumpstart",
+            "weak_steps_saved",
+            "strong_steps_saved",
+            "weak_gain",
+            "strong_gain",
+            "asymptotic_gain",
+            "probability_of_improvement",
+        ):
+            interval = getattr(contrast, measure)
+            found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
+            assert found == (interval.estimate, interval.low, interval.high)
+            assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
+        assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
+        assert row["verdict"] == contrast.verdict
+    assert scratch["return"] == 1.125
+    assert scratch["verdict"] == ""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(scratch))
+    writer.writeheader()
+    writer.writerows(rows)
+    assert len(text.getvalue().splitlines()) == 4
+
+
+def test_a_comparison_prints_as_a_table():
+    lines = str(BY_HAND).split("\n")
+    assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
+    assert [line.split()[0] for line in lines[2:]] == ["scratch", "taught", "misled"]
+    assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12 [1.12, 1.12]"]
+    assert lines[3].endswith("3.25 [3.25, 3.25]     no difference shown (p = 1)")
+    assert "> 35 (1 never)" in lines[4]
+    headings = (
+        "steps to threshold",
+        "mean return (IQM)",
+        "strong gain",
+        "weak gain",
+        "verdict",
+    )
+    for column in headings:
+        assert column in lines[1]
+    assert lines[1].index("strong gain") == lines[3].index("0.875")
+
+
+def test_a_line_for_each_arm():
+    found = compare({"one": corner(), "two": corner()}, seeds=2, controls=ALL)
+    lines = str(found).split("\n")
+    assert len(lines) == 2 + len(found.arms)
+    for name, line in zip(found.arms, lines[2:], strict=True):
+        assert line.startswith(name + "  ")
+
+
+def test_an_unknown_arm():
+    with pytest.raises(CurriculumError) as caught:
+        BY_HAND["best"]
+    assert str(caught.value) == "an arm must be one of scratch, taught, misled: got 'best'"
