@@ -59,7 +59,7 @@ class Benchmark:
         for arm, curve in curves.items():
             end = cr.statistics.bootstrap(cr.statistics.asymptotic_performance(curve))
             times = cr.statistics.time_to_threshold(curve, self.threshold, strong=True)
-            time = cr.statistics.median_time(times)
+            time = times.median()
             learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
             learnt += f" {int(times.reached.sum())}/{seeds}"
             print(
