@@ -54,7 +54,7 @@ from .transfer.aggregation import (
     minimum as minimum,
     total as total,
 )
-from .transfer.by_name import project as project
+from .transfer.component_mapping import project as project
 from .transfer.calibration import calibrate as calibrate
 from .transfer.edges import Transfer as Transfer
 from .transfer.mapping import (

@@ -17,7 +17,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.transfer.calibration import attempt
+from curricle.transfer.calibration import fit_calibration
 
 STEPS, VISITS = 200_000, 2500
 LEARNER = cr.QLearning(learning_rate=cr.learning.harmonic(half=5), epsilon=0.5)
@@ -142,7 +142,7 @@ settings = st.builds(
 def test_calibration_keeps_the_greedy_policy(problem, data, settings):
     """Between whole numbers below 1,000 there is room for c phi + b to round as it likes."""
     phi = data.draw(guesses(problem))
-    found = attempt(phi, settings)
+    found = fit_calibration(phi, settings)
     assume(not found.refusal)
     assert found.scale > 0
     values = found.potential.values
@@ -156,7 +156,7 @@ def test_calibration_keeps_the_greedy_policy(problem, data, settings):
 
 @given(problems(), st.data(), settings, st.sampled_from([None, cr.Guard()]))
 def test_a_calibrated_learner_finds_the_optimum(problem, data, settings, guard):
-    found = attempt(data.draw(guesses(problem)), settings)
+    found = fit_calibration(data.draw(guesses(problem)), settings)
     assume(not found.refusal)
     result = learnt(problem, found.potential, guard)
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(found.potential)

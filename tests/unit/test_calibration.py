@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
 from curricle.learning.run import WarmUp
 from curricle.planning.evaluation import GreedyEvaluation
-from curricle.transfer.calibration import attempt, calibrate
+from curricle.transfer.calibration import calibrate, fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import mapped_potential
 
@@ -146,7 +146,7 @@ def test_it_says_what_it_did():
 def refused(phi, **settings):
     with pytest.raises(cr.errors.CalibrationError) as caught:
         calibrate(phi, **settings)
-    found = attempt(phi, Calibrate(**settings))
+    found = fit_calibration(phi, Calibrate(**settings))
     assert found.refusal == str(caught.value)
     assert found.potential is phi
     assert (found.scale, found.shift) == (1.0, 0.0)
@@ -253,7 +253,7 @@ def test_a_curriculum_calibrates_the_aggregate_of_each_seed():
     assert raw.calibrations == {}
     for k, seed in enumerate((4, 9)):
         found = result.calibrations["hunt"][k]
-        again = attempt(
+        again = fit_calibration(
             raw.potentials["hunt"][k], Calibrate(), seed=seed, stream="hunt/calibration"
         )
         assert found.scale == again.scale > 1.1

@@ -131,7 +131,7 @@ def test_a_pursuit_is_seen_as_vectors(read):
     assert plan.tasks["hunt"] == observed_pursuit(hunt)
     assert plan.setting("learner", "hunt") == cr.deep.DeepLearner(settings={"learning_rate": 1e-3})
     assert plan.setting("learner", "chase") == cr.QLearning(learning_rate=0.2, epsilon=0.2)
-    assert [edge.mapping.words for edge in plan.transfers] == [
+    assert [edge.mapping.description for edge in plan.transfers] == [
         "predator is predator_1, prey by name",
         "predator is predator_2, prey by name",
     ]
@@ -195,7 +195,7 @@ def test_mappings_are_functions_of_batches(read):
     carts[:, 2] = [-0.05, 0.05, 0.5]
     q = cr.transfer.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
     assert mapping.pairs(q, carts).tolist() == [[2, -9], [4, -9], [-9, -9]]
-    assert mapping.words == "observations by leaning, actions as 1 -1, where by upright finds them"
+    assert mapping.description == "observations by leaning, actions as 1 -1, where by upright finds them"
     made = ('mapping = "identity"', 'factory = "own:made"')
     mapping = read(CART, source, tabular, made).curriculum("transfer").transfers[0].mapping
     assert mapping.pairs(q, carts).tolist() == [[2, 1], [4, 3], [4, 3]]

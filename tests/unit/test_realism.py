@@ -241,7 +241,7 @@ def test_many_pairs_are_ranked_by_some_of_them(monkeypatch):
     phi = cr.StateActionPotential(hunt, target.solution.action_values + phi.values)
     full = cr.transfer.potential_quality(phi, target).rank
     assert full == pytest.approx(scipy_rank(phi, target), abs=1e-12)
-    monkeypatch.setattr(module, "RANKED", 2000)
+    monkeypatch.setattr(module, "MAX_RANKED", 2000)
     one, same, other = (
         cr.transfer.potential_quality(phi, target, seed=seed).rank for seed in (0, 0, 1)
     )

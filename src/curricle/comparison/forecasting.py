@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,9 @@ from curricle.learning.threads import over_seeds, threads_for
 from curricle.planning.evaluation import GreedyEvaluation
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
-from curricle.transfer.calibration import AnyPotential, Calibration, attempt
-from curricle.transfer.coverage import Coverage
+from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
+from curricle.transfer.coverage import Coverage, ObservationCoverage
 from curricle.transfer.edges import Calibrate, Transfer, numbered, transfer_names
-from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_target import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
@@ -254,8 +252,8 @@ def _coverage(
 ) -> dict[str, Coverage | ObservationCoverage]:
     """Return the coverage of each transfer's mapping."""
     if isinstance(place, ObservationTarget):
-        met = place.met(potential)
-        return {label: edge.mapping.coverage(met) for label, edge in edges.items()}
+        sample = place.observations(potential)
+        return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
     return {label: edge.mapping.coverage() for label, edge in edges.items()}
 
 
@@ -269,13 +267,15 @@ def _foresee(
     workers: int | None,
 ) -> ForecastRow:
     if isinstance(place, ObservationTarget):
-        judge, threads, fit = place.potential_quality, 1, Calibrate(place.episodes)
+        threads, fit = 1, Calibrate(place.episodes)
         told = potentials if potentials[0].of_actions else ()
     else:
-        judge, fit, told = partial(potential_quality, target=place), Calibrate(), potentials
+        fit, told = Calibrate(), potentials
         threads = threads_for(place.task, workers, len(potentials))
-    seeds = over_seeds(lambda k: judge(potentials[k], seed=k), len(potentials), threads)
-    calibrations = tuple(attempt(phi, fit, seed=k) for k, phi in enumerate(told))
+    seeds = over_seeds(
+        lambda k: potential_quality(potentials[k], place, seed=k), len(potentials), threads
+    )
+    calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(told))
     bare = ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
     return replace(bare, verdict=_verdict(bare, place, *bounds))
 

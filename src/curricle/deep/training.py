@@ -21,7 +21,7 @@ from curricle.planning.evaluation import GreedyEvaluation
 from curricle.tasks.draws import splitmix64_number
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
-from curricle.transfer.observation_rollouts import mean_return, stage_for
+from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
 
 
 class DeepRun(NamedTuple):
@@ -129,7 +129,7 @@ class Scribe(BaseCallback):
         self.run, self.progress, self.values = run, progress, values
         self.most, self.start = most, start
         off = run.evaluation.method == "off"
-        self._stage = None if off else stage_for(run.task, run.evaluation)
+        self._environments = None if off else evaluation_environments(run.task, run.evaluation)
         self._saves: tuple[Path, str] | None = None
         self._saved_at = progress.steps
 
@@ -173,11 +173,11 @@ class Scribe(BaseCallback):
 
     def _judged(self, number: int) -> float:
         """Return the greedy policy's mean return at a checkpoint; NaN where it is not judged."""
-        if self._stage is None:
+        if self._environments is None:
             return float("nan")
         seed = splitmix64_number(self.start ^ (number + 1))
-        episodes = self._stage.play(self._greedy, seed)
-        return mean_return(episodes, self.run.evaluation.weight(self.run.task.discount))
+        episodes = self._environments.rollouts(self._greedy, seed)
+        return mean_episode_return(episodes, self.run.evaluation.weight(self.run.task.discount))
 
     def _greedy(self, observations: Any) -> tuple[Any, Any]:
         actions = self.values.act(observations)
@@ -203,8 +203,8 @@ class Scribe(BaseCallback):
 
     def close(self) -> None:
         """Close the environments in which the policy was judged."""
-        if self._stage is not None:
-            self._stage.close()
+        if self._environments is not None:
+            self._environments.close()
 
     def _save(self) -> None:
         assert self._saves is not None

@@ -13,7 +13,7 @@ from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
 from curricle.interop.vector_pursuit import PursuitVectors
 from curricle.tasks.pursuit import Pursuit
-from curricle.transfer.by_name import ComponentMapping, project
+from curricle.transfer.component_mapping import ComponentMapping, project
 
 try:
     from pettingzoo import ParallelEnv

@@ -15,7 +15,11 @@ from curricle.interop.environment import RenderMode, TaskEnvironment
 from curricle.tasks.observation_task import ObservationTask, Registered
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, frozen
-from curricle.transfer.by_name import ComponentMapping, by_names, read_components
+from curricle.transfer.component_mapping import (
+    ComponentMapping,
+    describe_renaming,
+    read_components,
+)
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.observation_mapping import ObservationMapping
 
@@ -295,7 +299,7 @@ def predator_mapping(
     known: dict[str, Any] = {
         "actions": moves.encode(**read_components(mine.moves, moves, renaming)),
         "unmapped_value": unmapped_value,
-        "words": by_names(hunt.states.names, renaming),
+        "description": describe_renaming(hunt.states.names, renaming),
     }
     if isinstance(yours, Pursuit):
         numbers = np.where(hunt.terminal, ENDED, np.arange(hunt.states.size))

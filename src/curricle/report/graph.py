@@ -18,7 +18,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import bootstrap
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task
-from curricle.transfer.by_name import ComponentMapping, by_names
+from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
 
@@ -278,9 +278,9 @@ def mapping_words(transfer: Transfer) -> str:
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
         names = (*mapping.source.states.names, *mapping.source.actions.names)
-        return by_names(names, mapping.renaming)
+        return describe_renaming(names, mapping.renaming)
     if isinstance(mapping, ObservationMapping):
-        return mapping.words
+        return mapping.description
     return "state by state and action by action"
 
 

@@ -14,7 +14,7 @@ Aggregate = Callable[[FloatArray], FloatArray]
 
 
 def maximum(potentials: FloatArray) -> FloatArray:
-    """Return max_i phi_i(s, a): the most hopeful source counts. (N, S, A) -> (S, A).
+    """Return max_i phi_i(s, a), the most optimistic source. (N, S, A) -> (S, A).
 
     Examples
     --------
@@ -36,7 +36,7 @@ def mean(potentials: FloatArray) -> FloatArray:
 
 
 def minimum(potentials: FloatArray) -> FloatArray:
-    """Return min_i phi_i(s, a): the most cautious source counts. (N, S, A) -> (S, A).
+    """Return min_i phi_i(s, a), the most pessimistic source. (N, S, A) -> (S, A).
 
     Examples
     --------
@@ -58,7 +58,7 @@ def total(potentials: FloatArray) -> FloatArray:
 
 
 def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
-    """Return what an aggregate makes of N potentials, checked.
+    """Return the aggregate of N potentials, its shape and values checked.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
 
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
-    """Return what an aggregate makes of N numbers, as :func:`aggregate` of one state and action.
+    """Return the aggregate of N numbers, as :func:`aggregate` does for one state and action.
 
-    Those of this module are read without an array, which for a few numbers costs most of the time.
+    The aggregates of this module need no array, which would take most of the time.
 
     Examples
     --------
@@ -121,5 +121,5 @@ _OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = 
     (minimum, min),
     (total, sum),
 )
-OF_ONE = tuple(known for known, _ in _OF_NUMBERS)
-"""Aggregates that leave a single potential as it is."""
+UNCHANGED_ALONE = tuple(known for known, _ in _OF_NUMBERS)
+"""Aggregates that return a single potential unchanged."""

@@ -1,4 +1,4 @@
-"""One edge of a curriculum: a source's values, read through a mapping, scaled and shifted."""
+"""Edges of a curriculum: a source's values, read through a mapping, scaled and shifted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from curricle.checks import instance, number, whole_number
 from curricle.errors import CurriculumError, SettingError
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.observation_mapping import ObservationMapping
 
-EPISODES = 200
+CALIBRATION_EPISODES = 200
+"""Greedy episodes of a calibration, unless another number is given."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,13 @@ class Calibrate:
     Parameters
     ----------
     episodes : int
-        Greedy episodes to act in the target. They are charged to it.
+        Greedy episodes in the target. Their steps are charged to it.
     shift : bool
         Whether to fit a shift b besides the scale c. Where rewards have both signs a scale alone
-        is often the wrong model: what is overestimated by a sum is not overestimated by a factor.
+        is often the wrong model, as the error of the potential is then no factor.
     quantile : float, optional
         Between 0 and 1: fit so that this share of the returns stays below the potential, instead
-        of the mean. 0.1 makes it pessimistic, as few returns fall short of it.
+        of the mean. 0.1 makes the potential pessimistic, as few returns fall short of it.
 
     Raises
     ------
@@ -41,7 +42,7 @@ class Calibrate:
     Calibrate(episodes=200, shift=False, quantile=0.1)
     """
 
-    episodes: int = EPISODES
+    episodes: int = CALIBRATION_EPISODES
     shift: bool = False
     quantile: float | None = None
 
@@ -58,26 +59,26 @@ class Calibrate:
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What a source task hands to a target: phi_i(s, a) = scale Q_source(f(s, a)) + shift.
+    """A transfer from a source to a target: phi_i(s, a) = scale Q_source(f(s, a)) + shift.
 
     Parameters
     ----------
     source, target : str
         Names of tasks in the curriculum.
     mapping : StateActionMapping or ObservationMapping
-        From the target to the source; the latter into a task seen through observations.
+        From the target to the source; the latter where the target has observations.
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
     calibrate : bool or Calibrate
-        Whether the target is to fit its potential to what the potential's own policy earns there,
-        before it learns (:func:`calibrate`). All transfers into a task are calibrated together, on
+        Whether to fit the target's potential to the returns of its own greedy policy before the
+        target is learnt (:func:`calibrate`). All transfers into a task are calibrated together, on
         their aggregate, so they must agree.
 
     Raises
     ------
     CurriculumError
-        When scale or shift is not finite, or the mapping is none.
+        When scale or shift is not finite, or `mapping` is not a mapping.
 
     Examples
     --------
@@ -111,16 +112,14 @@ class Transfer:
 
     @property
     def calibration(self) -> Calibrate | None:
-        """How to calibrate; None if not at all."""
+        """The settings of the calibration; None without one."""
         if isinstance(self.calibrate, Calibrate):
             return self.calibrate
         return Calibrate() if self.calibrate else None
 
     def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""
-        q = np.asarray(source_values, dtype=np.float64)
-        read = self.mapping.read(self.scale * q)
-        return np.asarray(read + self.shift * (self.mapping.index != UNMAPPED))
+        return np.asarray(self.mapping.read(source_values, self.scale, self.shift))
 
 
 def transfer_names(transfers: Sequence[Transfer]) -> list[str]:

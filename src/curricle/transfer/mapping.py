@@ -38,7 +38,7 @@ class StateActionMapping:
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
         states do not count.
     unmapped_value : float
-        What unmapped pairs are worth. 0 is optimistic where rewards are negative.
+        The value of unmapped pairs. 0 is optimistic where rewards are negative.
 
     Raises
     ------
@@ -79,8 +79,8 @@ class StateActionMapping:
                 f"a mapping's entries must lie in 0..{n_pairs - 1}, or be UNMAPPED or ENDED: "
                 f"target state {s}, action {a} has {index[s, a]}"
             )
-        ends = ends_of(self.source)
-        bad = np.argwhere((index >= 0) & ends[np.maximum(index, 0) // source.actions.size])
+        terminal = terminal_states(self.source)
+        bad = np.argwhere((index >= 0) & terminal[np.maximum(index, 0) // source.actions.size])
         if len(bad):
             s, a = bad[0]
             raise MappingError(
@@ -90,12 +90,17 @@ class StateActionMapping:
             )
         object.__setattr__(self, "index", frozen(index))
 
-    def read(self, source_values: npt.ArrayLike) -> FloatArray:
-        """Return phi(s, a) = Q_source(f(s, a)), 0 where ended, `unmapped_value` where unmapped.
+    def read(
+        self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift.
+
+        It is `shift` where ended and `unmapped_value` where unmapped.
 
         Parameters
         ----------
         source_values : (..., S', A') float array
+        scale, shift : float
 
         Returns
         -------
@@ -107,15 +112,13 @@ class StateActionMapping:
             raise MappingError(
                 f"source values must end in the source's shape {expected}: got {q.shape}"
             )
-        flat = q.reshape(*q.shape[:-2], -1)
-        values = flat[..., np.maximum(self.index, 0)]
-        fixed = np.where(self.index == UNMAPPED, self.unmapped_value, 0.0)
-        return np.asarray(np.where(self.index >= 0, values, fixed))
+        values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
+        return transferred(values, self.index, self.unmapped_value, scale, shift)
 
     def coverage(self) -> Coverage:
         """Return how much of the target is reached, and of the source used."""
-        index = self.index[~ends_of(self.target)]
-        available = np.repeat(~ends_of(self.source), self.source.actions.size)
+        index = self.index[~terminal_states(self.target)]
+        available = np.repeat(~terminal_states(self.source), self.source.actions.size)
         readers = np.bincount(index[index >= 0], minlength=available.size)
         used = readers[readers > 0]
         return Coverage(
@@ -134,6 +137,36 @@ class StateActionMapping:
         return np.asarray((self.index >= 0).any(axis=1))
 
 
+def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
+    """Return scale values + shift; the array itself where that changes nothing."""
+    return values if scale == 1 and shift == 0 else scale * values + shift
+
+
+def transferred(
+    values: FloatArray, index: IntArray, unmapped_value: float, scale: float, shift: float
+) -> FloatArray:
+    """Return what a target reads: the one place where scale, shift and unmapped pairs count.
+
+    Scale and shift apply to mapped pairs and to ended ones, whose Q is 0; an unmapped pair keeps
+    its value.
+
+    Parameters
+    ----------
+    values : float array
+        Q of the source pairs that are read; entries that are not mapped are not looked at.
+    index : int array
+        `UNMAPPED`, `ENDED`, or at least 0 where mapped; it broadcasts against `values`.
+    unmapped_value, scale, shift : float
+
+    Examples
+    --------
+    >>> transferred(np.array([5.0, 5.0, 5.0]), np.array([7, ENDED, UNMAPPED]), -3.0, 2.0, 1.0)
+    array([11.,  1., -3.])
+    """
+    fixed = np.where(index == UNMAPPED, unmapped_value, shift)
+    return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
+
+
 def identity(task: Task) -> StateActionMapping:
     """Return the mapping of a task onto itself; it lifts Q to itself.
 
@@ -144,7 +177,7 @@ def identity(task: Task) -> StateActionMapping:
     """
     generative_model(task)
     states, actions = np.arange(task.states.size), np.arange(task.actions.size)
-    return from_parts(task, task, states[:, None], actions[None, :], 0.0)
+    return pair_mapping(task, task, states[:, None], actions[None, :], 0.0)
 
 
 def same_position(
@@ -160,14 +193,10 @@ def same_position(
     >>> same_position(maze, maze.crop(rows=(0, 1), columns=(2, 4))).index[:3, 0]
     array([-1, -1,  0])
     """
-    for role, task in (("target", target), ("source", source)):
-        if not isinstance(task, GridWorld):
-            raise MappingError(
-                f"same_position maps a GridWorld to a GridWorld: the {role} is {task}"
-            )
+    _check_mazes("same_position", target, source)
     state = source.states_at(target.cells[:, 0], target.cells[:, 1])
     moves = np.arange(target.actions.size)[None, :]
-    return from_parts(target, source, state[:, None], moves, unmapped_value)
+    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
 
 
 def relative_objects(
@@ -177,8 +206,8 @@ def relative_objects(
 
     A target state matches a source state if every object of the source lies, relative to the
     agent, where the target has an object of its class: s_target = [s_source, rest]. That is, the
-    source's drawing fits the target's at some shift. Where several shifts fit, the smallest
-    (upwards, then to the left) is taken.
+    source's map fits the target's at some shift. Where several shifts fit, the smallest (upwards,
+    then to the left) is taken.
 
     Examples
     --------
@@ -187,21 +216,17 @@ def relative_objects(
     array([[-1, -1, -1, -1, -1],
            [-1, -1,  0,  4, -2]])
     """
-    for role, task in (("target", target), ("source", source)):
-        if not isinstance(task, GridWorld):
-            raise MappingError(
-                f"relative_objects maps a GridWorld to a GridWorld: the {role} is {task}"
-            )
-    there = set(target.objects)
+    _check_mazes("relative_objects", target, source)
+    objects = set(target.objects)
     name, row, column = source.objects[0]
     shifts = sorted((r - row, c - column) for n, r, c in target.objects if n == name)
     state = np.full(target.states.size, MISSING)
     for down, right in shifts:
-        if all((n, r + down, c + right) in there for n, r, c in source.objects):
-            found = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
-            state = np.where(state == MISSING, found, state)
+        if all((n, r + down, c + right) in objects for n, r, c in source.objects):
+            shifted = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
+            state = np.where(state == MISSING, shifted, state)
     moves = np.arange(target.actions.size)[None, :]
-    return from_parts(target, source, state[:, None], moves, unmapped_value)
+    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
 
 
 def from_function(
@@ -233,12 +258,12 @@ def from_function(
     """
     states = {k: v[:, None] for k, v in target.states.decode().items()}
     actions = {k: v[None, :] for k, v in target.actions.decode().items()}
-    parts = []
     returned = function(states, actions)
     if not isinstance(returned, tuple) or [isinstance(p, dict) for p in returned] != [True, True]:
         raise MappingError(
             f"the function must return two dicts, of states and of actions: got {returned!r}"
         )
+    encoded = []
     for kind, space, given in zip(
         ("state", "action"), (source.states, source.actions), returned, strict=True
     ):
@@ -247,8 +272,8 @@ def from_function(
                 f"the function must return the source's {kind} components "
                 f"{', '.join(space.names)}: got {', '.join(given) or 'none'}"
             )
-        parts.append(space.encode(**given))
-    return from_parts(target, source, parts[0], parts[1], unmapped_value)
+        encoded.append(space.encode(**given))
+    return pair_mapping(target, source, *encoded, unmapped_value)
 
 
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
@@ -279,19 +304,27 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)
 
 
-def ends_of(task: Task) -> npt.NDArray[np.bool_]:
+def terminal_states(task: Task) -> npt.NDArray[np.bool_]:
     """Return which states are known to be terminal, (S,) bool."""
-    ends = generative_model(task).terminal
-    return np.zeros(task.states.size, dtype=bool) if ends is None else ends
+    terminal = generative_model(task).terminal
+    return np.zeros(task.states.size, dtype=bool) if terminal is None else terminal
 
 
-def from_parts(
+def pair_mapping(
     target: Task, source: Task, state: IntArray, action: IntArray, unmapped_value: float
 ) -> StateActionMapping:
-    """Put source states and actions (broadcast to (S, A), MISSING where none) together."""
+    """Return the mapping to these source states and actions, which broadcast to (S, A).
+
+    A pair is unmapped where either is `MISSING`, and ended where the state is terminal.
+    """
     state, action = np.broadcast_arrays(state, action)
     missing = (state == MISSING) | (action == MISSING)
-    ended = ends_of(source)[np.maximum(state, 0)]
+    ended = terminal_states(source)[np.maximum(state, 0)]
     pair = np.where(ended, ENDED, state * source.actions.size + action)
-    index = np.where(missing, UNMAPPED, pair)
-    return StateActionMapping(target, source, index, unmapped_value)
+    return StateActionMapping(target, source, np.where(missing, UNMAPPED, pair), unmapped_value)
+
+
+def _check_mazes(mapping: str, target: Task, source: Task) -> None:
+    for role, task in (("target", target), ("source", source)):
+        if not isinstance(task, GridWorld):
+            raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")

@@ -1,8 +1,8 @@
-"""Finding a mapping instead of writing it: which target components play the source's (MASTER).
+"""Search for a mapping between the components of two tasks (MASTER).
 
-Taylor, Kuhlmann, Stone 2008 enumerate assignments of target components to source components and
-score each by how badly the source's model then predicts the target. Several assignments may be
-right: each predator of a pursuit can play the only one of the source.
+Taylor, Kuhlmann, Stone 2008 enumerate the assignments of target components to source components
+and score each by the error with which the source's model then predicts the target. Several
+assignments may be right: each predator of a pursuit can stand for the only one of the source.
 """
 
 from dataclasses import dataclass
@@ -17,25 +17,25 @@ from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task, tables
-from curricle.transfer.by_name import read_components
-from curricle.transfer.mapping import StateActionMapping, from_parts
+from curricle.transfer.component_mapping import read_components
+from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-MOST_ASSIGNMENTS = 10_000
+MAX_ASSIGNMENTS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One way of reading the source's components off the target's.
+    """One assignment of target components to the source's components.
 
     Attributes
     ----------
     states, actions : dict of str to str
         Source component -> target component.
     error : float
-        Mean total variation distance, in [0, 1], between where the source says a step leads and
-        where the target's step leads, read through the assignment; NaN if nothing maps.
+        Mean total variation distance, in [0, 1], between the source's next states and the
+        target's, read through the assignment; NaN if nothing maps.
     mapping : StateActionMapping
 
     Examples
@@ -57,8 +57,7 @@ def find_projections(
 ) -> tuple[Projection, ...]:
     """Return every assignment of target components to the source's, best prediction first.
 
-    Rewards play no part: where source and target pay for different things, their dynamics still
-    tell which component is which.
+    Rewards are not compared: two tasks with different rewards may have the same dynamics.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ def find_projections(
     Returns
     -------
     tuple of Projection
-        All of them, by error.
+        All assignments, by error.
 
     Raises
     ------
@@ -93,40 +92,40 @@ def find_projections(
     """
     if pairs < 1:
         raise SettingError(f"pairs must be at least 1: got {pairs}")
-    wanted = [("states", name) for name in source.states.names]
-    wanted += [("actions", name) for name in source.actions.names]
-    offered = [getattr(target, kind).names for kind, _ in wanted]
-    number = prod(len(names) for names in offered)
-    if number > MOST_ASSIGNMENTS:
+    components = [("states", name) for name in source.states.names]
+    components += [("actions", name) for name in source.actions.names]
+    candidates = [getattr(target, kind).names for kind, _ in components]
+    number = prod(len(names) for names in candidates)
+    if number > MAX_ASSIGNMENTS:
         raise MappingError(
-            f"a search may try at most {MOST_ASSIGNMENTS:,} assignments of components: these "
+            f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
             f"tasks have {number:,}"
         )
     mdp, source_mdp = tables(target), tables(source)
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
-    found = []
-    for names in product(*offered):
-        chosen: dict[str, dict[str, str]] = {"states": {}, "actions": {}}
-        for (kind, component), name in zip(wanted, names, strict=True):
-            chosen[kind][component] = name
+    projections = []
+    for names in product(*candidates):
+        assigned: dict[str, dict[str, str]] = {"states": {}, "actions": {}}
+        for (kind, component), name in zip(components, names, strict=True):
+            assigned[kind][component] = name
         state = source.states.encode(
-            **read_components(target.states, source.states, chosen["states"])
+            **read_components(target.states, source.states, assigned["states"])
         )
         action = source.actions.encode(
-            **read_components(target.actions, source.actions, chosen["actions"])
+            **read_components(target.actions, source.actions, assigned["actions"])
         )
-        error = _disagreement(mdp, source_mdp, state, action, drawn)
-        mapping = from_parts(target, source, state[:, None], action[None, :], unmapped_value)
-        found.append(Projection(**chosen, error=error, mapping=mapping))
-    return tuple(sorted(found, key=lambda one: (np.isnan(one.error), one.error)))
+        error = _prediction_error(mdp, source_mdp, state, action, drawn)
+        mapping = pair_mapping(target, source, state[:, None], action[None, :], unmapped_value)
+        projections.append(Projection(**assigned, error=error, mapping=mapping))
+    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
 
 
-def _disagreement(
+def _prediction_error(
     target: FiniteMDP, source: FiniteMDP, state: IntArray, action: IntArray, drawn: IntArray
 ) -> float:
-    """Return the mean total variation between both tasks' next source states over the pairs."""
+    """Return the mean total variation distance of the next source states over the pairs drawn."""
     s, a = np.divmod(drawn, target.actions.size)
     usable = (state[s] != MISSING) & (action[a] != MISSING)
     usable &= ~source.terminal[np.maximum(state[s], 0)]
@@ -134,11 +133,11 @@ def _disagreement(
     if not len(s):
         return float("nan")
     row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
-    places: npt.NDArray[Any] = np.concatenate(
+    states: npt.NDArray[Any] = np.concatenate(
         [state[target.next_state[row]], source.next_state[source_row]], axis=1
     )
     masses = np.concatenate([target.probability[row], -source.probability[source_row]], axis=1)
-    # Outcomes that lead to the same place add up before their difference counts, once.
-    same = places[:, :, None] == places[:, None, :]
+    # Outcomes with the same next state add up before their difference counts, once.
+    same = states[:, :, None] == states[:, None, :]
     totals = (same * masses[:, None, :]).sum(axis=2)
     return float((abs(totals) / same.sum(axis=2)).sum(axis=1).mean() / 2)

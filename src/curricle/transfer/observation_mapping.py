@@ -11,47 +11,12 @@ import numpy.typing as npt
 from curricle.checks import instance, number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
-from curricle.transfer.mapping import ENDED, UNMAPPED
+from curricle.transfer.coverage import ObservationCoverage
+from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, transferred
 from curricle.transfer.value_sources import ValueSource, no_actions
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class ObservationCoverage:
-    """How much of what was observed a mapping reaches.
-
-    Attributes
-    ----------
-    observations : int
-        Looked at.
-    mapped, ended, unmapped : float
-        Shares of their pairs (s, a); they sum to 1.
-    outside : float
-        Share of the mapped observations whose counterpart lies outside the source's space, where
-        its values are guesses; NaN where there is none.
-
-    Examples
-    --------
-    >>> print(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.0))
-    75.0% of the pairs of 200 observations mapped, 0.0% at the source's end, 25.0% unmapped; ...
-    """
-
-    observations: int
-    mapped: float
-    ended: float
-    unmapped: float
-    outside: float
-
-    def __str__(self) -> str:
-        words = (
-            f"{self.mapped:.1%} of the pairs of {self.observations:,} observations mapped, "
-            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
-        )
-        if np.isnan(self.outside):
-            return words
-        return f"{words}; {self.outside:.1%} of the counterparts outside the source's space"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +35,20 @@ class ObservationMapping:
         observations -> (n, A) of them. By default the same numbers.
     status : callable, optional
         observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
-        where there is none. What then stands in its place is not read.
+        where there is none. The counterparts returned for these are not read.
     unmapped_value : float
-        What unmapped pairs are worth. 0 is optimistic where rewards are negative.
-    words : str
-        What it says, for people; by default the names of its functions.
+        The value of unmapped pairs. 0 is optimistic where rewards are negative.
+    description : str
+        Printed in reports; by default the names of the functions.
 
     Raises
     ------
     MappingError
-        When the tasks cannot be mapped so, or a function returns what it must not.
+        When the tasks do not fit, or a function returns a wrong shape or values out of range.
 
     Examples
     --------
-    A car that does not know how fast it is reads the values of one that stands still.
+    A car without a speedometer reads the values of one that stands still.
 
     >>> from curricle.transfer.value_sources import FunctionValues
     >>> from curricle.tasks.observation_task import Registered
@@ -100,11 +65,11 @@ class ObservationMapping:
     actions: Any = None
     status: Callable[[Any], Any] | None = None
     unmapped_value: float = 0.0
-    words: str = ""
+    description: str = ""
 
     def __post_init__(self) -> None:
-        if not self.words:
-            object.__setattr__(self, "words", self._names())
+        if not self.description:
+            object.__setattr__(self, "description", self._describe())
         instance("target of an observation mapping", self.target, ObservationTask, MappingError)
         number("unmapped_value", self.unmapped_value, MappingError)
         if self.observations is None and not is_observation_task(self.source):
@@ -113,22 +78,22 @@ class ObservationMapping:
                 "states' numbers: got none"
             )
         if self.actions is None:
-            mine, yours = self.target.n_actions, self._source_actions
-            if mine is not None and yours is not None and mine > yours:
+            n_target, n_source = self.target.n_actions, self._source_actions
+            if n_target is not None and n_source is not None and n_target > n_source:
                 raise MappingError(
                     f"a mapping that leaves actions as they are needs as many of them: the target "
-                    f"has {mine}, the source {yours}"
+                    f"has {n_target}, the source {n_source}"
                 )
         elif not callable(self.actions):
             table = self._checked_actions(self.actions, (self.target.n_actions,))
             object.__setattr__(self, "actions", table)
 
-    def _names(self) -> str:
-        """Return the functions' names."""
+    def _describe(self) -> str:
         parts = {"observations": self.observations, "actions": self.actions}
-        said = [f"{part} {_called(given)}" for part, given in parts.items()]
-        said += [f"where {_called(self.status)} finds them"] if self.status is not None else []
-        return ", ".join(said)
+        words = [f"{part} {_function_name(given)}" for part, given in parts.items()]
+        if self.status is not None:
+            words.append(f"where {_function_name(self.status)} finds them")
+        return ", ".join(words)
 
     @property
     def _source_actions(self) -> int | None:
@@ -148,88 +113,91 @@ class ObservationMapping:
             raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
         if not values.of_actions:
             raise no_actions(values)
-        there, status = self._there(observations)
+        counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
+        column = None
         if callable(self.actions):
             table = self._actions(observations, n)
-            read, place, missing = np.maximum(table, 0), None, table == UNMAPPED
-            lacking = bool(missing.any())
+            read, missing = np.maximum(table, 0), table == UNMAPPED
+            any_missing = bool(missing.any())
         else:
-            asked, place, missing, lacking = self._asked
-            read = asked[None].repeat(n, axis=0)
-        q = values.q(there, read)
-        self._check_finite(q, "Q")
-        found = self._completed(q, status, scale, shift)
-        if place is not None:
-            found = found.take(place, axis=1)
-        return np.where(missing, self.unmapped_value, found) if lacking else found
+            distinct, column, missing, any_missing = self._fixed_actions
+            read = distinct[None].repeat(n, axis=0)
+        phi = self._transferred("Q", values.q(counterparts, read), status, scale, shift)
+        if column is not None:
+            phi = phi.take(column, axis=1)
+        return np.where(missing, self.unmapped_value, phi) if any_missing else phi
 
     @cached_property
-    def _asked(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_], bool]:
-        """The source's actions, each once; where each of the target's is there; which have none."""
+    def _fixed_actions(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_], bool]:
+        """The source actions to read, each once; the column of each target action; those missing.
+
+        Many of a target's joint actions read one action of the source.
+        """
         table = self._actions(None, 1)[0]
-        asked, place = np.unique(np.maximum(table, 0), return_inverse=True)
+        distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         missing = table == UNMAPPED
-        return asked, place, missing, bool(missing.any())
+        return distinct, column, missing, bool(missing.any())
 
     def states(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
         """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64; else as :meth:`pairs`."""
-        there, status = self._there(observations)
-        v = values.v(there)
-        self._check_finite(v, "V")
-        return self._completed(v, status, scale, shift)
+        counterparts, status = self._counterparts(observations)
+        return self._transferred("V", values.v(counterparts), status, scale, shift)
 
     def coverage(self, observations: Any) -> ObservationCoverage:
-        """Return how much of some observations, n stacked, is reached."""
-        there, said = self._there(observations)
+        """Return how much of a sample of n stacked observations is reached."""
+        counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
-        status = np.zeros(n, np.int64) if said is None else said
+        status = np.zeros(n, np.int64) if status is None else status
         mapped = status >= 0
-        kinds = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
+        index = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
         if self.target.n_actions is not None:
-            lost = self._actions(observations, n) == UNMAPPED
-            kinds = np.where(lost, UNMAPPED, kinds)
+            index = np.where(self._actions(observations, n) == UNMAPPED, UNMAPPED, index)
         outside = float("nan")
         if is_observation_task(self.source) and mapped.any():
-            from gymnasium.vector.utils import iterate
+            from gymnasium.vector.utils import batch_space, iterate
 
-            rows = list(iterate(_stacked_space(self.source, n), there))
-            inside = [self.source.observations.contains(row) for row in rows]
+            space = self.source.observations
+            inside = [space.contains(one) for one in iterate(batch_space(space, n), counterparts)]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
         return ObservationCoverage(
             observations=n,
-            mapped=float((kinds >= 0).mean()),
-            ended=float((kinds == ENDED).mean()),
-            unmapped=float((kinds == UNMAPPED).mean()),
+            mapped=float((index >= 0).mean()),
+            ended=float((index == ENDED).mean()),
+            unmapped=float((index == UNMAPPED).mean()),
             outside=outside,
         )
 
-    def _there(self, observations: Any) -> tuple[Any, IntArray | None]:
-        """Return the counterparts, readable all, and the status of each, (n,): None if all map."""
+    def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
+        """Return a source observation or state for each, and the status: None if all are mapped.
+
+        What is returned for those without a counterpart can be read, but must not count.
+        """
         n = batch_size(observations)
-        there = observations if self.observations is None else self.observations(observations)
+        found = observations if self.observations is None else self.observations(observations)
         status = None
         if self.status is not None:
-            said = np.asarray(self.status(observations))
-            known = np.where(said, 0, UNMAPPED) if said.dtype == np.bool_ else said
-            status = _whole("status", known)
+            given = np.asarray(self.status(observations))
+            status = _integers(
+                "status", np.where(given, 0, UNMAPPED) if given.dtype == np.bool_ else given
+            )
         if not is_observation_task(self.source):
-            there = _whole("states", there)
-            if self._leave(there):
-                status = there if status is None else np.where(there < 0, there, status)
-                there = np.maximum(there, 0)
-        if batch_size(there) != n or (status is not None and status.shape != (n,)):
+            found = _integers("states", found)
+            if self._any_not_mapped(found):
+                status = found if status is None else np.where(found < 0, found, status)
+                found = np.maximum(found, 0)
+        if batch_size(found) != n or (status is not None and status.shape != (n,)):
             shape = (n,) if status is None else status.shape
             raise MappingError(
-                f"a mapping must return as many as it was given, {n}: got {batch_size(there)} "
+                f"a mapping must return as many as it was given, {n}: got {batch_size(found)} "
                 f"counterparts and status of shape {shape}"
             )
-        return there, status
+        return found, status
 
-    def _leave(self, states: IntArray) -> bool:
-        """Return whether any of the states is UNMAPPED or ENDED; MappingError if one is none."""
+    def _any_not_mapped(self, states: IntArray) -> bool:
+        """Return whether a state is UNMAPPED or ENDED; MappingError if one is out of range."""
         if (states.view(np.uint64) < self.source.states.size).all():  # both bounds at once
             return False
         bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
@@ -249,38 +217,34 @@ class ObservationMapping:
         return np.broadcast_to(row, (n, len(row)))
 
     def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:
-        table, most = _whole("actions", actions), self._source_actions
+        table, n_source = _integers("actions", actions), self._source_actions
         if table.shape != shape:
             raise MappingError(f"a mapping's actions must have shape {shape}: got {table.shape}")
-        bad = table[(table < UNMAPPED) | (table >= (most or np.inf))]
+        bad = table[(table < UNMAPPED) | (table >= (n_source or np.inf))]
         if bad.size:
             raise MappingError(
-                f"a mapping's actions must lie in 0..{(most or 0) - 1} or be UNMAPPED: got {bad[0]}"
+                f"a mapping's actions must lie in 0..{(n_source or 0) - 1} or be UNMAPPED: got "
+                f"{bad[0]}"
             )
         return table
 
-    def _completed(
-        self, values: FloatArray, status: IntArray | None, scale: float, shift: float
+    def _transferred(
+        self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
-        """Return what values (n,) or (n, A) are worth, with what stands in for those not there."""
-        if scale != 1 or shift != 0:
-            values = scale * values + shift
-        if status is None:
-            return values
-        status = status.reshape(-1, *[1] * (values.ndim - 1))
-        fixed = np.where(status == UNMAPPED, self.unmapped_value, shift)
-        return np.asarray(np.where(status >= 0, values, fixed))
-
-    def _check_finite(self, values: FloatArray, what: str) -> None:
+        """Return what source values, (n,) or (n, m), are for the target."""
         if not np.isfinite(values).all():
             place = np.argwhere(~np.isfinite(values))[0]
             raise MappingError(
-                f"a source's values must be finite: {what} is {values[tuple(place)]} at the "
+                f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
                 f"counterpart of observation {place[0]}"
             )
+        if status is None:
+            return rescale(values, scale, shift)
+        index = status.reshape(-1, *[1] * (values.ndim - 1))
+        return transferred(values, index, self.unmapped_value, scale, shift)
 
 
-def _called(given: Any) -> str:
+def _function_name(given: Any) -> str:
     if given is None:
         return "as they are"
     if not callable(given):
@@ -289,16 +253,10 @@ def _called(given: Any) -> str:
     return "by a function" if name == "<lambda>" else f"by {name}"
 
 
-def _whole(what: str, given: Any) -> IntArray:
+def _integers(what: str, given: Any) -> IntArray:
     if isinstance(given, np.ndarray) and given.dtype == np.int64:
         return given
     found = numbers(f"a mapping's {what}", given, MappingError)
     if not np.issubdtype(np.asarray(given).dtype, np.integer) and (found != found // 1).any():
         raise MappingError(f"a mapping's {what} must be whole numbers: got {found.flat[0]!r} ...")
     return np.asarray(given).astype(np.int64)
-
-
-def _stacked_space(task: ObservationTask, n: int) -> Any:
-    from gymnasium.vector.utils import batch_space
-
-    return batch_space(task.observations, n)

@@ -1,4 +1,4 @@
-"""Potentials over observations: sources of values, mapped, scaled and aggregated."""
+"""Potentials over observations: value sources, mapped, scaled and aggregated."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -11,8 +11,9 @@ import numpy.typing as npt
 from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.aggregation import OF_ONE, Aggregate, aggregate, mean
+from curricle.transfer.aggregation import UNCHANGED_ALONE, Aggregate, aggregate, mean
 from curricle.transfer.edges import Transfer
+from curricle.transfer.mapping import rescale
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.value_sources import ValueSource, no_actions
 
@@ -21,10 +22,10 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ObservationPotential:
-    """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read off n observations at once.
+    """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
 
-    It is a :class:`ValueSource` itself. Where all sources tell actions apart, and the actions are
-    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of what they say of states.
+    It is a :class:`ValueSource` itself. Where all sources have action values, and the actions are
+    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ class ObservationPotential:
     edges : sequence of N Transfer
         With an :class:`ObservationMapping` each.
     values : sequence of N ValueSource
-        What was valued in the source of each.
+        Of the source of each.
     function : callable
         g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
     scale, shift : float
@@ -81,25 +82,25 @@ class ObservationPotential:
 
     @classmethod
     def of(cls, task: ObservationTask, values: ValueSource) -> Self:
-        """Return the potential that says of a task's observations what `values` say."""
+        """Return the potential of a task that reads `values` unchanged."""
         edge = Transfer("values", "task", ObservationMapping(task, task))
         return cls(task, [edge], [values])
 
     @cached_property
     def of_actions(self) -> bool:
-        """Whether it tells actions apart."""
+        """Whether it has action values."""
         return self.task.n_actions is not None and all(v.of_actions for v in self.values)
 
     @property
     def highest(self) -> float:
-        """NaN: nobody knows the highest promise over all observations."""
+        """NaN: the maximum over all observations is not known."""
         return float("nan")
 
     def pairs(self, observations: Any) -> FloatArray:
         """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
         if not self.of_actions:
             raise no_actions(self)
-        return self._together(
+        return self._aggregate(
             edge.mapping.pairs(values, observations, edge.scale, edge.shift)
             for edge, values in zip(self.edges, self.values, strict=True)
         )
@@ -115,21 +116,18 @@ class ObservationPotential:
         """Return Phi(s), (n,) float64."""
         if self.of_actions:
             return np.asarray(self.pairs(observations).max(axis=1))
-        found = self._together(
+        return self._aggregate(
             edge.mapping.states(values, observations, edge.scale, edge.shift)[:, None]
             for edge, values in zip(self.edges, self.values, strict=True)
-        )
-        return found[:, 0]
+        )[:, 0]
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
         """Return scale phi + shift."""
         return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
 
-    def _together(self, each: Iterable[FloatArray]) -> FloatArray:
-        """Return the aggregate of what each source says, (N of (n, A)) -> (n, A)."""
+    def _aggregate(self, each: Iterable[FloatArray]) -> FloatArray:
+        """Return scale g + shift of the sources' potentials, N of (n, A) -> (n, A)."""
         found = list(each)
-        alone = len(found) == 1 and self.function in OF_ONE
-        together = found[0] if alone else aggregate(self.function, np.array(found))
-        if self.scale == 1 and self.shift == 0:
-            return together
-        return self.scale * together + self.shift
+        alone = len(found) == 1 and self.function in UNCHANGED_ALONE
+        phi = found[0] if alone else aggregate(self.function, np.array(found))
+        return rescale(phi, self.scale, self.shift)

@@ -1,6 +1,6 @@
-"""Playing tasks seen through observations: episodes side by side, one call of the policy a step."""
+"""Rollouts of tasks with observations: episodes side by side, one call of the policy a step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -20,83 +20,85 @@ from curricle.tasks.spaces import frozen
 from curricle.transfer.observation_potential import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
-Act = Callable[[Any], tuple[Any, Any]]
-"""n stacked observations -> their actions, and a number noted down for each."""
+Policy = Callable[[Any], tuple[Any, Any]]
+"""n stacked observations -> n actions, and the predicted value of each."""
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class ObservationEpisode:
     """One episode of T steps.
 
     Attributes
     ----------
-    rewards, noted : (T,) float64
-    ended : bool
-        Whether it reached an end, instead of being cut off.
-    last : observation
-        The one it ended in.
-    seen : list of T observations
-        Those acted in.
+    rewards, predicted : (T,) float64
+        The latter as the policy returned it.
+    terminated : bool
+        Whether it reached an end, instead of being truncated.
+    last_observation : observation
+    observations : list of T observations
+        Those in which an action was taken.
     """
 
     rewards: FloatArray
-    noted: FloatArray
-    ended: bool
-    last: Any
-    seen: list[Any]
+    predicted: FloatArray
+    terminated: bool
+    last_observation: Any
+    observations: list[Any]
 
 
-class Stage:
-    """Environments of a task in which episodes are played side by side.
+class Environments:
+    """Environments of a task in which a policy is rolled out side by side.
 
     Parameters
     ----------
     task : ObservationTask
     episodes : int
         How many, E.
-    longest : int
-        Steps after which an episode is cut off in any case.
+    max_steps : int
+        Steps after which an episode is truncated in any case.
 
     Examples
     --------
     >>> from curricle import observation_task
-    >>> stage = Stage(observation_task("MountainCar-v0"), episodes=2, longest=200)
-    >>> left = stage.play(lambda cars: (np.zeros(len(cars), dtype=int), cars[:, 0]), seed=0)
-    >>> [float(episode.rewards.sum()) for episode in left], left[0].ended
+    >>> environments = Environments(observation_task("MountainCar-v0"), episodes=2, max_steps=200)
+    >>> left = environments.rollouts(lambda cars: (np.zeros(len(cars), int), cars[:, 0]), seed=0)
+    >>> [float(episode.rewards.sum()) for episode in left], left[0].terminated
     ([-200.0, -200.0], False)
     """
 
-    def __init__(self, task: ObservationTask, episodes: int, longest: int):
-        self.task, self.longest = task, longest
+    def __init__(self, task: ObservationTask, episodes: int, max_steps: int):
+        self.task, self.max_steps = task, max_steps
         self.environments = [task.environment() for _ in range(episodes)]
 
-    def play(self, act: Act, seed: int) -> list[Episode]:
-        """Return the episodes that a policy plays; `seed` decides where each begins."""
-        space, n = self.task.observations, len(self.environments)
-        here = [
+    def rollouts(self, policy: Policy, seed: int) -> list[ObservationEpisode]:
+        """Return one episode of each environment; `seed` decides where each begins."""
+        n = len(self.environments)
+        current = [
             environment.reset(seed=splitmix64_number(seed ^ k) >> 33)[0]
             for k, environment in enumerate(self.environments)
         ]
-        rewards, noted, seen = ([list[Any]() for _ in range(n)] for _ in range(3))
-        ended, going = [False] * n, list(range(n))
-        for _ in range(self.longest):
-            rows = [here[k] for k in going]
-            room: Any = create_empty_array(space, len(rows))
-            stacked = concatenate(space, rows, room)
-            actions, notes = act(stacked)
-            left = []
-            for k, row, action, note in zip(going, rows, actions, notes, strict=True):
-                here[k], reward, ended[k], cut, _ = self.environments[k].step(action)
+        rewards, predicted, observations = ([list[Any]() for _ in range(n)] for _ in range(3))
+        terminated, running = [False] * n, list(range(n))
+        for _ in range(self.max_steps):
+            rows = [current[k] for k in running]
+            actions, values = policy(stacked(self.task, rows))
+            still_running = []
+            for k, row, action, value in zip(running, rows, actions, values, strict=True):
+                current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
                 rewards[k].append(float(reward))
-                noted[k].append(note)
-                seen[k].append(row)
-                if not (ended[k] or cut):
-                    left.append(k)
-            going = left
-            if not going:
+                predicted[k].append(value)
+                observations[k].append(row)
+                if not (terminated[k] or truncated):
+                    still_running.append(k)
+            running = still_running
+            if not running:
                 break
-        parts = zip(rewards, noted, ended, here, seen, strict=True)
-        return [Episode(np.array(r), np.array(p, float), *others) for r, p, *others in parts]
+        return [
+            ObservationEpisode(np.array(r), np.array(p, float), *others)
+            for r, p, *others in zip(
+                rewards, predicted, terminated, current, observations, strict=True
+            )
+        ]
 
     def close(self) -> None:
         """Close the environments."""
@@ -104,8 +106,14 @@ class Stage:
             environment.close()
 
 
+def stacked(task: ObservationTask, observations: Sequence[Any]) -> Any:
+    """Return n observations stacked as the task's space stacks them."""
+    out: Any = create_empty_array(task.observations, len(observations))
+    return concatenate(task.observations, observations, out)
+
+
 def longest_episode(task: ObservationTask, *, discounted: bool = True) -> int:
-    """Return the steps after which an episode is cut off, or adds nothing to speak of.
+    """Return the steps after which an episode is truncated, or further rewards are negligible.
 
     Examples
     --------
@@ -120,15 +128,15 @@ def longest_episode(task: ObservationTask, *, discounted: bool = True) -> int:
     return int(np.ceil(np.log(NEGLIGIBLE) / np.log(max(task.discount, NEGLIGIBLE))))
 
 
-def stage_for(task: ObservationTask, evaluation: GreedyEvaluation) -> Stage:
-    """Return where the policies of a task are judged; SettingError if it cannot be done exactly."""
+def evaluation_environments(task: ObservationTask, evaluation: GreedyEvaluation) -> Environments:
+    """Return environments for the evaluation of policies; SettingError if it is to be exact."""
     if evaluation.method == "exact":
         raise SettingError("a task seen through observations is judged by rollouts: got 'exact'")
-    longest = longest_episode(task, discounted=evaluation.discounted)
-    return Stage(task, evaluation.rollouts(task), longest)
+    max_steps = longest_episode(task, discounted=evaluation.discounted)
+    return Environments(task, evaluation.rollouts(task), max_steps)
 
 
-def mean_return(episodes: list[Episode], discount: float) -> float:
+def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
     """Return the mean over episodes of their discounted sums of rewards."""
     sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
     return float(np.mean(sums))
@@ -136,13 +144,13 @@ def mean_return(episodes: list[Episode], discount: float) -> float:
 
 def greedy_episodes(
     potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
-) -> list[Episode]:
-    """Return episodes of a potential's greedy policy, phi(s_t, a_t) noted at each step.
+) -> list[ObservationEpisode]:
+    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t).
 
     Parameters
     ----------
     potential : ObservationPotential
-        That tells actions apart.
+        With action values.
     episodes, seed, stream
         As in :func:`greedy_rollouts`.
 
@@ -152,73 +160,63 @@ def greedy_episodes(
     >>> from curricle.transfer import FunctionValues
     >>> car = observation_task("MountainCar-v0")
     >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
-    >>> met, = greedy_episodes(ObservationPotential.of(car, along), episodes=1)
-    >>> met.ended, len(met.seen) == len(met.noted)
+    >>> episode, = greedy_episodes(ObservationPotential.of(car, along), episodes=1)
+    >>> episode.terminated, len(episode.observations) == len(episode.predicted)
     (True, True)
     """
 
-    def act(observations: Any) -> tuple[Any, Any]:
-        pairs = potential.pairs(observations)
-        actions = pairs.argmax(axis=1)
-        return actions, pairs[np.arange(len(pairs)), actions]
+    def policy(observations: Any) -> tuple[Any, Any]:
+        phi = potential.pairs(observations)
+        actions = phi.argmax(axis=1)
+        return actions, phi[np.arange(len(phi)), actions]
 
-    return _episodes(potential.task, act, episodes, stream_start(seed, stream))
+    return _episodes(potential.task, policy, episodes, stream_start(seed, stream))
 
 
-def random_episodes(task: ObservationTask, *, episodes: int, seed: int = 0) -> list[Episode]:
-    """Return episodes of actions that its space draws, every one alike.
+def random_episodes(
+    task: ObservationTask, *, episodes: int, seed: int = 0
+) -> list[ObservationEpisode]:
+    """Return episodes of a policy that samples its actions from the task's space.
 
     Examples
     --------
     >>> from curricle import observation_task
-    >>> met = random_episodes(observation_task("CartPole-v1"), episodes=2)
-    >>> [episode.ended for episode in met]
+    >>> [e.terminated for e in random_episodes(observation_task("CartPole-v1"), episodes=2)]
     [True, True]
     """
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
     space.seed(splitmix64_number(start) >> 33)
 
-    def act(observations: Any) -> tuple[Any, Any]:
+    def policy(observations: Any) -> tuple[Any, Any]:
         n = batch_size(observations)
         return [space.sample() for _ in range(n)], np.zeros(n)
 
-    return _episodes(task, act, episodes, start)
+    return _episodes(task, policy, episodes, start)
 
 
-def observations_met(task: ObservationTask, episodes: list[Episode]) -> Any:
-    """Return the observations acted in, stacked as the task's space stacks them."""
-    rows = [row for episode in episodes for row in episode.seen]
-    room: Any = create_empty_array(task.observations, len(rows))
-    return concatenate(task.observations, rows, room)
-
-
-def _episodes(task: ObservationTask, act: Act, episodes: int, start: int) -> list[Episode]:
+def _episodes(
+    task: ObservationTask, policy: Policy, episodes: int, start: int
+) -> list[ObservationEpisode]:
     episodes = whole_number("episodes to follow", episodes, 1, SettingError)
-    longest = longest_episode(task)
-    if episodes * longest > MOST_STEPS:
+    max_steps = longest_episode(task)
+    if episodes * max_steps > MOST_STEPS:
         raise SettingError(
-            f"following {episodes:,} episodes of up to {longest:,} steps must not exceed "
+            f"following {episodes:,} episodes of up to {max_steps:,} steps must not exceed "
             f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
         )
-    stage = Stage(task, episodes, longest)
-    met = stage.play(act, start)
-    stage.close()
-    return met
+    environments = Environments(task, episodes, max_steps)
+    found = environments.rollouts(policy, start)
+    environments.close()
+    return found
 
 
 def greedy_observation_rollouts(
     potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
 ) -> GreedyRollouts:
-    """Return what the greedy policy of a potential met in its task, as :func:`greedy_rollouts` does.
+    """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 
-    ``states`` and ``actions`` are empty: there are no numbers of states.
-
-    Parameters
-    ----------
-    potential : ObservationPotential
-        That tells actions apart.
-    episodes, seed, stream
-        As in :func:`greedy_rollouts`.
+    ``states`` and ``actions`` are empty, as states are not numbered. The parameters are those of
+    :func:`greedy_episodes`.
 
     Examples
     --------
@@ -226,42 +224,39 @@ def greedy_observation_rollouts(
     >>> from curricle.transfer import FunctionValues
     >>> car = observation_task("MountainCar-v0")
     >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
-    >>> met = greedy_observation_rollouts(ObservationPotential.of(car, along), episodes=3)
-    >>> met.ended, bool(met.returns.max() > -200)
+    >>> rollouts = greedy_observation_rollouts(ObservationPotential.of(car, along), episodes=3)
+    >>> rollouts.ended, bool(rollouts.returns.max() > -200)
     (array([ True,  True,  True]), True)
     """
-    met = greedy_episodes(potential, episodes=episodes, seed=seed, stream=stream)
-    outlook = [_outlook(episode, potential) for episode in met]
-    return_to_go, bootstrap_discount, bootstrapped_value = (
-        np.concatenate(each) for each in zip(*outlook, strict=True)
-    )
-    rewards = np.concatenate([episode.rewards for episode in met])
-    none = frozen(np.zeros(0, np.int64))
+    found = greedy_episodes(potential, episodes=episodes, seed=seed, stream=stream)
+    columns = zip(*(_returns_to_go(episode, potential) for episode in found), strict=True)
+    return_to_go, bootstrap_discount, bootstrapped_value = map(np.concatenate, columns)
+    rewards = np.concatenate([episode.rewards for episode in found])
+    empty = frozen(np.zeros(0, np.int64))
     return GreedyRollouts(
-        states=none,
-        actions=none,
-        predicted=frozen(np.concatenate([episode.noted for episode in met])),
+        states=empty,
+        actions=empty,
+        predicted=frozen(np.concatenate([episode.predicted for episode in found])),
         return_to_go=frozen(return_to_go),
         bootstrap_discount=frozen(bootstrap_discount),
         bootstrapped_value=frozen(bootstrapped_value),
-        lengths=frozen(np.array([len(episode.rewards) for episode in met])),
-        ended=frozen(np.array([episode.ended for episode in met])),
-        returns=frozen(np.array([episode.rewards.sum() for episode in met])),
+        lengths=frozen(np.array([len(episode.rewards) for episode in found])),
+        ended=frozen(np.array([episode.terminated for episode in found])),
+        returns=frozen(np.array([episode.rewards.sum() for episode in found])),
         one_reward=bool((rewards == rewards[0]).all()),
     )
 
 
-def _outlook(
-    episode: Episode, potential: ObservationPotential
+def _returns_to_go(
+    episode: ObservationEpisode, potential: ObservationPotential
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return per step what was earned from it on, and what lies beyond a cut: weight and value."""
+    """Return per step the return to go, the bootstrap's discount and the bootstrapped value."""
     task, n = potential.task, len(episode.rewards)
-    return_to_go, still = np.empty(n), 0.0
+    return_to_go, total = np.empty(n), 0.0
     for t in range(n - 1, -1, -1):
-        still = episode.rewards[t] + task.discount * still
-        return_to_go[t] = still
-    if episode.ended:
+        total = episode.rewards[t] + task.discount * total
+        return_to_go[t] = total
+    if episode.terminated:
         return return_to_go, np.zeros(n), np.zeros(n)
-    one: Any = create_empty_array(task.observations, 1)
-    value = float(potential.v(concatenate(task.observations, [episode.last], one))[0])
+    value = float(potential.v(stacked(task, [episode.last_observation]))[0])
     return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)

@@ -1,4 +1,4 @@
-"""Potentials through mappings by name, prepared for compiled loops that read them on the fly."""
+"""Potentials of transfers: looked up in the sources while learning, or as an array."""
 
 from collections.abc import Sequence
 
@@ -8,13 +8,14 @@ import numpy.typing as npt
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, Reading
 from curricle.tasks.simd import inverse_of
-from curricle.tasks.spaces import frozen
+from curricle.tasks.spaces import MISSING, frozen
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.aggregation import Aggregate, aggregate, maximum, mean, minimum, total
-from curricle.transfer.by_name import ComponentMapping
+from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.edges import Transfer
+from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states, transferred
 
-COMBINED: dict[Aggregate, int] = {
+COMPILED_AGGREGATES: dict[Aggregate, int] = {
     minimum: MINIMUM,
     maximum: MAXIMUM,
     mean: MEAN,
@@ -28,7 +29,7 @@ def combined_potential(
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
 ) -> MappedPotential | StateActionPotential:
-    """Return the aggregated potential of transfers: read on the fly where it can be, or an array.
+    """Return the aggregated potential of transfers, as an array where it cannot be looked up.
 
     The arguments are those of :func:`mapped_potential`.
 
@@ -54,10 +55,10 @@ def mapped_potential(
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
 ) -> MappedPotential | None:
-    """Return the aggregated potential of transfers, to be read on the fly; None if it cannot be.
+    """Return the aggregated potential of transfers, looked up while learning; None if it cannot be.
 
-    It can where all mappings go by name between whole boxes and the aggregate is one of the
-    library's own.
+    It can where all mappings go by component names between whole boxes and the aggregate is one of
+    the library's own.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def mapped_potential(
         t.mapping.lookups() if isinstance(t.mapping, ComponentMapping) else None for t in transfers
     ]
     # By identity: an aggregate may be any object that can be called, also one without a hash.
-    combine = next((code for known, code in COMBINED.items() if known is function), None)
+    combine = next((code for known, code in COMPILED_AGGREGATES.items() if known is function), None)
     if combine is None or any(found is None for found in lookups):
         return None
     values, shares = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
@@ -88,24 +89,24 @@ def mapped_potential(
     for transfer, given, found in zip(transfers, source_values, lookups, strict=True):
         assert found is not None
         assert isinstance(transfer.mapping, ComponentMapping)
-        worth, missing = _worth(transfer, given), transfer.mapping.actions < 0
-        n_states, width = worth.shape
+        table, action = _padded_table(transfer, given), transfer.mapping.actions
+        n_states, width = table.shape
         first.append(sum(part.size for part in values))
         nowhere.append(first[-1] + (n_states - 1) * width)
-        values.append(worth)
-        actions.append(np.where(missing, width - 1, transfer.mapping.actions))
+        values.append(table)
+        actions.append(np.where(action == MISSING, width - 1, action))
         shares_at.append(list[int]())
         for share in reversed(found):
             shares_at[-1].append(sum(len(part) for part in shares))
-            shares.append(np.where(share < 0, -1, share * width))
-    generative = generative_model(task)
-    sizes = [part.size for part in reversed(generative.states.components)]
+            shares.append(np.where(share == MISSING, -1, share * width))
+    states = generative_model(task).states
+    sizes = [part.size for part in reversed(states.components)]
     reading = Reading(
         values=frozen(np.concatenate([part.ravel() for part in values])),
         first=frozen(np.array(first)),
         nowhere=frozen(np.array(nowhere)),
         size=frozen(np.array(sizes, np.uint64)),
-        inverse=frozen(np.array([inverse_of(n, generative.states.size) for n in sizes], np.uint64)),
+        inverse=frozen(np.array([inverse_of(n, states.size) for n in sizes], np.uint64)),
         shares_at=frozen(np.array(shares_at)),
         shares=frozen(np.concatenate(shares)),
         action=frozen(np.stack(actions)),
@@ -115,16 +116,14 @@ def mapped_potential(
     return MappedPotential(task, reading)
 
 
-def _worth(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return scale Q + shift of a source, with Q = 0 where it is over: (S' + 1, A' + 1).
+def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return what a target reads of a source, (S' + 1, A' + 1).
 
-    The last row and column are what a pair without counterpart is worth.
+    Pairs that are unmapped read the last row or column.
     """
-    source = transfer.mapping.source
-    q = np.array(source_values, dtype=np.float64)
-    ends = generative_model(source).terminal
-    if ends is not None:
-        q[ends] = 0.0
-    worth = np.full((q.shape[0] + 1, q.shape[1] + 1), float(transfer.mapping.unmapped_value))
-    worth[:-1, :-1] = transfer.scale * q + transfer.shift
-    return worth
+    mapping = transfer.mapping
+    q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
+    index = np.zeros(q.shape, dtype=np.int64)
+    index[:-1][terminal_states(mapping.source)] = ENDED
+    index[-1], index[:, -1] = UNMAPPED, UNMAPPED
+    return transferred(q, index, mapping.unmapped_value, transfer.scale, transfer.shift)

@@ -1,6 +1,6 @@
-"""How realistic a potential is in its target: where it starts, what it overrates and underrates.
+"""How a potential compares with the values of its target.
 
-Against Q* where the target can be solved; else against what the potential's own policy earns.
+With Q* where the target can be solved; else with the returns of the potential's own greedy policy.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,19 @@ from curricle.planning.solution import Solution, right_choices
 from curricle.planning.target import Target
 from curricle.tasks.reachable import reachable_states
 from curricle.tasks.task import Task, tables
+from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.observation_rollouts import greedy_observation_rollouts
+from curricle.transfer.observation_target import ObservationTarget
 
 FloatArray = npt.NDArray[np.float64]
-RANKED = 200_000
-"""Pairs that a rank correlation is taken over at most; drawn without repetition where fewer."""
+MAX_RANKED = 200_000
+"""Pairs over which a rank correlation is taken at most; a sample of more."""
+NAN = float("nan")
 
 
 @dataclass(frozen=True)
 class PotentialQuality:
-    """How a potential compares with what its target is worth.
+    """How a potential compares with the values of its target.
 
     Attributes
     ----------
@@ -37,20 +41,20 @@ class PotentialQuality:
     excess : float
         Mean of phi - Q*.
     size : float
-        Mean of abs(V*), to see an excess against.
+        Mean of abs(V*), to compare an excess with.
     rank : float
         Spearman's rank correlation of phi and Q*; NaN where one of them does not vary.
     right : float
-        Share of states in which what phi prefers is optimal; NaN unless exact.
+        Share of states in which every greedy action of phi is optimal; NaN unless exact.
     largest_underestimate : float
-        The worst that phi does to a state on the way of optimal policies: how much less it
-        promises there than both the truth and silence (0) would. What is spoken ill of is avoided,
-        and so the error stays. NaN unless exact.
+        The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
+        lies below both the truth and an initial value of 0. Such a state is avoided, so learning
+        does not correct its value. NaN unless exact.
     most_underestimated_state : int
         Where that is; -1 if nowhere.
     exact : bool
-        Against Q*. Otherwise over the steps of its own greedy episodes, whose return from there
-        on, which Q* exceeds, takes the place of Q*.
+        Compared with Q*. Otherwise with the return to go of greedy rollouts, which Q* exceeds, over
+        the steps of these.
 
     Examples
     --------
@@ -74,72 +78,86 @@ class PotentialQuality:
 
 
 def potential_quality(
-    potential: PairPotential, target: Target, *, seed: int = 0
+    potential: PairPotential | ObservationPotential,
+    target: Target | ObservationTarget,
+    *,
+    seed: int = 0,
 ) -> PotentialQuality:
-    """Return how a potential compares with what its target is worth.
+    """Return how a potential compares with the values of its target.
+
+    All NaN where an ObservationPotential has no action values, and so no greedy policy.
 
     Parameters
     ----------
-    potential : StateActionPotential or MappedPotential
+    potential : StateActionPotential, MappedPotential or ObservationPotential
         Of the target's task.
-    target : Target
+    target : Target or ObservationTarget
     seed : int
-        Of rollouts, where there are any, and of the pairs that are ranked.
+        Of rollouts, where there are any, and of the sample of pairs that are ranked.
     """
+    if isinstance(target, ObservationTarget):
+        assert isinstance(potential, ObservationPotential)
+        return _of_observations(potential, target, seed)
+    assert not isinstance(potential, ObservationPotential)
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
         episodes = target.evaluation.rollouts(target.task)
-        met = greedy_rollouts(potential, episodes=episodes, seed=seed, stream="realism")
-        return along_its_way(met, start, seed)
+        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream="realism")
+        return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive = ~mdp.terminal
     phi, q = potential.values[alive], target.solution.action_values[alive]
-    # What the proven error of Q* cannot tell from Q* is not above it.
-    above = phi > q + target.solution.error_bound
-    gloom, where = _gloom(potential, target.solution, target.task)
+    underestimate, state = _largest_underestimate(potential, target.solution, target.task)
     return PotentialQuality(
         start=start,
-        optimistic=float(above.mean()),
+        # A difference within the proven error of Q* does not count.
+        optimistic=float((phi > q + target.solution.error_bound).mean()),
         excess=float((phi - q).mean()),
         size=float(abs(target.solution.values[alive]).mean()),
-        rank=_spearman(phi.ravel(), q.ravel(), seed),
+        rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
         right=float(right_choices(phi, target.solution.optimal[alive]).mean()),
-        largest_underestimate=gloom,
-        most_underestimated_state=where,
+        largest_underestimate=underestimate,
+        most_underestimated_state=state,
         exact=True,
     )
 
 
-def along_its_way(met: GreedyRollouts, start: float, seed: int = 0) -> PotentialQuality:
-    """Return how a potential compares with what its own greedy policy earned.
+def _of_observations(
+    potential: ObservationPotential, target: ObservationTarget, seed: int
+) -> PotentialQuality:
+    if not potential.of_actions:
+        return PotentialQuality(NAN, NAN, NAN, NAN, NAN, NAN, NAN, -1, exact=False)
+    rollouts = greedy_observation_rollouts(
+        potential, episodes=target.episodes, seed=seed, stream="realism"
+    )
+    first = np.cumsum(rollouts.lengths) - rollouts.lengths
+    discounted = target.evaluation.discounted
+    returns = rollouts.return_to_go[first] if discounted else rollouts.returns
+    return _by_rollouts(rollouts, float(returns.mean()), seed)
 
-    Parameters
-    ----------
-    met : GreedyRollouts
-        Its greedy episodes.
-    start : float
-        The mean return of its greedy policy.
-    seed : int
-        Of the pairs that are ranked.
-    """
-    return_to_go = met.return_to_go + met.bootstrap_discount * met.bootstrapped_value
+
+def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> PotentialQuality:
+    """Return the comparison with the returns to go; `start` is the greedy policy's mean return."""
+    return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * rollouts.bootstrapped_value
     return PotentialQuality(
         start=start,
-        optimistic=float((met.predicted > return_to_go).mean()),
-        excess=float((met.predicted - return_to_go).mean()),
+        optimistic=float((rollouts.predicted > return_to_go).mean()),
+        excess=float((rollouts.predicted - return_to_go).mean()),
         size=float(abs(return_to_go).mean()),
-        rank=_spearman(met.predicted, return_to_go, seed),
-        right=float("nan"),
-        largest_underestimate=float("nan"),
+        rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
+        right=NAN,
+        largest_underestimate=NAN,
         most_underestimated_state=-1,
         exact=False,
     )
 
 
-def _gloom(potential: PairPotential, solution: Solution, task: Task) -> tuple[float, int]:
-    """Return the worst of min(V*, 0) - max_a phi on the way of optimal policies, and where."""
+def _largest_underestimate(
+    potential: PairPotential, solution: Solution, task: Task
+) -> tuple[float, int]:
+    """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
     mdp = tables(task)
-    on_the_way = reachable_states(
+    visited = reachable_states(
         mdp.start,
         mdp.terminal,
         mdp.outcome_row,
@@ -147,24 +165,18 @@ def _gloom(potential: PairPotential, solution: Solution, task: Task) -> tuple[fl
         mdp.next_state,
         solution.optimal,
     )
-    missing = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
-    missing[~on_the_way | mdp.terminal] = 0.0
-    where = int(missing.argmax())
-    return (float(missing[where]), where) if missing[where] > 0 else (0.0, -1)
+    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
+    below[~visited | mdp.terminal] = 0.0
+    state = int(below.argmax())
+    return (float(below[state]), state) if below[state] > 0 else (0.0, -1)
 
 
-def _spearman(one: FloatArray, other: FloatArray, seed: int) -> float:
-    """Return the rank correlation; ties get the mean of their ranks."""
-    if one.size > RANKED:
-        drawn = np.random.default_rng(seed).choice(one.size, RANKED, False, shuffle=False)
+def _rank_correlation(one: FloatArray, other: FloatArray, seed: int) -> float:
+    """Return Spearman's rank correlation, of a sample where there are many."""
+    from scipy.stats import spearmanr  # slow to import, and only needed here
+
+    if one.size > MAX_RANKED:
+        drawn = np.random.default_rng(seed).choice(one.size, MAX_RANKED, False, shuffle=False)
         one, other = one[drawn], other[drawn]
-    ranks = np.stack([_ranks(one), _ranks(other)])
-    spread = ranks.std(axis=1)
-    if not spread.all():
-        return float("nan")
-    return float(((ranks - ranks.mean(axis=1, keepdims=True)).prod(axis=0)).mean() / spread.prod())
-
-
-def _ranks(values: FloatArray) -> FloatArray:
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - (count - 1) / 2)[place])
+    varies = np.ptp(one) > 0 and np.ptp(other) > 0
+    return float(spearmanr(one, other).statistic) if varies else NAN

@@ -1,4 +1,4 @@
-"""Sources of values: whatever can say what an observation, or an action in it, is worth."""
+"""Value sources: the values of observations, or of actions in them, as a target reads them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ IntArray = npt.NDArray[np.int64]
 
 @runtime_checkable
 class ValueSource(Protocol):
-    """What was valued in a task, read for n observations at once.
+    """The values of a task, of n observations at once.
 
     Observations are stacked as the task's space stacks them: an array (n, ...), or a dict or tuple
     of such. Those of a task with tables are its states' numbers, (n,) int64.
@@ -25,7 +25,7 @@ class ValueSource(Protocol):
 
     @property
     def of_actions(self) -> bool:
-        """Whether it tells actions apart, so that :meth:`q` can be asked."""
+        """Whether it has action values, so that :meth:`q` can be called."""
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a), of the shape of `actions`: (n,), or (n, m) for m actions in each."""
@@ -36,7 +36,7 @@ class ValueSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TableValues:
-    """What a tabular learner valued: Q(s, a) by the numbers of states and actions.
+    """The values of a tabular learner: Q(s, a) by the numbers of states and actions.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class TableValues:
     Raises
     ------
     PotentialError
-        When the table is none of finite numbers.
+        When the table is not (S, A) or not finite.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class TableValues:
 
     @property
     def of_actions(self) -> bool:
-        """True: a table tells actions apart."""
+        """True: a table has action values."""
         return True
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
@@ -81,7 +81,7 @@ class TableValues:
 
 @dataclass(frozen=True, eq=False)
 class FunctionValues:
-    """What a user's functions say.
+    """Values that a user's functions compute.
 
     Parameters
     ----------
@@ -116,29 +116,29 @@ class FunctionValues:
 
     @property
     def of_actions(self) -> bool:
-        """Whether there is a function of actions."""
+        """Whether `action_values` is given."""
         return self.action_values is not None
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
-        """Return what the user's function says of these actions, of their shape."""
+        """Return Q(s, a), of the shape of `actions`."""
         if self.action_values is None:
             raise no_actions(self)
         return _checked(self.action_values(observations, actions), np.shape(actions))
 
     def v(self, observations: Any) -> FloatArray:
-        """Return what the user's function says of these states, (n,) float64."""
+        """Return V(s), (n,) float64."""
         n = batch_size(observations)
         if self.state_values is not None:
             return _checked(self.state_values(observations), (n,))
-        eval_freq = np.broadcast_to(np.arange(self.actions or 0), (n, self.actions or 0))
-        return np.asarray(self.q(observations, eval_freq).max(axis=1))
+        every_action = np.broadcast_to(np.arange(self.actions or 0), (n, self.actions or 0))
+        return np.asarray(self.q(observations, every_action).max(axis=1))
 
 
 def no_actions(values: Any) -> PotentialError:
-    """Return the error that values cannot tell actions apart."""
+    """Return the error that these are values of states alone."""
     return PotentialError(
         "values of states alone cannot tell actions apart, as initialising needs: "
-        f"{type(values).__name__} has none of actions; use how='state'"
+        f"{type(values).__name__} has no action values; use StateShaping"
     )
 
 

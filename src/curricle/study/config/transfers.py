@@ -152,13 +152,13 @@ class TransferTable(Table):
             The study file's, with the modules of a user's own functions.
         """
         from curricle.tasks.observation_task import is_observation_task
-        from curricle.transfer import by_name, mapping
+        from curricle.transfer import component_mapping, mapping
 
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)
         if self.project is not None:
-            return by_name.project(target, source, unmapped_value=value, **self.project)
+            return component_mapping.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
             return mapping.identity(target)
         if self.mapping is not None:

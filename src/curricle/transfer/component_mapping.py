@@ -1,8 +1,7 @@
-"""Mappings by name: the source's components are read off the target's (paper E7)."""
+"""Mappings by component names: the source's components are read off the target's (paper E7)."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +10,16 @@ from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space
 from curricle.tasks.task import Task, generative_model
-from curricle.transfer.mapping import StateActionMapping, from_parts
+from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
 IntArray = npt.NDArray[np.int64]
 
 
 class ComponentMapping(StateActionMapping):
-    """A mapping that is kept as what it says, component by component; made by :func:`project`.
+    """A mapping given by names of components; made by :func:`project`.
 
-    The index array is only made when asked for, so that the mapping serves targets of any size:
-    learning reads the source through :meth:`lookups`.
+    The index array is made only when it is asked for, so that the mapping serves targets of any
+    size: learning reads the source through :meth:`lookups`.
 
     Parameters
     ----------
@@ -42,6 +41,8 @@ class ComponentMapping(StateActionMapping):
     ComponentMapping(prey=prey, predator=predator_4)
     """
 
+    renaming: dict[str, str]
+
     def __init__(
         self, target: Task, source: Task, renaming: dict[str, str], unmapped_value: float = 0.0
     ):
@@ -54,30 +55,23 @@ class ComponentMapping(StateActionMapping):
                     "renaming must start from a source component "
                     f"({', '.join(sorted(known))}): got {name!r}"
                 )
-        for mine, theirs in ((target.states, source.states), (target.actions, source.actions)):
-            for component in theirs.components:
-                _origin(mine, component, renaming)
-        settings: dict[str, Any] = {
-            "target": target,
-            "source": source,
-            "renaming": dict(renaming),
-            "unmapped_value": unmapped_value,
-        }
-        for name, value in settings.items():
-            object.__setattr__(self, name, value)
-
-    renaming: dict[str, str]
+        for own, other in ((target.states, source.states), (target.actions, source.actions)):
+            for component in other.components:
+                _origin(own, component, renaming)
+        object.__setattr__(self, "target", target)
+        object.__setattr__(self, "source", source)
+        object.__setattr__(self, "renaming", dict(renaming))
+        object.__setattr__(self, "unmapped_value", unmapped_value)
 
     @cached_property
     def index(self) -> IntArray:
-        """The index array after all, (S, A) int64."""
+        """The index array, (S, A) int64."""
         state = self.source.states.encode(
             **read_components(self.target.states, self.source.states, self.renaming)
         )
-        whole = from_parts(
+        return pair_mapping(
             self.target, self.source, state[:, None], self.actions[None, :], self.unmapped_value
-        )
-        return whole.index
+        ).index
 
     @cached_property
     def actions(self) -> IntArray:
@@ -87,25 +81,24 @@ class ComponentMapping(StateActionMapping):
         )
 
     def lookups(self) -> list[IntArray] | None:
-        """Return how to find a source state without arrays over the target's states.
+        """Return how to compute a source state from a target state without arrays over all states.
 
-        For each component of the target's states, the share of each of its values: the source
-        state is their sum, or there is none where one is `MISSING`. None where a space is not a
-        whole box.
+        One table for each component of the target's states, with an offset for each of its values:
+        the source state is the sum of the offsets, and there is none where one is `MISSING`. None
+        where a space is not a whole box.
         """
         target, source = self.target.states, self.source.states
         if not (target.is_box and source.is_box):
             return None
-        shares = {part.name: np.zeros(part.size, np.int64) for part in target.components}
+        offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
         stride = source.size
         for component in source.components:
             stride //= component.size
             origin = _origin(target, component, self.renaming)
-            offset = _values_of(origin, component) - component.low
-            missing = (offset < 0) | (offset >= component.size) | (shares[origin.name] == MISSING)
-            share = np.where(missing, MISSING, shares[origin.name] + offset * stride)
-            shares[origin.name] = share
-        return list(shares.values())
+            value, offset = _values_of(origin, component) - component.low, offsets[origin.name]
+            missing = (value < 0) | (value >= component.size) | (offset == MISSING)
+            offsets[origin.name] = np.where(missing, MISSING, offset + value * stride)
+        return list(offsets.values())
 
     def __repr__(self) -> str:
         names = (*self.source.states.names, *self.source.actions.names)
@@ -115,7 +108,7 @@ class ComponentMapping(StateActionMapping):
 
 def project(
     target: Task, source: Task, *, unmapped_value: float = 0.0, **renaming: str
-) -> "ComponentMapping":
+) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
     Each component of the source's states and actions takes its value from the target component
@@ -148,8 +141,8 @@ def project(
     return ComponentMapping(target, source, renaming, unmapped_value)
 
 
-def read_components(target: Space, source: Space, renaming: dict[str, str]) -> Decoded:
-    """Return the source's components as values of the target's points."""
+def read_components(target: Space, source: Space, renaming: Mapping[str, str]) -> Decoded:
+    """Return the source's components, each read at every point of the target's space."""
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
@@ -157,8 +150,21 @@ def read_components(target: Space, source: Space, renaming: dict[str, str]) -> D
     return read
 
 
-def _origin(target: Space, component: Component, renaming: dict[str, str]) -> Component:
-    """Return the target component that a source component is read off."""
+def describe_renaming(names: Sequence[str], renaming: Mapping[str, str]) -> str:
+    """Return a sentence on which target component each source component is read from.
+
+    Examples
+    --------
+    >>> describe_renaming(("prey", "predator"), {"predator": "predator_2"})
+    'predator is predator_2, prey by name'
+    """
+    kept = [name for name in dict.fromkeys(names) if renaming.get(name, name) == name]
+    renamed = [f"{name} is {renaming[name]}" for name in dict.fromkeys(names) if name not in kept]
+    return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])
+
+
+def _origin(target: Space, component: Component, renaming: Mapping[str, str]) -> Component:
+    """Return the target component that a source component is read from."""
     name = renaming.get(component.name, component.name)
     if name not in target.names:
         raise MappingError(
@@ -169,21 +175,11 @@ def _origin(target: Space, component: Component, renaming: dict[str, str]) -> Co
 
 
 def _values_of(origin: Component, component: Component) -> IntArray:
-    """Return the source's value for each value of the target's component, by label if both do."""
+    """Return the source's value for each value of the target's, by label where both have labels.
+
+    Where a label is missing it is one below the component's lowest value.
+    """
     if component.labels is None or origin.labels is None:
         return np.arange(origin.size) + origin.low
-    place = {label: component.low + i for i, label in enumerate(component.labels)}
-    return np.array([place.get(label, component.low - 1) for label in origin.labels])
-
-
-def by_names(names: Sequence[str], renaming: Mapping[str, str]) -> str:
-    """Return in words which component stands for which.
-
-    Examples
-    --------
-    >>> by_names(("prey", "predator"), {"predator": "predator_2"})
-    'predator is predator_2, prey by name'
-    """
-    kept = [name for name in dict.fromkeys(names) if renaming.get(name, name) == name]
-    renamed = [f"{name} is {renaming[name]}" for name in dict.fromkeys(names) if name not in kept]
-    return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])
+    value = {label: component.low + i for i, label in enumerate(component.labels)}
+    return np.array([value.get(label, component.low - 1) for label in origin.labels])
