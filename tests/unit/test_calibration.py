@@ -1,4 +1,4 @@
-"""Following a potential's greedy policy, and fitting its size to what it earned."""
+"""Greedy rollouts of a potential, and its calibration on them."""
 
 import numpy as np
 import pytest
@@ -28,30 +28,30 @@ def mapped(aggregate=cr.minimum):
     return mapped_potential(HUNT, EDGES, [values, values], aggregate)
 
 
-def test_what_was_promised_stands_beside_what_was_earned():
-    met = greedy_rollouts(optimum(LINE), episodes=2)
-    assert met.states.tolist() == [0, 1, 2, 0, 1, 2]
-    np.testing.assert_allclose(met.predicted, met.return_to_go)
-    assert met.lengths.tolist() == [3, 3]
-    assert met.ended.all()
-    assert met.returns.tolist() == [197.0, 197.0]
-    assert not met.bootstrap_discount.any()
-    assert not met.bootstrapped_value.any()
+def test_predicted_values_of_the_optimum_are_its_returns_to_go():
+    rollouts = greedy_rollouts(optimum(LINE), episodes=2)
+    assert rollouts.states.tolist() == [0, 1, 2, 0, 1, 2]
+    np.testing.assert_allclose(rollouts.predicted, rollouts.return_to_go)
+    assert rollouts.lengths.tolist() == [3, 3]
+    assert rollouts.ended.all()
+    assert rollouts.returns.tolist() == [197.0, 197.0]
+    assert not rollouts.bootstrap_discount.any()
+    assert not rollouts.bootstrapped_value.any()
 
 
-def test_an_episode_cut_off_goes_on_in_what_is_promised_beyond():
+def test_a_truncated_episode_is_bootstrapped():
     away = cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1)))  # west, for ever
-    met = greedy_rollouts(away, episodes=1)
-    assert met.lengths.tolist() == [10]
-    assert not met.ended.any()
-    assert met.one_reward
-    np.testing.assert_allclose(met.bootstrap_discount, 0.5 ** np.arange(10, 0, -1))
-    assert (met.bootstrapped_value == 8.0).all()
-    np.testing.assert_allclose(met.return_to_go, -2 * (1 - met.bootstrap_discount))
+    rollouts = greedy_rollouts(away, episodes=1)
+    assert rollouts.lengths.tolist() == [10]
+    assert not rollouts.ended.any()
+    assert rollouts.one_reward
+    np.testing.assert_allclose(rollouts.bootstrap_discount, 0.5 ** np.arange(10, 0, -1))
+    assert (rollouts.bootstrapped_value == 8.0).all()
+    np.testing.assert_allclose(rollouts.return_to_go, -2 * (1 - rollouts.bootstrap_discount))
 
 
 @pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
-def test_a_potential_read_on_the_fly_is_followed_like_its_array(aggregate):
+def test_a_mapped_potential_has_the_rollouts_of_its_array(aggregate):
     lazy = mapped(aggregate)
     array = cr.StateActionPotential(HUNT, lazy.values)
     one, other = (greedy_rollouts(phi, episodes=50, seed=3) for phi in (lazy, array))
@@ -85,9 +85,9 @@ def test_a_shifted_optimum_is_shifted_back(quantile):
 
 def test_the_scale_is_the_least_squares_one():
     phi = mapped(cr.mean)
-    met = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")
-    assert met.ended.all()
-    expected, *_ = np.linalg.lstsq(met.predicted[:, None], met.return_to_go)
+    rollouts = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")
+    assert rollouts.ended.all()
+    expected, *_ = np.linalg.lstsq(rollouts.predicted[:, None], rollouts.return_to_go)
     assert calibrate(phi, seed=7).scale == pytest.approx(expected[0])
 
 
@@ -96,15 +96,15 @@ def test_the_scale_is_the_least_squares_one():
 def test_a_quantile_leaves_that_share_of_the_returns_below(quantile, shift):
     phi = mapped(cr.minimum)
     found = calibrate(phi, quantile=quantile, shift=shift)
-    met = greedy_rollouts(phi, episodes=200, stream="calibrate")
-    predicted = found.scale * met.predicted + found.shift
+    rollouts = greedy_rollouts(phi, episodes=200, stream="calibrate")
+    predicted = found.scale * rollouts.predicted + found.shift
     if shift:
-        below = met.return_to_go < predicted
+        below = rollouts.return_to_go < predicted
         assert below.mean() == pytest.approx(quantile, abs=0.03)
     else:  # weighed by size: one number cannot do better
-        size = abs(met.predicted)
-        below = size[met.return_to_go < predicted - 1e-9].sum() / size.sum()
-        upto = size[met.return_to_go <= predicted + 1e-9].sum() / size.sum()
+        size = abs(rollouts.predicted)
+        below = size[rollouts.return_to_go < predicted - 1e-9].sum() / size.sum()
+        upto = size[rollouts.return_to_go <= predicted + 1e-9].sum() / size.sum()
         assert below <= quantile + 1e-9
         assert upto >= quantile - 1e-9
 
@@ -114,8 +114,8 @@ def test_a_pessimistic_quantile_is_more_pessimistic():
     assert scales == sorted(scales)  # rewards are negative
 
 
-def test_endless_loops_are_worth_what_they_cost():
-    """What is seen of a loop in 10 steps is not what it costs in the long run."""
+def test_an_endless_loop_has_its_long_run_cost():
+    """The 10 steps before truncation are not all that the loop costs."""
     ring = cr.FiniteMDP.from_dense(
         np.array([[[0.0, 1.0]], [[1.0, 0.0]]]),
         np.array([[-1.0], [-1.5]]),
@@ -133,10 +133,10 @@ def test_equal_seeds_agree_and_different_ones_differ():
     assert one.scale == same.scale != other.scale
 
 
-def test_it_says_what_it_did():
+def test_a_calibration_prints_what_it_did():
     assert str(calibrate(mapped())) == (
-        "scale 1.32 fitted on 200 greedy episodes (824 steps, 200 ended): promised -1.69 on "
-        "average, earned -2.21"
+        "scale 1.32 fitted on 200 greedy episodes (824 steps, 200 ended): mean phi -1.69, "
+        "mean return to go -2.21"
     )
 
 
@@ -150,7 +150,7 @@ def refused(phi, **settings):
     assert found.refusal == str(caught.value)
     assert found.potential is phi
     assert (found.scale, found.shift) == (1.0, 0.0)
-    assert found.steps > 0  # what it cost is known all the same
+    assert found.steps > 0  # the steps are charged all the same
     return found
 
 
@@ -164,30 +164,30 @@ def test_a_potential_that_reaches_nothing_is_refused_early():
     assert found.episodes == 20
 
 
-def test_a_potential_that_says_nothing_is_refused():
+def test_a_potential_of_zeros_is_refused():
     found = refused(cr.StateActionPotential(LINE, np.zeros((4, 4))))
     assert "phi was 0 in 100% of" in found.refusal
 
 
-def test_a_potential_that_is_opposed_to_what_is_earned_is_refused():
+def test_a_potential_of_the_opposite_sign_is_refused():
     found = refused(optimum(LINE).rescaled(1.0, -300.0))  # still towards the treasure
     assert "a calibration needs a positive scale" in found.refusal
 
 
-def test_a_potential_that_has_nothing_to_do_with_what_is_earned_is_refused():
+def test_a_potential_unrelated_to_the_returns_is_refused():
     rng = np.random.default_rng(1)
     phi = cr.StateActionPotential(HUNT, rng.normal(-9, 1, size=(729, 25)))
-    assert "must account for 2% of what is earned" in refused(phi, shift=True).refusal
+    assert "must explain 2% of the returns to go" in refused(phi, shift=True).refusal
 
 
-def test_promises_that_were_not_put_to_the_test_are_not_raised():
-    """The way to the treasure is underrated; a far corner is promised more than ever was met."""
+def test_values_far_above_those_of_the_rollouts_are_not_raised():
+    """The way to the treasure is underestimated; a far corner has values that no episode saw."""
     values = optimum(LINE).values / 4
     far = cr.GridWorld(["S..T", "####", "...."], discount=0.5, time_limit=10)
     q = np.zeros((8, 4))
     q[:4], q[4:] = values, 1000.0
     found = refused(cr.StateActionPotential(far, q))
-    assert "must not raise promises that were not put to the test: a factor of 4" in found.refusal
+    assert "that its episodes did not come near: a factor of 4" in found.refusal
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_settings_out_of_range(settings, message):
     assert str(caught.value) == message
 
 
-def test_a_state_potential_is_none_to_be_calibrated():
+def test_a_state_potential_cannot_be_calibrated():
     with pytest.raises(cr.errors.PotentialError, match="must be a StateActionPotential"):
         calibrate(optimum(LINE).to_state())
 
@@ -216,13 +216,13 @@ def test_episodes_without_a_near_end_are_refused():
         calibrate(optimum(long))
 
 
-def test_a_potential_on_the_fly_is_scaled_by_positive_numbers_only():
+def test_a_mapped_potential_is_scaled_by_positive_numbers_only():
     with pytest.raises(cr.errors.PotentialError, match="positive numbers only: got -1"):
         mapped().rescaled(-1.0)
 
 
 @pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
-def test_rescaling_on_the_fly_is_rescaling_the_array(aggregate):
+def test_rescaling_a_mapped_potential_is_rescaling_its_array(aggregate):
     lazy = mapped(aggregate)
     array = cr.StateActionPotential(HUNT, lazy.values)
     np.testing.assert_allclose(
@@ -230,7 +230,7 @@ def test_rescaling_on_the_fly_is_rescaling_the_array(aggregate):
     )
 
 
-# -- in a curriculum, and on the account of the target -------------------------------------------
+# -- in a curriculum -----------------------------------------------------------------------------
 
 
 def curriculum(**changes):
@@ -277,7 +277,7 @@ def test_calibration_is_charged_to_the_target():
 
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
 @pytest.mark.parametrize("guard", [None, cr.Guard()])
-def test_a_prelude_moves_learning_along_the_axis(learner, guard):
+def test_learning_starts_after_the_warm_up(learner, guard):
     if guard and isinstance(learner, cr.SARSA):
         pytest.skip("guards are for Q-learning")
     phi, options = mapped(), {"eval_freq": 50, "guard": guard, "seeds": [3]}
@@ -291,8 +291,8 @@ def test_a_prelude_moves_learning_along_the_axis(learner, guard):
     assert np.ptp(late.greedy_return[0, :3]) == 0
 
 
-def test_a_refused_seed_goes_on_with_a_warning():
-    """After one step the source knows nothing, so its policy promises nothing."""
+def test_a_refused_seed_is_learnt_uncalibrated_with_a_warning():
+    """After one step the source's values are 0."""
     plan = cr.Curriculum(
         tasks={"chase": CHASE, "hunt": HUNT},
         transfers=[cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=True)],
@@ -315,7 +315,7 @@ def test_transfers_into_a_task_must_agree_on_calibration():
     )
 
 
-def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
+def test_calibrate_of_a_transfer_is_a_bool_or_settings():
     with pytest.raises(
         cr.errors.CurriculumError, match="must be True, False or a Calibrate: got 3"
     ):
@@ -325,10 +325,10 @@ def test_calibrate_of_a_transfer_must_be_yes_no_or_settings():
 @pytest.mark.parametrize(
     ("budget", "n"), [(130, 1), (cr.Episodes(3), 1), (1000, 2)], ids=["steps", "episodes", "number"]
 )
-def test_a_budget_must_exceed_its_prelude(budget, n):
+def test_a_budget_must_exceed_its_warm_up(budget, n):
     warm_up = WarmUp(np.array([30, 40, 60]), np.zeros(3))
     with pytest.raises(
-        cr.errors.SettingError, match=r"must exceed what was spent|one warm_up a seed"
+        cr.errors.SettingError, match=r"must exceed what was spent|one warm-up a seed"
     ):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
 
