@@ -273,7 +273,7 @@ def from_function(
                 f"{', '.join(space.names)}: got {', '.join(given) or 'none'}"
             )
         encoded.append(space.encode(**given))
-    return pair_mapping(target, source, *encoded, unmapped_value)
+    return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)
 
 
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:

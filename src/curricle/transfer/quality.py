@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import spearmanr
 
 from curricle.learning.potential_rollouts import (
     GreedyRollouts,
@@ -173,8 +174,6 @@ def _largest_underestimate(
 
 def _rank_correlation(one: FloatArray, other: FloatArray, seed: int) -> float:
     """Return Spearman's rank correlation, of a sample where there are many."""
-    from scipy.stats import spearmanr  # slow to import, and only needed here
-
     if one.size > MAX_RANKED:
         drawn = np.random.default_rng(seed).choice(one.size, MAX_RANKED, False, shuffle=False)
         one, other = one[drawn], other[drawn]
