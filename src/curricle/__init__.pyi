@@ -20,8 +20,10 @@ from .comparison.forecasting import forecast as forecast
 from .curriculum.curriculum import Curriculum as Curriculum
 from .errors import CurricleError as CurricleError
 from .interop.environment import to_gymnasium as to_gymnasium
-from .interop.gymnasium import from_gymnasium as from_gymnasium
-from .interop.observation_tasks import observation_task as observation_task
+from .interop.gymnasium import (
+    from_gymnasium as from_gymnasium,
+    observation_task as observation_task,
+)
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .learning.budget import Episodes as Episodes
 from .learning.guard import Guard as Guard

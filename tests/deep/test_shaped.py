@@ -11,7 +11,7 @@ from gymnasium.wrappers import TimeLimit
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from curricle.interop.observation_tasks import observation_task
+from curricle.interop.gymnasium import observation_task
 
 pytest.importorskip("stable_baselines3")
 

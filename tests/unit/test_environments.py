@@ -200,8 +200,8 @@ def test_a_start_can_be_named(given):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"start": 1}, "name a state"),
-        ({"state": 1, "seed": 1}, "name a state"),
+        ({"start": 1}, "hold only 'state'"),
+        ({"state": 1, "seed": 1}, "hold only 'state'"),
         ({"state": 7}, "not terminal"),
         ({"state": 2}, "not terminal"),
         ({"state": -1}, "at least 0"),

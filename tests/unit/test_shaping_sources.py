@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
-from curricle.interop.observation_tasks import observation_task
+from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.interop.potential_sources import stack
 from curricle.transfer.aggregation import aggregate, aggregate_numbers

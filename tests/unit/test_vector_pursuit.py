@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from curricle import Pursuit, Transfer, minimum, project
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.environment import TaskEnvironment
-from curricle.interop.observation_tasks import observation_task
+from curricle.interop.gymnasium import observation_task
 from curricle.interop.pettingzoo import to_pettingzoo
 from curricle.interop.vector_pursuit import (
     PursuitVectors,
@@ -367,10 +367,10 @@ def test_tasks_and_predators_that_are_none_are_refused():
         (Pursuit(3, 2), chase),
         (hunt, "it"),
     ):
-        with pytest.raises(MappingError, match="pursuits seen as vectors"):
+        with pytest.raises(MappingError, match="pursuits observed as vectors"):
             predator_mapping(target, source, predator="predator_1")
     rescaled = ObservationTask(lambda: gymnasium.wrappers.RescaleObservation(hunt.make(), 0, 1))
-    with pytest.raises(MappingError, match="pursuits seen as vectors"):
+    with pytest.raises(MappingError, match="pursuits observed as vectors"):
         predator_mapping(rescaled, chase, predator="predator_1")
     with pytest.raises(MappingError, match="'predator' must be read from a target component"):
         predator_mapping(hunt, chase)

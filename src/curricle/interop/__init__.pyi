@@ -1,7 +1,6 @@
 from .bins import Bins as Bins
 from .environment import TaskEnvironment as TaskEnvironment, to_gymnasium as to_gymnasium
-from .gymnasium import from_gymnasium as from_gymnasium
-from .observation_tasks import observation_task as observation_task
+from .gymnasium import from_gymnasium as from_gymnasium, observation_task as observation_task
 from .pettingzoo import (
     PursuitParallelEnv as PursuitParallelEnv,
     agent_mappings as agent_mappings,

@@ -1,4 +1,4 @@
-"""Bins: observations of numbers cut into states, so that tables can hold what is learnt of them."""
+"""Observations that are numbers, cut into bins, so that tables can be learnt."""
 
 from bisect import bisect_right
 from collections.abc import Mapping
@@ -19,8 +19,8 @@ from curricle.tasks.spaces import Component, Space
 class Bins:
     """An observation of n numbers as n components, each cut into bins at its edges.
 
-    To be the `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into
-    the first or the last bin. Equal edges make equal bins.
+    For `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into the
+    first or the last bin. Equal edges make equal bins.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ class Bins:
     def __post_init__(self) -> None:
         if not isinstance(self.edges, Mapping) or not self.edges:
             raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
-        settled = {}
+        checked = {}
         for name, edges in self.edges.items():
             given = numbers(f"the edges of {name!r}", edges, TaskError)
             if given.ndim != 1 or given.size < 2 or not (np.diff(given) > 0).all():
                 raise TaskError(
                     f"edges must be two or more ascending numbers: {name!r} has {given.tolist()}"
                 )
-            settled[str(name)] = tuple(given.tolist())
-        object.__setattr__(self, "edges", settled)
+            checked[str(name)] = tuple(given.tolist())
+        object.__setattr__(self, "edges", checked)
 
     @cached_property
     def states(self) -> Space:
@@ -86,7 +86,7 @@ class Bins:
     def many(self, observations: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
         """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
 
-        The bins of a table are so read for a network's target (:class:`ObservationMapping`).
+        An :class:`ObservationMapping` reads a source's table with it.
 
         Examples
         --------
@@ -114,7 +114,7 @@ class Bins:
 
 
 def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
-    """Return what bins with these edges between them are called; names differ."""
+    """Return different names for the bins between these edges."""
     if not inner:
         return ("any",)
     shown = [f"{edge:g}" for edge in inner]

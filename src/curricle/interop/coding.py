@@ -42,7 +42,7 @@ class Coding:
     # The type is quoted: in older versions of Gymnasium these classes are not generic.
     @cached_property
     def held(self) -> "Discrete[np.int64] | MultiDiscrete[np.int64]":
-        """What Gymnasium is told: ``Discrete(size)`` or ``MultiDiscrete(shape)``."""
+        """Gymnasium's space: ``Discrete(size)`` or ``MultiDiscrete(shape)``."""
         if self.form == "index":
             return Discrete(self.space.size)
         return MultiDiscrete(list(self.space.shape))
@@ -55,11 +55,7 @@ class Coding:
         """Return the place of each component's value among its values, from 0."""
         if self._rows is not None:
             return self._rows[point].tolist()  # type: ignore[no-any-return]
-        places = []
-        for size in reversed(self.space.shape):
-            point, place = divmod(point, size)
-            places.append(place)
-        return places[::-1]
+        return [int(place) for place in np.unravel_index(point, self.space.shape)]
 
     def label(self, point: int) -> str:
         """Return a point in words, as :meth:`Space.label` does, but faster."""
@@ -74,15 +70,9 @@ class Coding:
         SettingError
             When it is outside the space.
         """
-        sizes = [self.space.size] if self.form == "index" else self.space.shape
-        number = 0
+        shape = (self.space.size,) if self.form == "index" else self.space.shape
         try:
-            whole = [given] if self.form == "index" else np.asarray(given).tolist()
-            for size, value in zip(sizes, whole, strict=True):
-                place = operator.index(value)
-                if not 0 <= place < size:
-                    raise ValueError
-                number = number * size + place
+            values = [given] if self.form == "index" else np.asarray(given).tolist()
+            return int(np.ravel_multi_index(tuple(map(operator.index, values)), shape))
         except (TypeError, ValueError):
             raise SettingError(f"an action must lie in {self.held}: got {given!r}") from None
-        return number

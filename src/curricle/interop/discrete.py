@@ -19,8 +19,8 @@ Flatten = Callable[[Any], tuple[Any, ...]]
 def space_of(space: gym.Space[Any], name: str) -> Space:
     """Return the points of a discrete Gymnasium space, one component for each number in them.
 
-    Components are called `name`, or `name_1`, `name_2`, ... where there are several; those of a
-    ``Dict`` after their keys, if these tell all of them apart.
+    Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
+    ``Dict`` have its keys as names if these are all different.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ FIRST_MAZE = """
     ..F#.#P.
     S.......
 """
-"""The map of ``Curricle/Maze-v0``: the short way passes a fire, a safe one takes two moves more."""
+"""The map of ``Curricle/Maze-v0``: the short way passes a fire, a safe way takes two moves more."""
 
 
 def _begun(model: Any, stream: Any) -> Any:
@@ -44,10 +44,9 @@ def _moved(model: Any, state: Any, action: Any, stream: Any) -> Any:
 class TaskEnvironment(gymnasium.Env[Any, Any]):
     """A task as a Gymnasium environment, with its own rewards, ends and time limit.
 
-    An episode is `terminated` when it enters a terminal state and `truncated` when it is cut off at
-    the task's time limit instead; never both. Rewards are the task's own, unshaped. ``info`` has
-    the number of the task's state, ``state``, and what it is in words, ``label``. The task is kept
-    as ``task``, its discount is ``task.discount``.
+    An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
+    task's time limit first; never both. Rewards are the task's own, unshaped. ``info`` has the
+    number of the task's state, ``state``, and its label, ``label``. The task is ``task``.
 
     ``reset(options={"state": ...})`` starts in a given state: its number, or the value or label of
     each of its components by name.
@@ -57,28 +56,28 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     task : Task
         A GridWorld, Pursuit, FiniteMDP, ComputedMDP or any other.
     observation : {"index", "components"}
-        What is observed: the state's number, ``Discrete(S)``; or one number a component,
-        ``MultiDiscrete``, each counted from the component's lowest value. Not every combination of
-        components need be a state.
+        The state's number, ``Discrete(S)``; or one number for each component, ``MultiDiscrete``,
+        each counted from the component's lowest value. Not every combination need be a state.
     action : {"index", "components"}
-        What acts: the action's number, ``Discrete(A)``; or one number a component.
+        The action's number, ``Discrete(A)``; or one number for each component.
     render_mode : {"rgb_array", "ansi"}, optional
         What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Mazes and
-        pursuits are drawn, of other tasks the state's name is written.
+        pursuits are drawn; for other tasks the state's label is written.
 
     Raises
     ------
     TaskError
-        When `task` is none.
+        When `task` is not a task, or a live one.
     SettingError
-        When a form is unknown or actions by component do not make up a box; from :meth:`step`, when
-        the action is none or no episode is under way; from :meth:`reset`, when the options are
-        unknown or the state is none or terminal (as far as the task can tell).
+        When a form is unknown or not every combination of action components is an action; from
+        :meth:`step`, when the action is outside the space or no episode is under way; from
+        :meth:`reset`, when the options are unknown, or the state does not exist or is terminal
+        (where the task can say).
 
     Notes
     -----
-    The environment's generator (``np_random``) is drawn from once an episode, for the start of the
-    random stream from which the task draws its moves.
+    The environment's generator (``np_random``) is drawn from once an episode, to start the random
+    stream from which the task draws its moves.
 
     Examples
     --------
@@ -109,15 +108,14 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         self.task, self.render_mode = task, render_mode
         rules = generative_model(task)
         if is_live(task):
-            raise TaskError(f"a task that is played live is an environment already: got {task!r}")
+            raise TaskError(f"a live task is an environment already: got {task!r}")
         one_of("observation", observation, ("index", "components"), SettingError)
         one_of("action", action, ("index", "components"), SettingError)
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"], SettingError)
         if action == "components" and not rules.actions.is_box:
             raise SettingError(
-                "actions can be given by component where every combination is one: got "
-                f"{rules.actions}"
+                f"actions by component need every combination to be an action: got {rules.actions}"
             )
         self._states = Coding(rules.states, observation)
         self._actions = Coding(rules.actions, action)
@@ -131,15 +129,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; return the observation and the info.
-
-        Parameters
-        ----------
-        seed : int, optional
-            Starts the random generator anew, as in all of Gymnasium.
-        options : dict, optional
-            May name the ``state`` to start in.
-        """
+        """Begin an episode, in ``options["state"]`` if given; return observation and info."""
         super().reset(seed=seed)
         self._stream[0] = self.np_random.integers(2**64, dtype=np.uint64)
         if options:
@@ -152,7 +142,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Act; return observation, reward, terminated, truncated and info."""
         if not self._under_way:
-            raise SettingError("a step needs an episode under way: call reset() first")
+            raise SettingError("step() needs an episode under way: call reset() first")
         number = self._actions.point(action)
         self._state, reward, terminated = self._moved(
             self._model, self._state, number, self._stream
@@ -188,14 +178,14 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     def _named_start(self, options: dict[str, Any]) -> int:
         if set(options) != {"state"}:
-            raise SettingError(f"options may name a state to start in: got {options!r}")
+            raise SettingError(f"options may hold only 'state', to start in: got {options!r}")
         given, space = options["state"], self._rules.states
         if isinstance(given, Mapping):
             named = {name: _value(space.component(name), given[name]) for name in given}
             state = int(space.encode(**named))
         else:
             state = whole_number("the state to start in", given, 0, SettingError)
-        # Where there are too many states to look through, nobody says which are terminal.
+        # Of too many states the terminal ones are not listed.
         terminal = self._rules.terminal if space.size <= LARGEST_SPACE else None
         if not 0 <= state < space.size or (terminal is not None and terminal[state]):
             raise SettingError(

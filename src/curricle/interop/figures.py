@@ -1,7 +1,7 @@
-"""What stands on a board: figures made of simple shapes, painted at any size.
+"""Figures in the cells of a grid, made of simple shapes and painted at any size.
 
 They differ in shape as well as in colour, and most colours are Okabe and Ito's, so that
-colour-blind readers tell them apart.
+colour-blind readers can tell them apart.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ POLYGON = ImageDraw.ImageDraw.polygon
 
 
 class Figure(NamedTuple):
-    """What stands in a cell: shapes, the later ones on top, and a number written over them."""
+    """Shapes, the later ones on top, and a number written over them."""
 
     shapes: tuple[Shape, ...]
     number: str = ""
@@ -100,7 +100,7 @@ ASIDE = Figure(
         (method, tuple(0.44 + 0.56 * v for v in at), colour) for method, at, colour in AGENT.shapes
     )
 )
-"""The agent in a cell that holds something, which is to be seen as well."""
+"""The agent, drawn small, in a cell with an object."""
 COATS = ("#0072B2", "#00785A", "#B34700", "#8E4C7A", "#444444", "#2B6E96")
 
 
@@ -114,7 +114,7 @@ def predator(number: int) -> Figure:
 
 @cache
 def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Return a figure's colours, (side, side, 3), and how much of what is behind shows through."""
+    """Return a figure's colours, (side, side, 3), and its transparency, (side, side, 1)."""
     large = side * FINER
     image = Image.new("RGBA", (large, large))
     draw = ImageDraw.Draw(image)

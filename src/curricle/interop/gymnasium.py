@@ -1,4 +1,4 @@
-"""Any Gymnasium environment with discrete spaces, or made discrete, as a task."""
+"""Any Gymnasium environment as a task: of numbered states, or seen through observations."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext
@@ -18,6 +18,7 @@ from curricle.interop.discrete import Number, Point, is_discrete, space_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.observation_task import ObservationTask, Registered
 from curricle.tasks.spaces import Component, Space
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | Callable[..., Any]
@@ -35,45 +36,45 @@ def from_gymnasium(
     live: bool = False,
     **make_arguments: Any,
 ) -> FiniteMDP | LiveMDP:
-    """Return a Gymnasium environment as a task: by its table if it shows one, else played live.
+    """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
-    A table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied once, and the task is
-    solved, judged and learnt as fast as any :class:`FiniteMDP`. Every other environment is a
-    :class:`LiveMDP`: each step of learning is one of ``env.step``.
+    A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
+    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment is a
+    :class:`LiveMDP`: each step of learning calls ``env.step``.
 
     Parameters
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
-        An id, a specification, an environment (another like it is made for each seed, by its
-        specification), or a function or class that makes one.
+        An id, a specification, an environment (whose specification makes another for each seed),
+        or a function or class that makes one.
     discount : float
     time_limit : int, None or "own"
-        Steps after which episodes are cut off; None for none. The environment's own by default.
+        Steps after which episodes are truncated; None for none. The environment's own by default.
     states : Space, optional
-        Needed with an `encode` that has no ``states`` of its own. Without `encode` other names for
+        Needed with an `encode` that has no attribute ``states``. Without `encode`, other names for
         the observations, in their order.
     actions : Space, optional
         Other names for the actions, in their order.
     encode : callable, optional
         ``encode(observation)`` is a state's number or the tuple of its components' values. For
-        observations that are not discrete, :class:`Bins` for instance.
+        observations that are not discrete, such as :class:`Bins`.
     live : bool
-        Play live even where there is a table.
+        Play live even if there is a table.
     **make_arguments
-        What ``gymnasium.make`` or the callable is to get.
+        Arguments of ``gymnasium.make`` or the callable.
 
     Returns
     -------
     FiniteMDP or LiveMDP
-        With known components (row, column; passenger, destination; ...) and labelled actions for
-        Gymnasium's toy-text worlds; else `state` and `action`, numbered where there are several,
-        called after the keys of a ``Dict``. Joint actions of a MultiDiscrete space are points of
-        its components.
+        Gymnasium's toy-text environments have named components (row, column; passenger,
+        destination; ...) and labelled actions. In others components are called `state` and
+        `action`, numbered if there are several, or after the keys of a ``Dict``. Joint actions of a
+        MultiDiscrete space have a component for each part.
 
     Raises
     ------
     TaskError
-        When a space is not discrete and there is no `encode`, when names do not fit, or an
+        When a space is not discrete and there is no `encode`, when names do not fit, or when an
         environment cannot be made again.
 
     Examples
@@ -93,7 +94,7 @@ def from_gymnasium(
     with made as env:
         limit = _own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
-            return _tabled(env.unwrapped, states, actions, discount, limit)
+            return _from_table(env.unwrapped, states, actions, discount, limit)
         if recipe.what is None:
             raise TaskError(
                 "an environment without a specification cannot be made again for each seed; give "
@@ -105,9 +106,55 @@ def from_gymnasium(
     return LiveMDP(states, actions, recipe, encode, act, discount, limit)
 
 
+def observation_task(
+    environment: str | Callable[[], gym.Env[Any, Any]],
+    *,
+    discount: float = 0.99,
+    time_limit: int | None = None,
+    **make_arguments: Any,
+) -> ObservationTask:
+    """Return a Gymnasium environment as a task for deep learners, which see its observations.
+
+    Parameters
+    ----------
+    environment : str or callable
+        An id, or a function that returns a new environment.
+    discount : float
+        gamma, which environments do not state.
+    time_limit : int, optional
+        Steps after which episodes are truncated; the environment's own by default.
+    **make_arguments
+        Arguments of ``gymnasium.make``.
+
+    Raises
+    ------
+    TaskError
+        When there is no such environment, or the function does not return one.
+
+    Examples
+    --------
+    >>> observation_task("CartPole-v1", discount=0.98)
+    ObservationTask(CartPole-v1, discount 0.98, Box(4,) -> Discrete(2))
+    """
+    if isinstance(environment, str):
+        try:
+            return ObservationTask(Registered(environment, make_arguments), discount, time_limit)
+        except (gym.error.Error, ImportError) as error:
+            raise TaskError(
+                f"an environment must be one of Gymnasium's registry: {environment!r} failed with "
+                f"{type(error).__name__}: {error}"
+            ) from error
+    if make_arguments:
+        raise TaskError(
+            "arguments go with an id of Gymnasium's registry, not with a function: got "
+            f"{', '.join(make_arguments)}"
+        )
+    return ObservationTask(environment, discount, time_limit)
+
+
 @dataclass(frozen=True)
 class Recipe:
-    """How an environment is made: what ``gymnasium.make`` or a callable takes; a frozen value."""
+    """How an environment is made: an id, a specification or a callable, and its arguments."""
 
     what: Any = field(hash=False)
     arguments: Mapping[str, Any] = field(hash=False)
@@ -131,11 +178,11 @@ class Recipe:
 
 
 def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]) -> Recipe:
-    """Return how environments are made; by None, if the one given does not say."""
+    """Return how environments are made; of None if the one given has no specification."""
     arguments = deepcopy(arguments)
     if isinstance(environment, gym.Env) and arguments:
         raise TaskError(
-            f"an environment that is made already takes no arguments: got {', '.join(arguments)}"
+            f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
     what = environment.spec if isinstance(environment, gym.Env) else environment
     if what is not None and not isinstance(what, str | EnvSpec) and not callable(what):
@@ -151,25 +198,25 @@ def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str
 
 
 def _own_limit(env: gym.Env[Any, Any]) -> int | None:
-    """Return the steps after which an environment cuts episodes off, as far as it says."""
+    """Return the steps after which an environment's specification truncates episodes."""
     return None if env.spec is None else env.spec.max_episode_steps
 
 
-def _tabled(
+def _from_table(
     world: Any,
     states: Space | None,
     actions: Space | None,
     discount: float,
     time_limit: int | None,
 ) -> FiniteMDP:
-    """Return the task that a world's table describes."""
+    """Return the task of an unwrapped environment's table."""
     outcomes = outcomes_of(world)
     n_states = len(outcomes)
     known, moves = names_of(world)
     if known is None or known.size != n_states:
         known = Space([Component("state", n_states)])
     start = np.asarray(start_of(world))
-    if start.ndim and n_states > start.size:  # an end set apart
+    if start.ndim and n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
     return FiniteMDP.from_outcomes(
         outcomes,
@@ -184,7 +231,7 @@ def _tabled(
 def _actions(
     space: gym.Space[Any], given: Space | None, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
-    """Return what an environment takes for each action's number, and the actions."""
+    """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
         raise TaskError(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
@@ -201,7 +248,7 @@ def _observations(
     given: Space | None,
     known: Space | None,
 ) -> tuple[Callable[[Any], Any] | None, Space]:
-    """Return the function from observations to states, if they are not the same, and the states."""
+    """Return the function from observations to states, None if they are states; and the space."""
     if encode is not None:
         states = getattr(encode, "states", None) if given is None else given
         if states is None:
@@ -223,14 +270,14 @@ def _observations(
 
 
 def _renamed(what: str, given: Space | None, own: Space) -> Space:
-    """Return the space given if there is one, checked to have as many points."""
+    """Return the given space, checked to have as many points as `own`; without one `own`."""
     if given is not None and given.size != own.size:
         raise TaskError(f"{what} must name the environment's {own.size}: got {given.size} of them")
     return own if given is None else given
 
 
 def _alike(mine: Any, yours: Any) -> bool:
-    """Return whether two arguments are equal, arrays inside them included."""
+    """Return whether two arguments are equal, including arrays in them."""
     if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
         mine, yours = vars(mine), vars(yours)
     if isinstance(mine, Mapping) and isinstance(yours, Mapping):

@@ -1,4 +1,4 @@
-"""Pursuit as an environment of PettingZoo: an agent for each predator, all generative at once."""
+"""Pursuit as a PettingZoo environment: each predator is an agent, and all move at once."""
 
 from copy import copy
 from typing import Any, Literal
@@ -17,7 +17,7 @@ from curricle.transfer.component_mapping import ComponentMapping, project
 
 try:
     from pettingzoo import ParallelEnv
-except ModuleNotFoundError:  # the extra is not installed; making an environment says so
+except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     ParallelEnv = object
 
 ByAgent = dict[str, Any]
@@ -27,26 +27,24 @@ View = Literal["index", "components", "vector"]
 class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
     """A pursuit as a PettingZoo environment in which each predator is an agent.
 
-    Agents are called as the task's components are, ``predator_1``, ``predator_2``, ..., or
-    ``predator`` where there is one. They move at once, all get the task's reward, and their
-    episodes end together: `terminated` by a capture, or `truncated` at the task's time limit.
-    An agent's ``info`` has the number of the task's state, ``state``, and what it is in words,
-    ``label``.
+    Agents have the names of the task's components, ``predator_1``, ``predator_2``, ..., or
+    ``predator`` if there is one. They move at once, all get the task's reward, and their episodes
+    end together: `terminated` by a capture, or `truncated` at the task's time limit. An agent's
+    ``info`` has the number of the task's state, ``state``, and its label, ``label``.
 
     ``reset(options={"state": ...})`` starts in a given state, as in :class:`TaskEnvironment`; other
-    options are left alone.
+    options are ignored.
 
     Parameters
     ----------
     pursuit : Pursuit
     observation : {"index", "components", "vector"}
-        What every agent observes, which is all there is to see. The number of the task's state,
-        ``Discrete(S)``, the same for all, with which any table or potential of the task is read.
-        Or cells, ``MultiDiscrete``: first the agent's own, then the prey's, then those of the other
-        predators in the order of their names, so that one policy can serve all agents. Or a vector,
-        ``Box(-1, 1, (2 + 4 predators,), float32)``, as :class:`PursuitVectors` makes it of a
-        pursuit whose first predator the agent is: the prey's place, the agent's own and its way to
-        the prey, then the others' in the order of their names.
+        What every agent observes, always the whole state. Its number, ``Discrete(S)``, the same for
+        all, with which tables and potentials of the task are read. Or cells, ``MultiDiscrete``:
+        first the agent's own, then the prey's, then those of the other predators in the order of
+        their names, so that one policy can serve all agents. Or a vector,
+        ``Box(-1, 1, (2 + 4 predators,), float32)``, that of :class:`PursuitVectors` with the agent
+        as the first predator.
     render_mode : {"rgb_array", "ansi"}, optional
         As in :class:`TaskEnvironment`.
 
@@ -55,8 +53,8 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
     ImportError
         When PettingZoo is not installed.
     SettingError
-        When the task or a setting is none; from :meth:`step`, when an agent's action is missing or
-        none, or no episode is under way.
+        When the task is no pursuit or a setting is unknown; from :meth:`step`, when an agent's
+        action is missing or outside the space, or no episode is under way.
 
     Examples
     --------
@@ -93,7 +91,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         self._observation, self._cells = observation, Coding(pursuit.states, "components")
         self._vectors = PursuitVectors(pursuit)
         self.possible_agents, self.agents = list(pursuit.predator_names), list[str]()
-        # Which cells of a state an agent observes, the prey's having number 0.
+        # The order in which an agent sees the cells of a state; the prey's is number 0.
         predators = range(1, pursuit.predators + 1)
         own_first = [[own, *(each for each in predators if each != own)] for own in predators]
         prey_at = 0 if observation == "vector" else 1
@@ -135,7 +133,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         return self._joint.render()
 
     def observation_space(self, agent: str) -> Any:
-        """Return what an agent observes."""
+        """Return an agent's observation space."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Any:
@@ -180,7 +178,7 @@ def to_pettingzoo(
 def agent_mappings(
     target: Pursuit, source: Pursuit, *, unmapped_value: float = 0.0
 ) -> dict[str, ComponentMapping]:
-    """Return for each agent the mapping that lets it see itself as the source's one predator.
+    """Return for each agent the mapping by which it is the source's one predator.
 
     f_i(prey, c_1, ..., c_n; a_1, ..., a_n) = ((prey, c_i), a_i), paper E7: agent i reads the
     source's values as if it were alone with the prey.
@@ -192,7 +190,7 @@ def agent_mappings(
     source : Pursuit
         With one.
     unmapped_value : float
-        As in :func:`project`; counts where the source's grid is smaller.
+        As in :func:`project`; used where the source's grid is smaller.
 
     Returns
     -------

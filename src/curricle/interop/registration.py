@@ -12,8 +12,8 @@ ENVIRONMENTS = {
 def register() -> None:
     """Register the ids of ``ENVIRONMENTS``, such as ``Curricle/Maze-v0``, once.
 
-    What they make is imported when it is first made. No ``max_episode_steps`` is set: a task cuts
-    its episodes off at its own time limit.
+    Classes are imported when an environment is first made. No ``max_episode_steps`` is set: a task
+    truncates its episodes at its own time limit.
 
     Examples
     --------

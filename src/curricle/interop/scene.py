@@ -1,4 +1,4 @@
-"""Pictures of a task in one state, small and quick enough to be drawn at every step."""
+"""Pictures of a task in one state, quick enough to be drawn at every step."""
 
 import math
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
 WIDTH, LINE = 480, 28
-"""A picture of words: its width and the height of a line, in pixels."""
+"""A picture of text: its width and the height of a line, in pixels."""
 MOST_LINES, LONGEST_LINE = 14, 48
 
 
@@ -50,7 +50,7 @@ class Scene(Protocol):
 
 
 def scene_of(task: Any) -> Scene:
-    """Return what draws a task: mazes and pursuits from above, of others the state's name.
+    """Return what draws a task: mazes and pursuits from above, other tasks as the state's label.
 
     Parameters
     ----------
@@ -69,11 +69,9 @@ def scene_of(task: Any) -> Scene:
     """
     if isinstance(task, GridWorld):
         return MazeScene(task)
-    return (
-        PursuitScene(task)
-        if isinstance(task, Pursuit)
-        else NameScene(generative_model(task).states)
-    )
+    if isinstance(task, Pursuit):
+        return PursuitScene(task)
+    return LabelScene(generative_model(task).states)
 
 
 class Canvas:
@@ -84,7 +82,7 @@ class Canvas:
     height, width : int
         Rows and columns.
     framed : bool
-        Whether a frame says that the grid ends at its edge.
+        Whether a dark frame marks the edge.
 
     Examples
     --------
@@ -93,7 +91,7 @@ class Canvas:
     """
 
     def __init__(self, height: int, width: int, *, framed: bool = True):
-        # Even, as video formats want it.
+        # Even, as video formats require.
         self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(height, width)) // 2 * 2)
         size = (height * self._cell + 2 * MARGIN, width * self._cell + 2 * MARGIN, 3)
         self._backdrop = np.empty(size, np.uint8)
@@ -102,20 +100,20 @@ class Canvas:
             self.paint(row, column, FLOOR)
 
     def paint(self, row: int, column: int, colour: str) -> None:
-        """Give a cell a colour, for good."""
+        """Give a cell of the background a colour."""
         y, x = self._corner(row, column)
         self._backdrop[y : y + self._cell, x : x + self._cell] = ImageColor.getrgb(LINES)
         inside = slice(y + 1, y + self._cell - 1), slice(x + 1, x + self._cell - 1)
         self._backdrop[inside] = ImageColor.getrgb(colour)
 
     def put(self, row: int, column: int, figure: Figure) -> None:
-        """Put a figure into a cell, for good."""
+        """Put a figure into a cell of the background."""
         _paste(self._backdrop, self._corner(row, column), figure, self._cell)
 
     def with_figures(self, figures: Iterable[tuple[int, int, Figure]]) -> Pixels:
         """Return the grid with figures in rows and columns, (height, width, 3) uint8.
 
-        Those that share a cell stand side by side.
+        Figures that share a cell are side by side.
         """
         together: dict[tuple[int, int], list[Figure]] = {}
         for row, column, figure in figures:
@@ -143,7 +141,7 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
 class MazeScene:
     """A maze with its walls, fires, pits and treasures, and the agent.
 
-    Cells beside a fire glow where that has its price; a ring marks where episodes start.
+    Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
 
     Parameters
     ----------
@@ -183,7 +181,7 @@ class MazeScene:
 
 
 class PursuitScene:
-    """The prey and the numbered predators of a pursuit; a frame where the grid is walled.
+    """The prey and the numbered predators of a pursuit; a dark frame where the grid is walled.
 
     Parameters
     ----------
@@ -216,8 +214,8 @@ class PursuitScene:
         return [int(cell) for cell in self._states.decode(state).values()]
 
 
-class NameScene:
-    """The number of a state and what it is made of, in words.
+class LabelScene:
+    """The number of a state and the values of its components, as text.
 
     Parameters
     ----------
@@ -236,12 +234,12 @@ class NameScene:
         draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
         large, font = ImageFont.load_default(22), ImageFont.load_default(18)
         draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
-        for i, words in enumerate(lines):
-            draw.text((LINE, LINE * (i + 3)), words, INK, font, anchor="lm")
+        for i, line in enumerate(lines):
+            draw.text((LINE, LINE * (i + 3)), line, INK, font, anchor="lm")
         return np.array(image)
 
     def _lines(self, state: int) -> list[str]:
-        """Return the components in words, none where the state's number says it all."""
+        """Return the components' values, nothing for the one component of plain numbered states."""
         space = self._states
         first, *others = space.components
         if space.is_box and first.low == 0 and first.labels is None and not others:
@@ -250,7 +248,7 @@ class NameScene:
         lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
         if len(lines) > MOST_LINES:
             lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
-        return [shorten(words, LONGEST_LINE, placeholder=" …") for words in lines]
+        return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
 
     def text(self, state: int) -> str:
         """Return the state's label."""

@@ -1,4 +1,4 @@
-"""Gymnasium's worlds that show their transition tables, and what their states are made of."""
+"""Gymnasium's toy-text environments: their transition tables, and names for their states."""
 
 from typing import Any
 
@@ -18,17 +18,17 @@ from gymnasium.wrappers import (
 
 from curricle.tasks.spaces import Component, Space
 
-LOOKING_ON = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
-"""Wrappers under which a table still tells all; the time limit is told by the specification."""
+HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
+"""Wrappers that change no transition; the time limit is read from the specification."""
 PLACES = ("red", "green", "yellow", "blue")
 Outcomes = list[list[list[tuple[float, int, float, bool]]]]
 
 
 def has_table(env: gym.Env[Any, Any]) -> bool:
-    """Return whether an environment shows a transition table that says all about it.
+    """Return whether an environment has a transition table that describes it completely.
 
     It has ``P`` and a start distribution, no wrapper that changes what it does, and no time limit
-    that is nowhere told. A taxi whose passengers change their minds does what is not in its table.
+    beside the specification's. The moves of a taxi with fickle passengers are not in its table.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
     (True, False)
     """
     while isinstance(env, gym.Wrapper):
-        if not isinstance(env, LOOKING_ON) or (isinstance(env, TimeLimit) and env.spec is None):
+        if not isinstance(env, HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
         env = env.env
     sizes = list[int]()
@@ -71,8 +71,8 @@ def start_of(world: Any) -> npt.ArrayLike | None:
 def outcomes_of(world: Any) -> Outcomes:
     """Return a table's outcome lists, in which entering a state ends the episode always or never.
 
-    Where a state is entered both ways, or an episode starts in one that also ends it, ending moves
-    to one more state, the last: all ends are worth 0.
+    If the table has states that end an episode only sometimes, those ends go to one more state,
+    the last.
     """
     n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
     outcomes: Outcomes = [
@@ -93,26 +93,26 @@ def outcomes_of(world: Any) -> Outcomes:
 
 
 def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike | None) -> set[int]:
-    """Return the states in which an episode may go on, and which may also end one."""
+    """Return the states, entered or started in, where an episode may end or go on."""
     given = np.asarray(start)
-    going_on = {int(given)} if given.ndim == 0 else set(np.flatnonzero(given).tolist())
-    waiting, ends = list(going_on), set[int]()
-    while waiting:
-        for pair in outcomes[waiting.pop()]:
+    continuing = {int(given)} if given.ndim == 0 else set(np.flatnonzero(given).tolist())
+    queue, ends = list(continuing), set[int]()
+    while queue:
+        for pair in outcomes[queue.pop()]:
             for probability, after, _, ended in pair:
                 if ended and probability > 0:
                     ends.add(after)
-                elif probability > 0 and after not in going_on:
-                    going_on.add(after)
-                    waiting.append(after)
-    return going_on & ends
+                elif probability > 0 and after not in continuing:
+                    continuing.add(after)
+                    queue.append(after)
+    return continuing & ends
 
 
 def names_of(world: Any) -> tuple[Space | None, Space | None]:
-    """Return the state and action spaces of a known world in words, None where there are none.
+    """Return named state and action spaces of a known environment, None for others.
 
-    Compass directions and map coordinates are called as in :class:`GridWorld`, so that mappings by
-    name work between the two.
+    Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
+    between the two.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Pursuit as vectors of numbers: for learners that see observations instead of numbered states."""
+"""Pursuit as vectors, for learners that see observations instead of numbered states."""
 
 from dataclasses import fields
 from functools import partial
@@ -29,16 +29,15 @@ Acting = Literal["all", "first"]
 
 
 class PursuitVectors:
-    """The states of a pursuit as vectors, there and back.
+    """The states of a pursuit as vectors, and back.
 
     A vector has 2 + 4 N numbers for N predators, all in [-1, 1]: row and column of the prey, then
-    for each predator its row and column and how far the prey is from it, downwards and to the
-    right. Places are scaled from -1, the first row or column, to 1, the last; displacements are
-    divided by ``size - 1``. On a torus they are the shortest; of two, that up or to the left.
+    for each predator its row and column and the prey's displacement from it, downwards and to the
+    right. Rows and columns are scaled from -1, the first, to 1, the last; displacements are divided
+    by ``size - 1``. On a torus they are the shortest; of two equal ones, up or to the left.
 
-    Places tell where walls are and make up the state; displacements are what predators close, and
-    spare a network to learn differences. As a predator's numbers lie side by side, a pursuit's
-    vector begins with that of the pursuit with fewer predators.
+    A network need not learn differences, then. A predator's numbers are side by side, so a
+    pursuit's vector begins with that of the pursuit with fewer predators.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ class PursuitVectors:
         self.pursuit = pursuit
         size, last, n = pursuit.size, pursuit.size - 1, pursuit.predators
         self._row_column = frozen(np.stack(np.divmod(np.arange(size**2), size), axis=1))
-        # Numbers are looked up, those of places first: at a row or column, or at a difference.
+        # Numbers are looked up: by row or column in the first part, by difference in the second.
         away = np.arange(-last, size)
         if pursuit.torus:
             away = (away + size // 2) % size - size // 2
@@ -67,7 +66,7 @@ class PursuitVectors:
         one, none = np.eye(2, dtype=np.int64), np.zeros((2, 2), np.int64)
         prey = np.hstack([one, *[none, one] * n])
         predators = np.kron(np.eye(n, dtype=np.int64), np.hstack([one, -one]))
-        # (2 + 2 N, 2 + 4 N): from rows and columns to what is looked up, less where it begins.
+        # (2 + 2 N, 2 + 4 N): from rows and columns to indices within the two parts.
         self._looked_up = frozen(np.vstack([prey, np.pad(predators, ((0, 0), (2, 0)))]))
         self._begins = frozen(np.array([0, 0, *[0, 0, size + last, size + last] * n]))
         # (2 + 4 N, 1 + N): back from places to cells, row * size + column.
@@ -77,7 +76,7 @@ class PursuitVectors:
 
     @property
     def space(self) -> Box:
-        """What vectors lie in, ``Box(-1, 1, (2 + 4 N,), float32)``."""
+        """The space of the vectors, ``Box(-1, 1, (2 + 4 N,), float32)``."""
         return Box(-1.0, 1.0, (2 + 4 * self.pursuit.predators,), np.float32)
 
     def of(self, cells: IntArray) -> Vectors:
@@ -97,35 +96,32 @@ class PursuitVectors:
         Parameters
         ----------
         observations : (n, 2 + 4 N) float array
-            As :meth:`of` returns them, not normalised further.
+            As :meth:`of` returns them.
         """
         cells = np.asarray(observations, np.float64) @ self._weights + (self._middle + 0.5)
-        return np.asarray(cells.astype(np.int64))  # the half makes of cutting off rounding
+        return np.asarray(cells.astype(np.int64))  # cutting off x + 1/2 rounds x
 
 
 class VectorPursuit(TaskEnvironment):
-    """A pursuit whose learner sees vectors, as deep learners do.
+    """A pursuit whose observations are vectors, for deep learners.
 
-    Rewards, ends, time limit, ``info`` and the options of ``reset`` are those of
-    :class:`TaskEnvironment`; observations are vectors, made by ``vectors``, a
-    :class:`PursuitVectors`.
+    All else is as in :class:`TaskEnvironment`. ``vectors`` is its :class:`PursuitVectors`.
 
     Parameters
     ----------
     pursuit : Pursuit
-        Of any size: no table is made of it.
+        Of any size: no table is made.
     acting : {"all", "first"}
         Who takes the actions: all predators as one, ``Discrete(moves**N)``; or the first one alone,
-        ``Discrete(moves)``, while the others move at random, each move equally likely, drawn from
-        ``np_random``. That is the task of one agent among several, as :class:`PursuitParallelEnv`
-        shows it.
+        ``Discrete(moves)``, while the others move uniformly at random, drawn from ``np_random``.
+        That is the task of one agent among several, as in :class:`PursuitParallelEnv`.
     render_mode : {"rgb_array", "ansi"}, optional
         As in :class:`TaskEnvironment`.
 
     Raises
     ------
     SettingError
-        When the pursuit or a setting is none, and as :class:`TaskEnvironment` does.
+        When it is no pursuit or a setting is unknown, and as :class:`TaskEnvironment` does.
 
     Examples
     --------
@@ -150,7 +146,7 @@ class VectorPursuit(TaskEnvironment):
         super().__init__(pursuit, render_mode=render_mode)
         parts = pursuit.actions.components
         self.moves = pursuit.actions if acting == "all" else Space(parts[:1])
-        """The moves that an action names."""
+        """The space of the moves that an action stands for."""
         self._own = Coding(self.moves, "index")
         self._moves_of_others = pursuit.actions.size // self.moves.size
         self.observation_space, self.action_space = self.vectors.space, self._own.held
@@ -180,7 +176,7 @@ class VectorPursuit(TaskEnvironment):
 
 
 class VectorPursuitEnvironment(VectorPursuit):
-    """What ``Curricle/VectorPursuit-v0`` makes: a :class:`Pursuit` seen as vectors.
+    """What ``Curricle/VectorPursuit-v0`` makes: a :class:`Pursuit` observed as vectors.
 
     Parameters
     ----------
@@ -204,8 +200,7 @@ class VectorPursuitEnvironment(VectorPursuit):
 def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> ObservationTask:
     """Return a pursuit as a task for deep learners, which see its vectors.
 
-    Equal pursuits give equal tasks. The discount is the pursuit's; at its time limit the
-    environment itself cuts episodes off.
+    Equal pursuits give equal tasks. The discount and the time limit are the pursuit's.
 
     Parameters
     ----------
@@ -218,7 +213,7 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> Observation
     Raises
     ------
     TaskError
-        When `pursuit` or `acting` is none.
+        When it is no pursuit, or `acting` is unknown.
 
     Examples
     --------
@@ -230,13 +225,11 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> Observation
     """
     instance("pursuit", pursuit, Pursuit, TaskError)
     one_of("acting", acting, ("all", "first"), TaskError)
-    given = {rule.name: getattr(pursuit, rule.name) for rule in fields(pursuit)}
-    told = {
-        rule.name: given[rule.name] for rule in fields(pursuit) if given[rule.name] != rule.default
-    }
+    rules = {rule.name: (getattr(pursuit, rule.name), rule.default) for rule in fields(pursuit)}
+    arguments = {name: value for name, (value, default) in rules.items() if value != default}
     if acting != "all":
-        told["acting"] = acting
-    return ObservationTask(Registered("Curricle/VectorPursuit-v0", told), pursuit.discount)
+        arguments["acting"] = acting
+    return ObservationTask(Registered("Curricle/VectorPursuit-v0", arguments), pursuit.discount)
 
 
 def predator_mapping(
@@ -246,27 +239,27 @@ def predator_mapping(
     unmapped_value: float = 0.0,
     **renaming: str,
 ) -> ObservationMapping:
-    """Return the mapping that reads the source's prey and predators off the target's, by name.
+    """Return the mapping from the target's prey and predators to the source's, by name.
 
-    It is :func:`project` between pursuits whose learner sees vectors: cells correspond by row and
-    column, moves by name; a cell or move that the source lacks leaves the pair unmapped, and states
-    in which the source would be over have ended.
+    It is :func:`project` between pursuits observed as vectors: cells correspond by row and column,
+    moves by name; a pair with a cell or move that the source lacks is unmapped, and states that are
+    terminal in the source are `ENDED`.
 
     Parameters
     ----------
     target : ObservationTask
         Of :func:`observed_pursuit`, or made of the registered environment.
     source : ObservationTask or Pursuit
-        One as `target`, or a pursuit whose values are a table, read at its states' numbers.
+        A task like `target`, or a pursuit whose values are a table.
     unmapped_value : float
     **renaming : str
-        ``source_predator="target_predator"``, where the names differ. In a task in which the first
-        predator acts alone only its moves can be read: it is ``predator_1``, or ``predator``.
+        ``source_predator="target_predator"``, where the names differ. In a task with
+        ``acting="first"`` only that predator, ``predator_1`` or ``predator``, can be read.
 
     Raises
     ------
     MappingError
-        When a task is no pursuit seen as vectors, or on an unknown predator, listing the known.
+        When a task is no pursuit observed as vectors, or on an unknown predator, listing the known.
 
     Examples
     --------
@@ -281,7 +274,7 @@ def predator_mapping(
     >>> by_second.pairs(TableValues(q), seen)[0, :15]  # of moves (0, 0..2, 0..4)
     array([-2., -2., -2., -2., -2., -3., -3., -3., -3., -3., -1., -1., -1., -1., -1.])
 
-    One agent among three, whichever it is, sees itself as the first.
+    Each of three agents sees itself as the first predator.
 
     >>> agent = observed_pursuit(Pursuit(size=5, predators=3), acting="first")
     >>> alone = predator_mapping(agent, chase, predator="predator_1")
@@ -289,57 +282,53 @@ def predator_mapping(
     array([[-2., -3., -1., -3., -3.]])
     """
     mine = _environment("target", target)
-    yours = source if isinstance(source, Pursuit) else _environment("source", source)
-    hunt = yours if isinstance(yours, Pursuit) else yours.task
-    moves = yours.actions if isinstance(yours, Pursuit) else yours.moves
+    tabular = isinstance(source, Pursuit)
+    theirs: Any = source if tabular else _environment("source", source)
+    hunt, moves = (theirs, theirs.actions) if tabular else (theirs.task, theirs.moves)
     shares = np.stack(ComponentMapping(mine.task, hunt, renaming).lookups() or [])
     # One missing share outweighs all others, so that the sum is negative.
     shares = np.where(shares < 0, -hunt.states.size, shares)
-    counted = partial(_counted, mine.vectors, frozen(shares))
+    states = partial(_states, mine.vectors, frozen(shares))
     known: dict[str, Any] = {
         "actions": moves.encode(**read_components(mine.moves, moves, renaming)),
         "unmapped_value": unmapped_value,
         "description": describe_renaming(hunt.states.names, renaming),
     }
-    if isinstance(yours, Pursuit):
+    if tabular:
         numbers = np.where(hunt.terminal, ENDED, np.arange(hunt.states.size))
-        readable = partial(_numbered, counted, frozen(np.append(numbers, UNMAPPED)))
-        return ObservationMapping(target, source, readable, **known)
-    return ObservationMapping(
-        target,
-        source,
-        partial(_shown, counted, yours.vectors),
-        status=partial(_status, counted, yours.vectors),
-        **known,
-    )
+        numbers = frozen(np.append(numbers, UNMAPPED))
+        return ObservationMapping(target, source, partial(_numbers, states, numbers), **known)
+    status = partial(_status, states, theirs.vectors)
+    vectors = partial(_vectors, states, theirs.vectors)
+    return ObservationMapping(target, source, vectors, status=status, **known)
 
 
-# What mappings call are functions of the module, so that mappings travel between processes.
+# Mappings call functions of the module, not closures, so that they can be pickled.
 
 
-def _counted(seen: PursuitVectors, shares: IntArray, observations: Any) -> IntArray:
+def _states(seen: PursuitVectors, shares: IntArray, observations: Any) -> IntArray:
     """Return the source's states, `UNMAPPED` where none; shares are (1 + N, cells)."""
     each = shares[np.arange(len(shares)), seen.cells(observations)]
     return np.asarray(np.maximum(each.sum(axis=1), UNMAPPED))
 
 
-def _numbered(counted: Any, numbers: IntArray, observations: Any) -> IntArray:
-    """Return the source's states, or what `numbers` has in their place; its last is `UNMAPPED`."""
-    return np.asarray(numbers[counted(observations)])
+def _numbers(states: Any, numbers: IntArray, observations: Any) -> IntArray:
+    """Return the entries of `numbers` at the source's states; its last is `UNMAPPED`."""
+    return np.asarray(numbers[states(observations)])
 
 
-def _shown(counted: Any, seen: PursuitVectors, observations: Any) -> Vectors:
-    """Return the source's vectors, any where its state is none."""
-    return seen.of(_cells_of(seen.pursuit, counted(observations)))
+def _vectors(states: Any, seen: PursuitVectors, observations: Any) -> Vectors:
+    """Return the source's vectors, arbitrary ones where its state is unmapped."""
+    return seen.of(_cells_of(seen.pursuit, states(observations)))
 
 
-def _status(counted: Any, seen: PursuitVectors, observations: Any) -> IntArray:
-    """Return which of the source's states are `UNMAPPED` or `ENDED`."""
-    states = counted(observations)
-    cells = _cells_of(seen.pursuit, states)
-    touching = (cells[:, 1:] == cells[:, :1]).sum(axis=1)
-    status = np.where(touching >= int(seen.pursuit.model.to_end), ENDED, 0)
-    return np.asarray(np.where(states == UNMAPPED, UNMAPPED, status))
+def _status(states: Any, seen: PursuitVectors, observations: Any) -> IntArray:
+    """Return `UNMAPPED` or `ENDED` where the source's states are, else 0."""
+    found = states(observations)
+    cells = _cells_of(seen.pursuit, found)
+    on_the_prey = (cells[:, 1:] == cells[:, :1]).sum(axis=1)
+    status = np.where(on_the_prey >= int(seen.pursuit.model.to_end), ENDED, 0)
+    return np.asarray(np.where(found == UNMAPPED, UNMAPPED, status))
 
 
 def _cells_of(pursuit: Pursuit, states: IntArray) -> IntArray:
@@ -348,10 +337,10 @@ def _cells_of(pursuit: Pursuit, states: IntArray) -> IntArray:
 
 
 def _environment(role: str, task: Any) -> VectorPursuit:
-    """Return the environment of a task, if it is a pursuit seen as vectors."""
+    """Return the environment of a task, if it is a pursuit observed as vectors."""
     made = task.make().unwrapped if isinstance(task, ObservationTask) else None
     if not isinstance(made, VectorPursuit) or task.observations != made.observation_space:
         raise MappingError(
-            f"a mapping of predators needs pursuits seen as vectors: the {role} is {task!r}"
+            f"a mapping of predators needs pursuits observed as vectors: the {role} is {task!r}"
         )
     return made

@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.interop.observation_tasks import observation_task
+from curricle.interop.gymnasium import observation_task
 from curricle.study.config.references import Call, load, users_code
 from curricle.study.config.tables import (
     Flag,
