@@ -1,8 +1,8 @@
-"""What calibration and the guard are for: the bars they have to clear, on the paper's domains.
+"""Calibration and the guard on the paper's domains: bounds on what they gain.
 
-Seeds are fixed: a test either always passes or always fails. Bounds are in standard errors of the
-differences that they judge (paired by seed), or of the means; where one could fail by chance on the
-day the random stream changes, it says how easily.
+Seeds are fixed: a test either always passes or always fails. Bounds are in standard errors of
+differences paired by seed, or of means; where one could fail by chance after a change of the random
+stream, its docstring gives the probability.
 """
 
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ FEW = cr.GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 
 
 def hunt(size, steps, time_limit, aggregate, **transfer):
-    """Return the curriculum from one predator to two who must both catch, in tenths."""
+    """Return the curriculum from one predator to two that must both catch, with 10 checkpoints."""
     rules = {"discount": 0.95, "time_limit": time_limit}
     both, alone = cr.Pursuit(size, 2, **rules), cr.Pursuit(size, 1, **rules)
     return cr.Curriculum(
@@ -75,12 +75,12 @@ def seven():
     return trainer(7, 1_000_000, 200, 8)
 
 
-def test_the_raw_mean_collapses(five):
+def test_the_uncalibrated_mean_collapses(five):
     """Measured: from -10.2 to -16.1, 18 standard errors of the difference."""
     raw = five(cr.mean)
     assert errors(raw[:, -1] - raw[:, 0]) < -6
     assert raw[:, -1].mean() < 1.4 * raw[:, 0].mean()
-    # What the next test takes for a fall.
+    # A fall in the sense of the next test.
     assert (errors(np.diff(raw, axis=1)) < -3).sum() >= 4
 
 
@@ -129,12 +129,12 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
 
 @pytest.fixture(scope="module")
 def scratch():
-    """The paper's maze (step -5) learnt directly, 30 seeds, and the threshold this sets."""
+    """The paper's maze (step -5) learnt from scratch by 30 seeds, and its threshold."""
     return paper.scratch(maze(-5), 30, None)
 
 
 def saved(scratch, size, guard, steps):
-    """Return the steps saved by a source of this size, (K,), and how many never got there."""
+    """Return the steps saved by a source of this size, (K,), and how many seeds never reached it."""
     source = paper.corner(scratch.maze, size)
     plan = cr.Curriculum(
         tasks={"source": source, "target": scratch.maze},
@@ -156,31 +156,31 @@ def saved(scratch, size, guard, steps):
 
 
 def test_a_source_of_size_3_costs_more_than_20_000_steps_unguarded(scratch):
-    """Measured: 55,000 [53,500, 56,100], against 27,100 for learning directly."""
+    """Measured: 55,000 [53,500, 56,100], against 27,100 from scratch."""
     assert cr.statistics.bootstrap(saved(scratch, 3, None, 150_000).steps).high < -20_000
 
 
 def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
     """Measured: 670 [203, 1,163] steps saved.
 
-    Not worse within noise: the 95 % interval of the steps saved includes or exceeds 0. Were guarded
-    and direct learning exactly alike, it would lie below 0 in 1 of 40 studies (a little more, as
-    bootstrap intervals are short); hence the second bound, 4 % of the direct learner's 27,100
-    steps and 4 standard errors below nothing, which luck alone breaks in 1 of 30,000.
+    The 95 % interval of the steps saved includes or exceeds 0. Were guarded learning and learning
+    from scratch exactly alike, it would lie below 0 in 1 of 40 studies (a little more, as bootstrap
+    intervals are short); hence the second bound, 4 % of the 27,100 steps from scratch and 4
+    standard errors below 0, which chance alone breaks in 1 of 30,000.
     """
     found = saved(scratch, 3, cr.Guard(), 150_000)
     interval = cr.statistics.bootstrap(found.steps)
     assert found.missed == 0
     assert interval.high >= 0
     assert interval.estimate > -1000
-    # It is the guard's doing: in the end phi's learner gets fewer of the steps, in most seeds.
+    # Because of the guard: in the end, in most seeds, fewer steps are by the learner with phi.
     assert (found.guard_share[:, -1] < 0.5).mean() > 0.8
 
 
 def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
     """Measured: 63 % (size 9) to 112 % (size 6) of 8,500 to 12,700 steps, 85 % on average.
 
-    The share's standard error is 1 to 2 % for each size; half is 12 of them below the least.
+    The share's standard error is 1 to 2 % for each size; half is 12 of them below the smallest share.
     """
     kept = {}
     for size in range(4, 11):

@@ -1,4 +1,4 @@
-"""Mappings between tasks, by hand: what is read from where, and what is not read at all."""
+"""Mappings between tasks, by hand: source pairs, unmapped pairs, coverage, and the edge."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_same_position_leaves_walls_of_the_source_unmapped():
     assert source_states(same_position(walled, open_field)) == [0, 2, ENDED]
 
 
-def test_same_position_of_a_state_that_ends_only_in_the_source_has_ended():
+def test_same_position_of_a_state_terminal_only_in_the_source_has_ended():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     assert source_states(same_position(mild, deadly)) == [0, ENDED, ENDED]
     assert source_states(same_position(deadly, mild)) == [0, ENDED, ENDED]
@@ -121,13 +121,13 @@ def test_relative_objects_without_a_fitting_shift_maps_nothing():
     assert mapping.coverage().mean_readers == 0
 
 
-def test_relative_objects_takes_the_smallest_of_several_shifts_and_fills_up_with_the_next():
+def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
     target, source = GridWorld("T.S.T", ends=()), GridWorld("S.T", ends=())
     # Shift -2 (treasure at 0) reaches only column 0; shift 2 (treasure at 4) columns 2, 3, 4.
     assert source_states(relative_objects(target, source)) == [2, UNMAPPED, 0, 1, 2]
     both = GridWorld("T.T.S", ends=())
     wide = GridWorld("S.T..", ends=())
-    # Shift -2 reaches columns 0, 1, 2 and goes first; shift 0 then adds 3 and 4.
+    # Shift -2 maps columns 0, 1, 2 and comes first; shift 0 adds 3 and 4.
     assert source_states(relative_objects(both, wide)) == [2, 3, 4, 3, 4]
 
 
@@ -159,7 +159,7 @@ def test_from_function_may_map_actions_by_state():
     assert mapping.index[:2].tolist() == [[0, 3, 2, 1], [4, 5, 6, 7]]
 
 
-def test_from_function_refuses_fractions_and_does_not_round_them():
+def test_from_function_does_not_round_fractions():
     def half(state, action):
         return {**state, "column": state["column"] / 2}, action
 
@@ -170,7 +170,7 @@ def test_from_function_refuses_fractions_and_does_not_round_them():
 # -- compose -------------------------------------------------------------------------------------
 
 
-def test_compose_goes_through_the_middle_task():
+def test_compose_maps_through_the_middle_task():
     middle = GridWorld("S..T").crop(rows=(0, 1), columns=(1, 4))
     both = compose(same_position(LINE, middle), same_position(middle, END))
     assert source_states(both) == [UNMAPPED, UNMAPPED, 0, ENDED]
@@ -239,7 +239,7 @@ def test_scale_and_shift_apply_to_mapped_pairs_only():
     assert phi[:3, 0].tolist() == [-7, -7, 9]
 
 
-def test_a_pair_at_the_sources_end_is_worth_the_shift_alone():
+def test_the_value_of_an_ended_pair_is_the_shift():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
     assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]

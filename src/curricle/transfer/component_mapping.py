@@ -28,11 +28,6 @@ class ComponentMapping(StateActionMapping):
         Source component -> target component, where the names differ.
     unmapped_value : float
 
-    Raises
-    ------
-    MappingError
-        On an unknown component, listing the valid ones.
-
     Examples
     --------
     >>> from curricle import Pursuit
@@ -58,10 +53,9 @@ class ComponentMapping(StateActionMapping):
         for own, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:
                 _origin(own, component, renaming)
-        object.__setattr__(self, "target", target)
-        object.__setattr__(self, "source", source)
-        object.__setattr__(self, "renaming", dict(renaming))
-        object.__setattr__(self, "unmapped_value", unmapped_value)
+        fields = {"target": target, "source": source, "unmapped_value": unmapped_value}
+        for name, value in {**fields, "renaming": dict(renaming)}.items():
+            object.__setattr__(self, name, value)
 
     @cached_property
     def index(self) -> IntArray:

@@ -1,4 +1,4 @@
-"""Potentials read on the fly against the same potentials as arrays, on random mappings by name."""
+"""Mapped potentials against the same potentials as arrays, on random mappings by component name."""
 
 import itertools
 import tracemalloc
@@ -84,7 +84,7 @@ def space_transfers(draw):
     return task, edges
 
 
-def on_arrays(task, edges, values, function):
+def array_potential(task, edges, values, function):
     each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
     return cr.StateActionPotential(task, aggregate(function, np.stack(each)))
 
@@ -95,21 +95,23 @@ def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
     rng = np.random.default_rng(seed)
     values = [values_of(edge.mapping.source, rng) for edge in edges]
     mapped = mapped_potential(task, edges, values, function)
-    expected = on_arrays(task, edges, values, function)
+    expected = array_potential(task, edges, values, function)
     np.testing.assert_array_equal(mapped.values, expected.values)
     np.testing.assert_array_equal(mapped.to_state().values, expected.to_state().values)
 
 
 @settings(max_examples=15)
 @given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
-def test_learning_through_either_is_the_same(transfers, function, seed):
+def test_learning_with_either_is_the_same(transfers, function, seed):
     task, edges = transfers
     rng = np.random.default_rng(seed)
     values = [values_of(edge.mapping.source, rng) for edge in edges]
-    judge = cr.GreedyEvaluation("rollouts", 3)
-    potentials = [make(task, edges, values, function) for make in (mapped_potential, on_arrays)]
+    evaluation = cr.GreedyEvaluation("rollouts", 3)
+    potentials = [
+        make(task, edges, values, function) for make in (mapped_potential, array_potential)
+    ]
     learnt = [
-        cr.learn(task, budget=300, potential=phi, eval_freq=50, evaluation=judge)
+        cr.learn(task, budget=300, potential=phi, eval_freq=50, evaluation=evaluation)
         for phi in potentials
     ]
     np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
@@ -120,18 +122,18 @@ def index_point_by_point(mapping):
     """Return the index array of a mapping by name, component by component of each pair."""
     target, source, renaming = mapping.target, mapping.source, mapping.renaming
 
-    def counterpart(mine, theirs, number):
+    def counterpart(own, other, number):
         place = {}
-        for component in theirs.components:
-            origin = mine.component(renaming.get(component.name, component.name))
-            value = int(mine.decode(number)[origin.name])
+        for component in other.components:
+            origin = own.component(renaming.get(component.name, component.name))
+            value = int(own.decode(number)[origin.name])
             if component.labels is not None and origin.labels is not None:
                 label = origin.labels[value - origin.low]
                 if label not in component.labels:
                     return None
                 value = component.low + component.labels.index(label)
             place[component.name] = value
-        found = int(theirs.encode(**place))
+        found = int(other.encode(**place))
         return None if found < 0 else found
 
     index = np.full((target.states.size, target.actions.size), cr.UNMAPPED)
@@ -176,7 +178,7 @@ def line_by_points(points, n_actions=2, seed=0):
     return random_task(cr.Space(box, points), cr.Space([cr.Component("move", n_actions)]), rng)
 
 
-def test_spaces_that_are_no_boxes_fall_back_to_arrays():
+def test_listed_spaces_need_arrays():
     everywhere = list(itertools.product(range(3), repeat=2))
     listed, box = line_by_points(everywhere[::2]), line_by_points(None, seed=1)
     for target, source in ((listed, box), (box, listed), (listed, listed)):
@@ -189,11 +191,11 @@ def test_spaces_that_are_no_boxes_fall_back_to_arrays():
         result = curriculum.train(2)
         for phi, q in zip(result.potentials["target"], result["source"].values, strict=True):
             assert isinstance(phi, cr.StateActionPotential)
-            expected = on_arrays(target, [edge], [q], cr.mean)
+            expected = array_potential(target, [edge], [q], cr.mean)
             np.testing.assert_array_equal(phi.values, expected.values)
 
 
-def test_a_curriculum_reads_its_sources_as_arrays_would():
+def test_a_curriculum_learns_the_same_as_with_arrays():
     hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
     for function in AGGREGATES:
         edges = [
@@ -205,7 +207,9 @@ def test_a_curriculum_reads_its_sources_as_arrays_would():
         result = curriculum.train(2)
         assert all(isinstance(p, MappedPotential) for p in result.potentials["hunt"])
         arrays = [
-            on_arrays(hunt, edges, [result[edge.source].values[k] for edge in edges], function)
+            array_potential(
+                hunt, edges, [result[edge.source].values[k] for edge in edges], function
+            )
             for k in range(2)
         ]
         again = cr.learn(hunt, budget=2000, seeds=2, potential=arrays, stream="hunt")
@@ -214,14 +218,14 @@ def test_a_curriculum_reads_its_sources_as_arrays_would():
         np.testing.assert_array_equal(result["hunt"].training_return, again.training_return)
 
 
-def test_an_aggregate_of_ones_own_goes_through_arrays():
+def test_a_users_aggregate_needs_arrays():
     hunt, chase = cr.Pursuit(2, 2), cr.Pursuit(2, 1)
     edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
     for function in (lambda phi: phi[0], np.median):
         assert mapped_potential(hunt, [edge], [np.zeros((16, 5))], function) is None
 
 
-def test_mappings_and_potentials_of_huge_targets_take_no_memory():
+def test_mappings_and_potentials_of_huge_targets_need_little_memory():
     near = cr.Pursuit(10, 1)
     q = np.zeros((near.states.size, near.actions.size))
     tracemalloc.start()
