@@ -134,7 +134,7 @@ def scratch():
 
 
 def saved(scratch, size, guard, steps):
-    """Return the steps saved by a source of this size, (K,), and how many seeds never reached it."""
+    """Return the steps saved by a source of this size, (K,), and how many seeds missed it."""
     source = paper.corner(scratch.maze, size)
     plan = cr.Curriculum(
         tasks={"source": source, "target": scratch.maze},
@@ -180,7 +180,7 @@ def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
 def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
     """Measured: 63 % (size 9) to 112 % (size 6) of 8,500 to 12,700 steps, 85 % on average.
 
-    The share's standard error is 1 to 2 % for each size; half is 12 of them below the smallest share.
+    The share's standard error is 1 to 2 % for each size; half is 12 of them below the least.
     """
     kept = {}
     for size in range(4, 11):
