@@ -40,7 +40,7 @@ from .learning.potential import (
 from .learning.stopping import StoppingRule as StoppingRule
 from .learning.storage import Storage as Storage
 from .learning.training import learn as learn
-from .planning.evaluation import GreedyEvaluation as GreedyEvaluation
+from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .planning.solution import evaluate as evaluate, solve as solve
 from .plotting.picture import plot as plot
 from .study.config.reading import read_study as read_study
@@ -56,8 +56,8 @@ from .transfer.aggregation import (
     minimum as minimum,
     total as total,
 )
-from .transfer.component_mapping import project as project
 from .transfer.calibration import calibrate as calibrate
+from .transfer.component_mapping import project as project
 from .transfer.edges import Transfer as Transfer
 from .transfer.mapping import (
     ENDED as ENDED,

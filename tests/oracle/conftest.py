@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from curricle import FiniteMDP, StateActionPotential, StatePotential
-from curricle.learning.run import stream_start
 from curricle.learning.schedules import schedule
+from curricle.tasks.draws import stream_start
 
 
 def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):

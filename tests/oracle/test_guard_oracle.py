@@ -7,8 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.learning.guard import FADING, FEWEST, Guard
-from curricle.learning.run import stream_start
-from curricle.tasks.draws import integers, uniform
+from curricle.tasks.draws import integers, stream_start, uniform
 
 from .conftest import draw_best, pick, plain_sum, random_bits, splitmix64
 

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
-from curricle.learning.run import stream_start
+from curricle.tasks.draws import stream_start
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]

@@ -10,7 +10,8 @@ import scipy.stats
 from numba import njit
 
 import curricle as cr
-from curricle.learning.exploration import ACTION, best_of, choose
+from curricle.learning.exploration import choose
+from curricle.planning.greedy import ACTION, best_of
 from curricle.tasks.draws import STRIDE, splitmix64, uniform
 
 FALSE_ALARM = 1e-6

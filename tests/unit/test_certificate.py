@@ -13,7 +13,7 @@ from curricle.certificate.given import READ, checked
 from curricle.certificate.shaped import bonus_values, look_ahead_sweep, reached, ways_in
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.paper import hacking
-from curricle.planning.random_rollouts import random_rollouts as wander
+from curricle.planning.rollouts import random_rollouts
 from curricle.transfer.potentials import mapped_potential
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -630,13 +630,13 @@ def test_loops_at_discount_1_must_earn_nothing():
 
 
 def test_equal_seeds_agree_and_others_differ():
-    once, again, other = (wander(LARGE, walks=4, length=9, seed=s) for s in (1, 1, 2))
+    once, again, other = (random_rollouts(LARGE, episodes=4, length=9, seed=s) for s in (1, 1, 2))
     np.testing.assert_array_equal(once.states, again.states)
     assert (once.states != other.states).any()
 
 
 def test_walks_follow_the_task():
-    walks = wander(MAZE, walks=200, length=60, seed=3)
+    walks = random_rollouts(MAZE, episodes=200, length=60, seed=3)
     mdp, taken = MAZE.mdp, walks.taken
     here, after = walks.states[:, :-1][taken], walks.states[:, 1:][taken]
     row = mdp.outcome_row[here, walks.actions[taken]]
@@ -652,7 +652,7 @@ def test_walks_follow_the_task():
     assert abs(counts / n - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / n)
     # What the task does does not depend on the draw of the action: within 5 standard deviations.
     chase = cr.Pursuit(size=9, predators=1)
-    walks = wander(chase, walks=400, length=50)
+    walks = random_rollouts(chase, episodes=400, length=50)
     first, then = (chase.states.decode(walks.states[:, i])["prey"] for i in (0, 1))
     joint = np.zeros((5, 5))
     moved = [0, -9, 1, 9, -1]
@@ -663,7 +663,7 @@ def test_walks_follow_the_task():
         )  # fmt: skip
     assert joint.sum() == inside.sum()
     assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)
-    given = wander(MAZE, walks=3, length=1, starts=np.array([2, 0, 1]))
+    given = random_rollouts(MAZE, episodes=3, length=1, starts=np.array([2, 0, 1]))
     assert given.states[:, 0].tolist() == [2, 0, 1]
 
 
@@ -783,10 +783,10 @@ BAD = {
     ),
     "starts for other walks": (
         SettingError, r"starts must have shape \(2,\)",
-        lambda: wander(MAZE, walks=2, length=1, starts=np.array([0])),
+        lambda: random_rollouts(MAZE, episodes=2, length=1, starts=np.array([0])),
     ),
-    "walks of no steps": (
-        SettingError, "length of a walk in steps must be", lambda: wander(MAZE, walks=2, length=0)
+    "random rollouts of no steps": (
+        SettingError, "length of a random rollout in steps must be", lambda: random_rollouts(MAZE, episodes=2, length=0)
     ),
 }  # fmt: skip
 

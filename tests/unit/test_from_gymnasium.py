@@ -614,7 +614,7 @@ def test_a_time_limit_reaches_the_environment():
 
 def test_code_is_compiled_once_for_all_environments():
     from curricle.learning.q_learning import train_q_learning
-    from curricle.learning.run import compiled
+    from curricle.tasks.overloads import compiled
 
     cr.learn(watched([]), budget=10, evaluation=OFF)
     before = len(compiled(train_q_learning, False).signatures)

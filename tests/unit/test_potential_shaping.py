@@ -17,7 +17,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorSta
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
-from curricle.learning.value_lookup import nothing
+from curricle.learning.value_lookup import no_sources
 
 N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7
 RNG = np.random.default_rng(0)
@@ -277,7 +277,7 @@ def test_components_number_the_states(layout, kind):
         "by pairs": pair_potential_of_hunt,
         "mapped": mapped_potential,
         "the same everywhere but at the end": lambda: cr.learning.MappedPotential(
-            HUNT, nothing(25, 5.0)
+            HUNT, no_sources(25, 5.0)
         ),
     }[kind]()
     phi = potential.to_state().at()

@@ -20,9 +20,9 @@ from curricle.certificate.verdict import Certificate, Counterexample
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.solution import Solution
-from curricle.tasks.improper import endless_states
 from curricle.tasks.labels import action_name, state_name, values_of
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 FloatArray = npt.NDArray[np.float64]
@@ -149,7 +149,7 @@ def _out_of_reach(task: Task) -> str | None:
     mdp = tables(task)
     if mdp.discount == 1:
         rows = mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state
-        endless = endless_states(*rows)
+        endless = improper_states(*rows)
         if endless.size:
             place = state_name(mdp.states, int(endless[0]))
             return f"from {place} an episode can go on for ever at discount 1"

@@ -13,7 +13,7 @@ from curricle.certificate.diagnosis import different_by_action, two_ways_in
 from curricle.certificate.given import Given
 from curricle.certificate.shaped import bonus_values
 from curricle.learning.potential import StateActionPotential, StatePotential
-from curricle.planning.random_rollouts import RandomRollouts, random_rollouts
+from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.labels import state_name
 from curricle.tasks.task import generative_model
 
@@ -74,7 +74,7 @@ def sampled(given: Given, steps: int, seed: int) -> Sampled:
         return in_time(given, seed)
     limit = generative_model(given.task).time_limit
     length = max(2, min(steps, LONGEST, LONGEST if limit is None else limit))
-    walks = random_rollouts(given.task, walks=max(1, steps // length), length=length, seed=seed)
+    walks = random_rollouts(given.task, episodes=max(1, steps // length), length=length, seed=seed)
     if given.how == "look_back":
         return _look_back(given, walks)
     here, paid, taken = (_of_states if given.how == "state" else _of_pairs)(given, walks)
@@ -164,7 +164,7 @@ def in_time(given: Given, seed: int) -> Sampled:
     RandomRollouts start at moments all over the time in which it changes (Devlin, Kudenko 2012).
     """
     phi: StatePotential = given.potential
-    walks = random_rollouts(given.task, walks=MOMENTS, length=SHORT, seed=seed)
+    walks = random_rollouts(given.task, episodes=MOMENTS, length=SHORT, seed=seed)
     over = int(
         phi.frame_steps[-1] + (0 if phi.weight.first == phi.weight.last else phi.weight.span)
     )
@@ -207,13 +207,13 @@ def _reward(given: Given, steps: int, seed: int) -> Sampled:
     task, gamma = given.task, generative_model(given.task).discount
     limit = generative_model(task).time_limit
     length = min(max(1, steps // 2), LONGEST, LONGEST if limit is None else limit)
-    walks = random_rollouts(task, walks=max(1, steps // 2 // length), length=length, seed=seed)
+    walks = random_rollouts(task, episodes=max(1, steps // 2 // length), length=length, seed=seed)
     paid = _paid(given, walks)
     rng = np.random.default_rng(seed)
     begun = np.unique(walks.states[:, :-1][walks.taken])
     number = min(len(begun), max(1, steps // 2 // (BRANCHES * DEPTH)))
     bases = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
-    near = random_rollouts(task, walks=len(bases), length=DEPTH, seed=seed + 1, starts=bases)
+    near = random_rollouts(task, episodes=len(bases), length=DEPTH, seed=seed + 1, starts=bases)
     paid_near = _paid(given, near)
     enough = RECOGNISED * max(abs(paid).max(), abs(paid_near).max())
     found = [_meeting(given, near, paid_near, gamma, enough), _returning(given, walks, paid, gamma)]

@@ -17,7 +17,7 @@ from curricle.errors import PotentialError, SettingError
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachable import reachable_states
+from curricle.tasks.reachability import reachable_states
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 

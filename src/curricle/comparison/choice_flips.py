@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import SettingError
-from curricle.planning.evaluation import NEGLIGIBLE, GreedyEvaluation
+from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation
 from curricle.planning.solution import policy_table, right_choices
 from curricle.tasks.task import Task, tables
 

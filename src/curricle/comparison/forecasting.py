@@ -13,7 +13,7 @@ from curricle.errors import CurriculumError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.result import LearningResult
 from curricle.learning.threads import over_seeds, threads_for
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration

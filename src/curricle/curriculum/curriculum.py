@@ -24,7 +24,7 @@ from curricle.learning.result import LearningResult
 from curricle.learning.stopping import Decision
 from curricle.learning.storage import Storage
 from curricle.learning.ways import How
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration

@@ -17,12 +17,11 @@ from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.run import WarmUp
-from curricle.learning.stopping import Decision, StoppingRule
+from curricle.learning.stopping import Decision, StoppingRule, stopping_level
 from curricle.learning.storage import Storage
 from curricle.learning.training import check_guard, learn
 from curricle.learning.ways import How
-from curricle.planning.evaluation import GreedyEvaluation
-from curricle.planning.target import stopping_level
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate

@@ -16,7 +16,7 @@ from curricle.learning.run import WarmUp
 from curricle.learning.stopping import NEVER_STOPS, StoppingRule
 from curricle.learning.training import charges, warm_ups
 from curricle.learning.ways import BY_NETWORKS, RESIDUAL, How
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential

@@ -14,11 +14,11 @@ from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.learning.general_loop import Record
-from curricle.learning.run import NO_WARM_UP, Outcome, WarmUp, stream_start
+from curricle.learning.run import NO_WARM_UP, Outcome, WarmUp
 from curricle.learning.stopping import StoppingKernel, opens
 from curricle.learning.ways import How
-from curricle.planning.evaluation import GreedyEvaluation
-from curricle.tasks.draws import splitmix64_number
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
@@ -177,7 +177,7 @@ class Scribe(BaseCallback):
             return float("nan")
         seed = splitmix64_number(self.start ^ (number + 1))
         episodes = self._environments.rollouts(self._greedy, seed)
-        return mean_episode_return(episodes, self.run.evaluation.weight(self.run.task.discount))
+        return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task.discount))
 
     def _greedy(self, observations: Any) -> tuple[Any, Any]:
         actions = self.values.act(observations)

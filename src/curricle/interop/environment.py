@@ -10,11 +10,11 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.coding import Coding, Form
-from curricle.learning.run import compiled
 from curricle.tasks.draws import draw
 from curricle.tasks.generative_models import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.live import is_live
+from curricle.tasks.overloads import compiled
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component
 from curricle.tasks.task import generative_model

@@ -8,8 +8,8 @@ import numpy as np
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.general_loop import NO_LIMIT
 from curricle.learning.stopping import StoppingRule
+from curricle.tasks.mdp import NO_LIMIT
 
 MOST_CHECKPOINTS = 10_000_000
 

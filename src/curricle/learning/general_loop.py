@@ -9,19 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.learning.exploration import (
-    ACTION,
-    best_of,
-    choose,
-    expected_value,
-    highest,
-)
+from curricle.learning.exploration import choose, expected_value
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel, stops
-from curricle.learning.tables import acting_rows, greedies
+from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, first_above, inlined, splitmix64
-from curricle.tasks.generative_models import cut_short, failed, first_state, transition
+from curricle.tasks.draws import STRIDE, first_above, splitmix64
+from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
+from curricle.tasks.overloads import inlined
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,8 +24,6 @@ FloatArray = npt.NDArray[np.float64]
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 # Update rules.
 Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
-
-NO_LIMIT = np.int64(2**62)
 
 
 class Shaping(NamedTuple):
@@ -94,7 +87,7 @@ def _write_acting_row(view, state, out):
 acting_values = inlined(_write_acting_row)
 
 
-@greedies.body(Acting)
+@greedy_actions.body(Acting)
 def _acting_greedy(view, state, bits):
     acting_values(view, state, view.values)
     return best_of(view.values, 0, bits)[1]
@@ -209,7 +202,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             if write(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes or failed(model):
+        if step >= budget.steps or episodes >= budget.episodes or has_failed(model):
             return step, episodes
         if fresh:
             state = first_state(model, splitmix64(counter))
@@ -243,7 +236,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 
-        fresh = terminated or length >= limit or cut_short(model)
+        fresh = terminated or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action

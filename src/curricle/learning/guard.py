@@ -11,12 +11,14 @@ import numpy as np
 
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
-from curricle.learning.exploration import choose, highest
+from curricle.learning.exploration import choose
 from curricle.learning.general_loop import Acting, acting_values, spent_checkpoints, write
 from curricle.learning.schedules import rate_of
+from curricle.planning.greedy import highest
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, inlined, splitmix64
-from curricle.tasks.generative_models import cut_short, failed, first_state, transition
+from curricle.tasks.draws import STRIDE, splitmix64
+from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
+from curricle.tasks.overloads import inlined
 
 FEWEST = 5
 """Episodes of each learner before they are compared."""
@@ -146,7 +148,7 @@ def train_guarded(
             if write(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes or failed(model):
+        if step >= budget.steps or episodes >= budget.episodes or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
@@ -162,7 +164,7 @@ def train_guarded(
             old = np.float64(q[learner, state, action])
             q[learner, state, action] = old + rate * (target - old)
         step, length, episode_return = step + 1, length + 1, episode_return + reward
-        state, fresh = next_state, terminated or length >= limit or cut_short(model)
+        state, fresh = next_state, terminated or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
             remember(mean, variance, seen, acting, episode_return, guard.forgetting)

@@ -65,9 +65,9 @@ class Learner:
             rate = ByVisits(rate, np.zeros((rows, n_actions), dtype=np.int64))
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
-            return Rule(self.update, rate.lowered, Softmax(beta.lowered))
+            return Rule(self.update, rate.kernel, Softmax(beta.kernel))
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
-        return Rule(self.update, rate.lowered, EpsilonGreedy(epsilon.lowered))
+        return Rule(self.update, rate.kernel, EpsilonGreedy(epsilon.kernel))
 
 
 @dataclass(frozen=True)

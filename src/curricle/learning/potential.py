@@ -14,7 +14,7 @@ import numpy.typing as npt
 from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.learning.schedules import Schedule, constant, schedule
-from curricle.learning.value_lookup import TOTAL, Reading, read_all, read_some
+from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_table
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
@@ -174,7 +174,7 @@ class MappedPotential:
     ----------
     task : Task
         The task to be shaped.
-    reading : Reading
+    lookup : ValueLookup
         The sources' values and how target states and actions are looked up in them.
 
     Examples
@@ -191,7 +191,7 @@ class MappedPotential:
     """
 
     task: Task
-    reading: Reading
+    lookup: ValueLookup
 
     @property
     def weight(self) -> Schedule:
@@ -203,7 +203,7 @@ class MappedPotential:
         """Phi as an array after all, (S, A) float64; 0 at terminal states."""
         generative = generative_model(self.task)
         phi = np.empty((generative.states.size, generative.actions.size))
-        read_all(self.reading, phi)
+        read_table(self.lookup, phi)
         if generative.terminal is not None:
             phi[generative.terminal] = 0.0
         return frozen(phi)
@@ -214,14 +214,14 @@ class MappedPotential:
         Ends of the task are not told apart: what the sources say of them is returned.
         """
         phi = np.empty((len(states), generative_model(self.task).actions.size))
-        read_some(self.reading, np.asarray(states, np.int64), phi)
+        read_rows(self.lookup, np.asarray(states, np.int64), phi)
         return phi
 
     @property
     def highest(self) -> float:
         """A bound of the highest promise, max phi(s, a); the array is not made for it."""
-        parts = len(self.reading.first) if self.reading.combine == TOTAL else 1
-        return float(parts * self.reading.values.max())
+        parts = len(self.lookup.first) if self.lookup.combine == TOTAL else 1
+        return float(parts * self.lookup.values.max())
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
         """Return scale phi(s, a) + shift for a scale above 0; it keeps the optimum."""
@@ -229,9 +229,9 @@ class MappedPotential:
             raise PotentialError(
                 f"a potential read on the fly can be scaled by positive numbers only: got {scale}"
             )
-        parts = len(self.reading.first) if self.reading.combine == TOTAL else 1
-        values = frozen(scale * self.reading.values + shift / parts)
-        return MappedPotential(self.task, self.reading._replace(values=values))
+        parts = len(self.lookup.first) if self.lookup.combine == TOTAL else 1
+        values = frozen(scale * self.lookup.values + shift / parts)
+        return MappedPotential(self.task, self.lookup._replace(values=values))
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""

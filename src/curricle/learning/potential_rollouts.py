@@ -1,7 +1,7 @@
-"""Following the greedy policy of a potential through its task, and noting what it earned.
+"""Greedy rollouts of a potential: its predictions beside the returns that episodes had.
 
-What a potential promises, phi(s, a), is compared with what came of it before anything is learnt:
-to calibrate it, or to foresee where learning will start.
+phi(s, a) is compared with the return that followed before anything is learnt: to calibrate the
+potential, or to forecast where learning will start.
 """
 
 from dataclasses import dataclass
@@ -12,17 +12,20 @@ import numpy.typing as npt
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.exploration import ACTION, best_of
-from curricle.learning.general_loop import Acting
 from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.run import compiled, stream_start
-from curricle.learning.tables import acting_row, acting_rows, greedies, greedy_of
-from curricle.learning.value_lookup import Reading, read_row
-from curricle.planning.evaluation import GreedyEvaluation
-from curricle.planning.policy_evaluation import Exact, greedy_return
-from curricle.tasks.draws import draw, splitmix64
-from curricle.tasks.generative_models import Functions, cut_short, first_state, transition
-from curricle.tasks.live import opened
+from curricle.learning.value_lookup import ValueLookup, read_row
+from curricle.planning.greedy import (
+    Values,
+    acting_row,
+    acting_rows,
+    best_of,
+    greedy_actions,
+)
+from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.rollouts import GreedyPolicy, simulate
+from curricle.tasks.draws import stream_start
+from curricle.tasks.live import open_model
+from curricle.tasks.overloads import compiled
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import generative_model
 
@@ -30,33 +33,33 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 PairPotential = StateActionPotential | MappedPotential
 MOST_STEPS = 50_000_000
-"""Steps that may be noted down (2.4 GB)."""
+"""Steps that may be recorded (2.4 GB)."""
 
 
-class Read(NamedTuple):
-    """The values of a potential that is read on the fly, as compiled loops act on them."""
+class LookedUp(NamedTuple):
+    """The view of a potential that is looked up in its sources' values."""
 
-    reading: Reading
-    row: FloatArray  # (A,) room
-    values: FloatArray  # (1, A) room
+    lookup: ValueLookup
+    row: FloatArray  # (A,) work space
+    values: FloatArray  # (1, A) work space
 
 
-@acting_rows.body(Read)
-def _read_acting_row(view, state, out):
-    read_row(view.reading, state, view.row)
+@acting_rows.body(LookedUp)
+def _looked_up_row(view, state, out):
+    read_row(view.lookup, state, view.row)
     for action in range(out.shape[1]):
         out[0, action] = view.row[action]
 
 
-@greedies.body(Read)
-def _read_greedy(view, state, bits):
+@greedy_actions.body(LookedUp)
+def _greedy_looked_up(view, state, bits):
     acting_row(view, state, view.values)
     return best_of(view.values, 0, bits)[1]
 
 
 @dataclass(frozen=True, eq=False)
 class GreedyRollouts:
-    """E greedy episodes of n steps in all; per step what was promised and what was earned.
+    """E greedy episodes of n steps in all, with the potential's prediction at each step.
 
     Attributes
     ----------
@@ -76,7 +79,7 @@ class GreedyRollouts:
     returns : (E,) float64
         Its sum of rewards, undiscounted.
     one_reward : bool
-        Whether every step was paid alike.
+        Whether every step had the same reward.
     """
 
     states: IntArray
@@ -92,73 +95,65 @@ class GreedyRollouts:
 
 
 def greedy_rollouts(
-    potential: PairPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+    potential: PairPotential, *, episodes: int, seed: int = 0, stream: str = "greedy_rollouts"
 ) -> GreedyRollouts:
-    """Return what the greedy policy of a potential met in its task, ties broken at random.
+    """Return episodes of the greedy policy of a potential in its task, ties broken at random.
 
     Parameters
     ----------
     potential : StateActionPotential or MappedPotential
     episodes : int
-        How many, E; each is cut off at the task's time limit, or without one when a reward would
-        weigh less than 1e-9.
+        How many, E. Each is cut off at the task's time limit, or, without one, where a reward is
+        discounted by less than 1e-9.
     seed, stream : int, str
         Of the random stream, as in :func:`learn`.
 
     Raises
     ------
     SettingError
-        When an episode has no bound, or 50 million steps might not do.
+        When an episode has no bound, or the episodes may exceed 50 million steps.
 
     Examples
     --------
     >>> from curricle import GridWorld, solve
     >>> maze = GridWorld("S.T", discount=0.5, time_limit=10)
     >>> phi = StateActionPotential(maze, solve(maze).action_values)
-    >>> met = greedy_rollouts(phi, episodes=2)
-    >>> met.states, met.predicted, met.return_to_go
+    >>> rollouts = greedy_rollouts(phi, episodes=2)
+    >>> rollouts.states, rollouts.predicted, rollouts.return_to_go
     (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
     """
     task = generative_model(potential.task)
-    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
+    episodes = whole_number("episodes of greedy rollouts", episodes, 1, SettingError)
     horizon = GreedyEvaluation().horizon(potential.task)
     if episodes * horizon > MOST_STEPS:
         raise SettingError(
-            f"following {episodes:,} episodes of up to {horizon:,} steps must not exceed "
-            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
+            f"greedy rollouts of {episodes:,} episodes of up to {horizon:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or ask for fewer"
         )
-    size = episodes * horizon
-    states, actions = np.empty(size, np.int64), np.empty(size, np.int64)
-    predicted, rewards = np.empty(size), np.empty(size)
-    return_to_go, bootstrap_discount, bootstrapped_value = (
-        np.empty(size),
-        np.empty(size),
-        np.empty(size),
-    )
-    lengths, ended = np.empty(episodes, np.int64), np.empty(episodes, np.bool_)
-    start = stream_start(seed, stream)
-    with opened(task.model, start) as model:
-        compiled(_follow, isinstance(model, Functions))(
+    start, view = stream_start(seed, stream), acting_view(potential)
+    with open_model(task.model, start) as model:
+        steps, ends = simulate(
             model,
-            acting_view(potential),
-            (task.discount, horizon),
+            GreedyPolicy(view),
             np.array([start], dtype=np.uint64),
-            (states, actions, predicted, rewards),
-            (return_to_go, bootstrap_discount, bootstrapped_value),
-            (lengths, ended),
+            episodes=episodes,
+            limit=horizon,
         )
-    n, first = int(lengths.sum()), np.cumsum(lengths) - lengths
+    n, first = len(steps.states), np.cumsum(ends.lengths) - ends.lengths
+    predicted, outlook = np.empty(n), (np.empty(n), np.empty(n), np.empty(n))
+    compiled(_predict, False)(view, task.discount, steps, ends, predicted, outlook)
+    return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, outlook)
     return GreedyRollouts(
-        states=frozen(states[:n].copy()),
-        actions=frozen(actions[:n].copy()),
-        predicted=frozen(predicted[:n].copy()),
-        return_to_go=frozen(return_to_go[:n].copy()),
-        bootstrap_discount=frozen(bootstrap_discount[:n].copy()),
-        bootstrapped_value=frozen(bootstrapped_value[:n].copy()),
-        lengths=frozen(lengths),
-        ended=frozen(ended),
-        returns=frozen(np.add.reduceat(rewards[:n], first)),
-        one_reward=bool((rewards[:n] == rewards[0]).all()),
+        states=frozen(steps.states),
+        actions=frozen(steps.actions),
+        predicted=frozen(predicted),
+        return_to_go=return_to_go,
+        bootstrap_discount=bootstrap_discount,
+        bootstrapped_value=bootstrapped_value,
+        lengths=frozen(ends.lengths),
+        ended=frozen(ends.terminated),
+        returns=frozen(np.add.reduceat(steps.rewards, first)),
+        one_reward=bool((steps.rewards == steps.rewards[0]).all()),
     )
 
 
@@ -167,8 +162,8 @@ def greedy_start(
 ) -> float:
     """Return the expected return of a potential's greedy policy: where learning on it starts.
 
-    The number that :func:`learn` writes down at step 0 when its Q starts as phi, for the same seed
-    and stream.
+    :func:`learn` records the same number at step 0 when its Q starts as phi, for the same seed and
+    stream.
 
     Examples
     --------
@@ -177,52 +172,31 @@ def greedy_start(
     >>> greedy_start(StateActionPotential(maze, solve(maze).action_values), GreedyEvaluation())
     98.5
     """
-    task = generative_model(potential.task)
-    start = stream_start(seed, stream)
-    settings = evaluation.settings(potential.task).for_run(start)
-    users_code = isinstance(task.model, Functions) and not isinstance(settings, Exact)
-    with opened(task.model, start) as model:
-        return float(compiled(_judge, users_code)(settings, model, acting_view(potential)))
+    view = acting_view(potential)
+    return greedy_policy_return(potential.task, view, evaluation, seed=seed, stream=stream)
 
 
-def acting_view(potential: PairPotential) -> Read | Acting:
-    """Return a potential as the compiled loops act on it."""
-    n_actions = generative_model(potential.task).actions.size
+def acting_view(potential: PairPotential) -> LookedUp | Values:
+    """Return the view of a potential for compiled loops."""
     if isinstance(potential, MappedPotential):
-        return Read(potential.reading, np.empty(n_actions), np.empty((1, n_actions)))
-    return Acting(potential.values[None], np.empty((0, n_actions)), 0.0, np.empty((1, n_actions)))
+        n_actions = generative_model(potential.task).actions.size
+        return LookedUp(potential.lookup, np.empty(n_actions), np.empty((1, n_actions)))
+    return Values(potential.values)
 
 
-def _judge(settings, model, view):
-    return greedy_return(settings, model, view)
-
-
-def _follow(model, view, horizon, stream, steps, outlook, episodes):
-    """Fill the arrays of :class:`GreedyRollouts`; `horizon` are the discount and the steps allowed."""
-    discount, limit = horizon
-    states, actions, predicted, rewards = steps
+def _predict(view, discount, steps, ends, predicted, outlook):
+    """Fill in phi of each step and what followed it; arrays as in :class:`GreedyRollouts`."""
     return_to_go, bootstrap_discount, bootstrapped_value = outlook
-    lengths, ended = episodes
-    values, n = np.empty((1, view.values.shape[1])), 0
-    for episode in range(lengths.shape[0]):
-        first, state, over, cut = n, first_state(model, draw(stream)), False, False
-        while not over and not cut and n - first < limit:
-            bits = draw(stream)
-            action = greedy_of(view, state, bits) & ACTION
-            acting_row(view, state, values)
-            states[n], actions[n], predicted[n] = state, action, values[0, action]
-            state, rewards[n], over = transition(model, state, action, splitmix64(bits))
-            cut = cut_short(model)
-            n += 1
-        lengths[episode], ended[episode] = n - first, over
-        still, left, sum_of_rewards = 0.0, 0.0, 0.0
-        if not over:
-            acting_row(view, state, values)
-            still, left = 1.0, values.max()
-        for t in range(n - 1, first - 1, -1):
-            sum_of_rewards, still = rewards[t] + discount * sum_of_rewards, discount * still
-            return_to_go[t], bootstrap_discount[t], bootstrapped_value[t] = (
-                sum_of_rewards,
-                still,
-                left,
-            )
+    row, first = np.empty((1, view.values.shape[1])), 0
+    for episode in range(ends.lengths.shape[0]):
+        last = first + ends.lengths[episode]
+        total, weight, value = 0.0, 0.0, 0.0
+        if not ends.terminated[episode]:
+            acting_row(view, np.uint64(ends.last_states[episode]), row)
+            weight, value = 1.0, row.max()
+        for t in range(last - 1, first - 1, -1):
+            acting_row(view, np.uint64(steps.states[t]), row)
+            predicted[t] = row[0, np.uint64(steps.actions[t])]
+            total, weight = steps.rewards[t] + discount * total, discount * weight
+            return_to_go[t], bootstrap_discount[t], bootstrapped_value[t] = total, weight, value
+        first = last

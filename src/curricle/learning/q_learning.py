@@ -6,13 +6,15 @@ value was lowered, so that a step scans no row: several times faster than the ge
 
 import numpy as np
 
-from curricle.learning.exploration import TIED, act, best_of
+from curricle.learning.exploration import act
 from curricle.learning.general_loop import spent_checkpoints, write
 from curricle.learning.schedules import rate_of
-from curricle.learning.tables import is_full, place, prepare
+from curricle.learning.tables import find_row_maxima, is_full, row_of
+from curricle.planning.greedy import TIED, best_of
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, inlined, splitmix64
-from curricle.tasks.generative_models import cut_short, failed, first_state, transition
+from curricle.tasks.draws import STRIDE, splitmix64
+from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
+from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import of_width, prefetch
 
 NOWHERE = np.uint64(2**64 - 1)
@@ -51,16 +53,16 @@ def train_q_learning(
     before anything it changes is read: this does not change what is learnt.
     """
     # Arrays leave their tuples here: inside the loop each access would count a reference.
-    q, best, greedy = of_width(table.q, table.width), table.best, table.greedy
+    q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     real, limit = q.dtype.type, horizon[1]
     discount = real(horizon[0])
     far = len(table.far) > 0
-    prepare(table)
+    find_row_maxima(table)
     step, episodes, ended, ended_return = done
     checkpoint = spent_checkpoints(evaluation, model, table, step, eval_freq, record)
     episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
-    row = place(table, state, False)
+    row = row_of(table, state, False)
     waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * eval_freq:
@@ -69,13 +71,13 @@ def train_q_learning(
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         spent = step >= budget.steps or episodes >= budget.episodes
-        if spent or is_full(table, row) or failed(model):
+        if spent or is_full(table, row) or has_failed(model):
             return step, episodes
         stop = min(checkpoint * eval_freq, budget.steps)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, over = transition(model, state, action, splitmix64(bits))
-            next_row = place(table, next_state, over)
+            next_row = row_of(table, next_state, over)
             if is_full(table, next_row):
                 row = next_row
                 break
@@ -88,7 +90,7 @@ def train_q_learning(
             if not over:
                 target += discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
-            ends = over or step + 1 == last or cut_short(model)
+            ends = over or step + 1 == last or truncated(model)
             if far and not ends and next_row != row:
                 waiting, change_there = row, change
             else:
@@ -100,10 +102,10 @@ def train_q_learning(
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
-                if episodes == budget.episodes or failed(model):
+                if episodes == budget.episodes or has_failed(model):
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
-                row = place(table, state, False)
+                row = row_of(table, state, False)
                 if is_full(table, row):
                     break
         if waiting != NOWHERE:

@@ -1,14 +1,11 @@
 """One seed's training: its table, its loop, what it leaves behind."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.errors import SettingError
 from curricle.learning import general_loop
@@ -21,11 +18,13 @@ from curricle.learning.snapshots import frame_checkpoints
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, opens
 from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import Dense, Number, Sparse, reorder
-from curricle.learning.value_lookup import nothing, read_all
-from curricle.planning.policy_evaluation import Exact, Off, Rollouts
+from curricle.learning.value_lookup import no_sources, read_table
+from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.draws import splitmix64_number
 from curricle.tasks.generative_models import Functions
-from curricle.tasks.live import opened
+from curricle.tasks.live import open_model
+from curricle.tasks.mdp import NO_LIMIT
+from curricle.tasks.overloads import compiled
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel
 
@@ -122,7 +121,7 @@ class Run:
     episodes: int
     eval_freq: int
     longest: int
-    evaluation: Exact | Rollouts | Off
+    evaluation: EvaluationKernel
     storage: Storage
     rows: int
     guard: Guard | None = None
@@ -215,10 +214,10 @@ class Run:
     def _loop(self, loop: Callable[..., Any], rows: int, seed: _Seed, *tables: Any) -> Any:
         """Run a loop on its tables, of so many rows, and return the steps and episodes done."""
         limit = self.task.time_limit
-        with opened(self.task.model, seed.start) as model:
+        with open_model(self.task.model, seed.start) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
-                (self.task.discount, np.int64(general_loop.NO_LIMIT if limit is None else limit)),
+                (self.task.discount, np.int64(NO_LIMIT if limit is None else limit)),
                 self.learner.rule(rows, self.task.actions.size),
                 *tables,
                 self.evaluation.for_run(seed.start),
@@ -241,7 +240,7 @@ class Run:
         """Write the initial value, and the potential if there is one, into a table."""
         initial = float(self.learner.initial_value)
         if isinstance(potential, MappedPotential):
-            read_all(potential.reading._replace(initial=initial), q)
+            read_table(potential.lookup._replace(initial=initial), q)
         elif potential is None:
             q[...] = initial
         else:
@@ -258,9 +257,9 @@ class Run:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
         initial = float(self.learner.initial_value)
-        reading = nothing(n_actions, initial)
+        lookup = no_sources(n_actions, initial)
         if potential is not None:
-            reading = potential.reading._replace(initial=initial)
+            lookup = potential.lookup._replace(initial=initial)
         # What is read together lies together: a miss of the caches costs as much as all else.
         heads = np.empty(
             rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)
@@ -274,27 +273,16 @@ class Run:
             heads["state"],
             np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
             np.ones(1, np.int64),
-            reading,
+            lookup,
             key,
             self._width,
             number(1),
         )
 
 
-def stream_start(seed: int, stream: str) -> int:
-    """Return where the random stream of this seed and name starts, a 64-bit number."""
-    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
-
-
 def number(n: int) -> Number:
     """Return a number as loops are compiled for it."""
     return (None,) * n
-
-
-@cache
-def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
-    """Return a loop compiled; cached on disk unless a user's functions are compiled into it."""
-    return njit(nogil=True, cache=not users_code)(loop)
 
 
 def shaping(potential: Potential | None, how: str) -> general_loop.Shaping:

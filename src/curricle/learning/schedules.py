@@ -1,4 +1,4 @@
-"""Numbers that change while learning: learning rates, exploration, weights of a potential."""
+"""Schedules: learning rates, exploration and weights that change while learning."""
 
 from typing import NamedTuple
 
@@ -35,13 +35,13 @@ class Schedule(NamedTuple):
         return float(_schedule_at(self, step))
 
     @property
-    def lowered(self) -> "Constant | Schedule":
-        """The schedule as compiled loops read it: a constant has a type of its own."""
+    def kernel(self) -> "Constant | Schedule":
+        """The schedule for compiled loops: a constant has a type of its own."""
         return Constant(self.first) if self.shape == CONSTANT else self
 
 
 def constant(value: float) -> Schedule:
-    """Return the schedule that always is `value`.
+    """Return the schedule whose value is always `value`.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def constant(value: float) -> Schedule:
 
 
 def linear(first: float, last: float, *, steps: int) -> Schedule:
-    """Return the schedule that goes straight from `first` to `last` in `steps` steps, and stays.
+    """Return the schedule that is linear from `first` to `last` over `steps` steps, then constant.
 
     Examples
     --------
@@ -115,19 +115,19 @@ def _span(name: str, value: float) -> float:
 
 
 class ByVisits(NamedTuple):
-    """A learning rate that goes by the updates of each pair, not by steps."""
+    """A learning rate that depends on the updates of each pair, not on all steps."""
 
     schedule: "Schedule"
     visits: npt.NDArray[np.int64]  # (rows, A)
 
     @property
-    def lowered(self) -> "ByVisits":
-        """Itself: it is what compiled loops read."""
+    def kernel(self) -> "ByVisits":
+        """Itself, as it is."""
         return self
 
 
 class Constant(NamedTuple):
-    """A schedule that never changes, as compiled loops read it."""
+    """A schedule that never changes, for compiled loops."""
 
     value: float
 
@@ -137,18 +137,18 @@ def at(schedule, step):
 
 
 def rate_of(learning_rate, row, action, step):
-    """Return the learning rate of an update; one that goes by visits counts them."""
+    """Return the learning rate of an update, and count the visit if it depends on visits."""
 
 
-values_at, rates_of = Overloaded(at), Overloaded(rate_of)
+schedule_values, learning_rates = Overloaded(at), Overloaded(rate_of)
 
 
-@values_at.body(Constant)
+@schedule_values.body(Constant)
 def _constant_at(schedule, step):
     return schedule.value
 
 
-@values_at.body(Schedule)
+@schedule_values.body(Schedule)
 def _schedule_at(schedule, step):
     if schedule.shape == CONSTANT:
         return schedule.first
@@ -160,17 +160,17 @@ def _schedule_at(schedule, step):
     return schedule.last + (schedule.first - schedule.last) / (1.0 + step / schedule.span)
 
 
-@rates_of.body(Constant)
+@learning_rates.body(Constant)
 def _constant_rate(learning_rate, row, action, step):
     return learning_rate.value
 
 
-@rates_of.body(Schedule)
+@learning_rates.body(Schedule)
 def _rate_by_steps(learning_rate, row, action, step):
     return at(learning_rate, step)
 
 
-@rates_of.body(ByVisits)
+@learning_rates.body(ByVisits)
 def _rate_by_visits(learning_rate, row, action, step):
     count = learning_rate.visits[row, action]
     learning_rate.visits[row, action] += 1

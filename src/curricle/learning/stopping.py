@@ -10,7 +10,10 @@ import numpy.typing as npt
 
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.tasks.draws import inlined
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import Target
+from curricle.tasks.overloads import inlined
+from curricle.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -306,3 +309,8 @@ class Decision:
         early = [f"at least {self.gate.least:,} steps first"] * (self.step < self.gate.least)
         verdict = self.then or ("ends" if self.ends or self.spent else "stays")
         return "; ".join([verdict, *self.reasons, *early, used])
+
+
+def stopping_level(rule: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
+    """Return the return that a rule's fraction stands for; None if it has none."""
+    return None if rule.fraction is None else Target.of(task, evaluation).level(rule.fraction)

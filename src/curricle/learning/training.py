@@ -9,7 +9,6 @@ import numpy.typing as npt
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
-from curricle.learning.exploration import TIED
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
@@ -22,15 +21,15 @@ from curricle.learning.run import (
     Run,
     WarmUp,
     rows_allowed,
-    stream_start,
 )
 from curricle.learning.schedules import constant
-from curricle.learning.stopping import NEVER_STOPS, StoppingRule
+from curricle.learning.stopping import NEVER_STOPS, StoppingRule, stopping_level
 from curricle.learning.storage import Storage
 from curricle.learning.threads import over_seeds, threads_for
 from curricle.learning.ways import OF_TABLES, How
-from curricle.planning.evaluation import GreedyEvaluation
-from curricle.planning.target import stopping_level
+from curricle.planning.greedy import TIED
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.tasks.draws import stream_start
 from curricle.tasks.task import Task, generative_model, same_task
 
 FloatArray = npt.NDArray[np.float64]
@@ -146,7 +145,7 @@ def learn(
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     storage = Storage() if storage is None else storage
     instance("storage", storage, Storage, SettingError)
-    judge = evaluation.settings(task)
+    kernel = evaluation.kernel(task)
     snapshots = whole_number("frames", snapshots, 0, SettingError)
     gate = (
         budget.rule(stopping_level(budget, task, evaluation))
@@ -165,7 +164,7 @@ def learn(
         episodes,
         eval_freq,
         longest,
-        judge,
+        kernel,
         storage,
         rows,
         guard,

@@ -1,7 +1,8 @@
-"""Potentials read from source values while learning: phi(s, a) of one state at a time, compiled.
+"""Value lookup: phi(s, a) of one state at a time, computed from source values while learning.
 
-A potential over a target of a hundred million states is never an array. What is kept are the
-sources' values and, for each component of a target state, its share in the number of the source's.
+The potential of a target with a hundred million states is never an array. Kept are the sources'
+values and, for each value of each component of a target state, what it adds to the number of the
+source's state: strides that depend on the value.
 """
 
 from typing import NamedTuple
@@ -10,40 +11,40 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.tasks.draws import inlined
+from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
-# How the sources' potentials become one.
+# Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
 
 
-class Reading(NamedTuple):
+class ValueLookup(NamedTuple):
     """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources; C components of the target's states.
 
-    Each source's values are rows of one more than its actions, and there is one more row: what
-    has no counterpart is read there, and all of these hold what it is worth. A source's row for a
-    target state starts at ``first[n]`` plus ``shares[shares_at[n, c] + value]`` for the value of
-    each component; the target's action adds ``action[n, a]``.
+    Each source's values have one row more than it has states and one column more than it has
+    actions; these hold the value of pairs without counterpart. A source's row for a target state
+    starts at ``first[n]`` plus ``strides[strides_at[n, c] + value]`` for the value of each
+    component; the target's action adds ``action[n, a]``.
     """
 
     values: FloatArray  # (V,) of all sources, flat, scaled and shifted
     first: IntArray  # (N,)
-    nowhere: IntArray  # (N,) the row for states without counterpart
-    size: npt.NDArray[np.uint64]  # (C,) values of a component, the last one's first
+    unmapped_row: IntArray  # (N,) the row of states without counterpart
+    size: npt.NDArray[np.uint64]  # (C,) the number of values of each component, last one first
     inverse: npt.NDArray[np.uint64]  # (C,) as in `quotient`; 0 where numbers are too large
-    shares_at: IntArray  # (N, C)
-    shares: IntArray  # (L,) negative where a value has no counterpart
+    strides_at: IntArray  # (N, C)
+    strides: IntArray  # (L,) negative where a value has no counterpart
     action: IntArray  # (N, A)
     combine: int
     initial: float  # the learner's own initial value, added to phi
 
 
-def nothing(n_actions: int, initial: float) -> Reading:
-    """Return the reading of no source: every pair is worth the initial value.
+def no_sources(n_actions: int, initial: float) -> ValueLookup:
+    """Return the lookup without sources: every pair has the initial value.
 
     Examples
     --------
@@ -53,66 +54,66 @@ def nothing(n_actions: int, initial: float) -> Reading:
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))
     actions, empty = frozen(np.zeros((0, n_actions), np.int64)), frozen(np.zeros(0))
     sizes = frozen(np.zeros(0, np.uint64))
-    return Reading(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, float(initial))
+    return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, float(initial))
 
 
 @inlined
-def source_row(reading, n, state):
+def source_row(lookup, n, state):
     """Return where the n-th source's values for a target state start."""
-    start = reading.first[n]
-    for c in range(np.uint64(reading.size.shape[0])):
-        size, inverse = reading.size[c], reading.inverse[c]
+    start = lookup.first[n]
+    for c in range(np.uint64(lookup.size.shape[0])):
+        size, inverse = lookup.size[c], lookup.inverse[c]
         rest = quotient(state, inverse) if inverse > np.uint64(0) else state // size
-        share = reading.shares[np.uint64(reading.shares_at[n, c]) + (state - rest * size)]
-        if share < 0:
-            return reading.nowhere[n]
-        start += share
+        stride = lookup.strides[np.uint64(lookup.strides_at[n, c]) + (state - rest * size)]
+        if stride < 0:
+            return lookup.unmapped_row[n]
+        start += stride
         state = rest
     return start
 
 
 @inlined
-def read_row(reading, state, out):
+def read_row(lookup, state, out):
     """Write initial value + phi(state, a) into `out`, (A,) float64."""
-    n_sources, n_actions = reading.action.shape
+    n_sources, n_actions = lookup.action.shape
     for action in range(np.uint64(n_actions)):
         out[action] = 0.0
     for n in range(np.uint64(n_sources)):
-        row = source_row(reading, n, state)
-        # One loop for each way of combining: a choice inside the loop would be made A times.
+        row = source_row(lookup, n, state)
+        # One loop for each aggregate: a branch inside the loop would be taken A times.
         if n == np.uint64(0):
             for action in range(np.uint64(n_actions)):
-                out[action] = reading.values[np.uint64(row + reading.action[n, action])]
-        elif reading.combine == MINIMUM:
+                out[action] = lookup.values[np.uint64(row + lookup.action[n, action])]
+        elif lookup.combine == MINIMUM:
             for action in range(np.uint64(n_actions)):
-                value = reading.values[np.uint64(row + reading.action[n, action])]
+                value = lookup.values[np.uint64(row + lookup.action[n, action])]
                 out[action] = value if value < out[action] else out[action]
-        elif reading.combine == MAXIMUM:
+        elif lookup.combine == MAXIMUM:
             for action in range(np.uint64(n_actions)):
-                value = reading.values[np.uint64(row + reading.action[n, action])]
+                value = lookup.values[np.uint64(row + lookup.action[n, action])]
                 out[action] = value if value > out[action] else out[action]
         else:
             for action in range(np.uint64(n_actions)):
-                out[action] += reading.values[np.uint64(row + reading.action[n, action])]
-    if reading.combine == MEAN and n_sources > 1:
+                out[action] += lookup.values[np.uint64(row + lookup.action[n, action])]
+    if lookup.combine == MEAN and n_sources > 1:
         for action in range(np.uint64(n_actions)):
             out[action] /= n_sources
     for action in range(np.uint64(n_actions)):
-        out[action] += reading.initial
+        out[action] += lookup.initial
 
 
 @njit(cache=True, nogil=True)
-def read_all(reading, q):
+def read_table(lookup, q):
     """Write initial value + phi into every row of a table, (S, A)."""
     row = np.empty(q.shape[1])
     for state in range(np.uint64(q.shape[0])):
-        read_row(reading, state, row)
+        read_row(lookup, state, row)
         for action in range(row.shape[0]):
             q[state, action] = row[action]
 
 
 @njit(cache=True, nogil=True)
-def read_some(reading, states, q):
+def read_rows(lookup, states, q):
     """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
     for i in range(states.shape[0]):
-        read_row(reading, np.uint64(states[i]), q[i])
+        read_row(lookup, np.uint64(states[i]), q[i])

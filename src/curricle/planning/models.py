@@ -13,8 +13,8 @@ import numpy.typing as npt
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
 from curricle.tasks.factored import FactoredModel
-from curricle.tasks.improper import endless_states
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, tables
 
 FloatArray = npt.NDArray[np.float64]
@@ -155,7 +155,7 @@ class TabularPlanningModel:
         """Raise SettingError if the policy (some policy if None) may never end."""
         if policy is not None and policy.ndim == 1:
             policy = np.arange(self.n_actions) == policy[:, None]
-        endless = endless_states(
+        endless = improper_states(
             self.terminal,
             self.mdp.outcome_row,
             self.mdp.probability,
@@ -286,7 +286,7 @@ def model_of(task: Task) -> Model:
     >>> type(model_of(Pursuit(size=2))).__name__, type(model_of(GridWorld("ST"))).__name__
     ('FactoredPlanningModel', 'TabularPlanningModel')
     """
-    factored_model = getattr(task, "movers", None)
+    factored_model = getattr(task, "factored_model", None)
     if isinstance(factored_model, FactoredModel) and factored_model.discount < 1:
         return FactoredPlanningModel.of(factored_model)
     return TabularPlanningModel.of(tables(task))

@@ -1,30 +1,205 @@
-"""Following a policy through a task, one episode at a time: for drawings, checks and examples."""
+"""Rollouts: episodes of a policy, simulated in compiled code, in any kind of task.
 
-# Numba infers the types of what is compiled here.
-# mypy: allow-untyped-defs, allow-untyped-calls
+There is one simulator. The policy and what is recorded are types (:func:`policy_action`,
+:func:`record_step`), so every rollout draws from its random stream in the same order: one draw for
+the start, then one for each step, for the action and (mixed once more) for its outcome.
+"""
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.run import compiled, stream_start
-from curricle.planning.solution import checked_policy, policy_table
-from curricle.tasks.draws import draw, first_above, splitmix64, uniform
+from curricle.planning.greedy import ACTION, greedy_action
+from curricle.planning.solution import Policy, checked_policy
+from curricle.tasks.draws import draw, integers, splitmix64, stream_start, uniform
 from curricle.tasks.generative_models import (
     Functions,
     cumulated,
-    cut_short,
     first_state,
     transition,
+    truncated,
 )
-from curricle.tasks.live import opened
+from curricle.tasks.live import is_live, open_model
+from curricle.tasks.overloads import Overloaded, compiled, inlined
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.tasks.task import GenerativeModel, Task, generative_model
 
 IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+CHUNK = 65_536
+"""Steps of one long episode that are simulated at a time."""
+
+# -- policies ------------------------------------------------------------------------------------
+
+
+def policy_action(policy, state, bits):
+    """Return the action that a policy takes in a state, drawn with 64 random bits."""
+
+
+policy_actions = Overloaded(policy_action)
+
+
+class UniformPolicy(NamedTuple):
+    """Takes every action with the same probability."""
+
+    n_actions: np.uint64
+
+
+class TablePolicy(NamedTuple):
+    """Takes actions with given probabilities."""
+
+    cumulative: FloatArray  # (S, A), the last possible action has 1
+
+
+class GreedyPolicy(NamedTuple):
+    """Takes a greedy action, ties broken uniformly."""
+
+    values: Any  # a view of what it is greedy on; numba reserves the name "view"
+
+
+@policy_actions.body(UniformPolicy)
+def _uniform_action(policy, state, bits):
+    return integers(bits, policy.n_actions)
+
+
+@policy_actions.body(TablePolicy)
+def _table_action(policy, state, bits):
+    action, chance = np.uint64(0), uniform(bits)
+    for i in range(np.uint64(policy.cumulative.shape[1] - 1)):
+        action += np.uint64(chance >= policy.cumulative[state, i])
+    return action
+
+
+@policy_actions.body(GreedyPolicy)
+def _greedy_policy_action(policy, state, bits):
+    return greedy_action(policy.values, state, bits) & ACTION
+
+
+def table_policy(policy: Policy, n_actions: int) -> TablePolicy:
+    """Return a checked policy, (S,) actions or (S, A) probabilities, for the simulator."""
+    chances = np.eye(n_actions)[policy] if policy.ndim == 1 else policy
+    return TablePolicy(cumulated(chances.astype(np.float64, copy=False)))
+
+
+# -- the simulator -------------------------------------------------------------------------------
+
+
+def record_step(record, n, state, action, reward):
+    """Note the n-th step of all episodes: what was done in a state and what it paid."""
+
+
+step_records = Overloaded(record_step)
+
+
+class StepRecord(NamedTuple):
+    """Every step, one after the other."""
+
+    states: IntArray  # (n,)
+    actions: IntArray  # (n,)
+    rewards: FloatArray  # (n,)
+
+
+class ReturnRecord(NamedTuple):
+    """The sum of returns, nothing else."""
+
+    discount: float
+    total: FloatArray  # (2,) the sum; what the next reward counts
+
+
+@step_records.body(StepRecord)
+def _record_all(record, n, state, action, reward):
+    record.states[n] = np.int64(state)
+    record.actions[n] = np.int64(action)
+    record.rewards[n] = reward
+
+
+@step_records.body(ReturnRecord)
+def _record_return(record, n, state, action, reward):
+    record.total[0] += record.total[1] * reward
+    record.total[1] *= record.discount
+
+
+@inlined
+def simulate_episode(model, policy, state, stream, limit, record, n):
+    """Simulate one episode from a state for at most `limit` steps, recorded from the n-th on.
+
+    Returns the steps of all episodes so far, the state reached and whether it terminated.
+    """
+    last, terminated, stopped = n + limit, False, False
+    while n < last and not stopped:
+        bits = draw(stream)
+        action = policy_action(policy, state, bits)
+        next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
+        record_step(record, n, state, action, reward)
+        state, n = next_state, n + 1
+        stopped = terminated or truncated(model)
+    return n, state, terminated
+
+
+class EpisodeEnds(NamedTuple):
+    """How each of E episodes ended."""
+
+    lengths: IntArray  # (E,) steps
+    last_states: IntArray  # (E,)
+    terminated: BoolArray  # (E,)
+    truncated: BoolArray  # (E,) by the task itself, not by the limit
+
+
+def _simulate(model, policy, starts, stream, limit, record, ends):
+    n = 0
+    for episode in range(ends.lengths.shape[0]):
+        if starts.shape[0] > 0:
+            state = np.uint64(starts[episode])
+        else:
+            state = np.uint64(first_state(model, draw(stream)))
+        first = n
+        n, state, terminated = simulate_episode(model, policy, state, stream, limit, record, n)
+        ends.lengths[episode] = n - first
+        ends.last_states[episode] = np.int64(state)
+        ends.terminated[episode] = terminated
+        ends.truncated[episode] = not terminated and truncated(model)
+
+
+def simulate(
+    model: Any,
+    policy: UniformPolicy | TablePolicy | GreedyPolicy,
+    stream: npt.NDArray[np.uint64],
+    *,
+    episodes: int,
+    limit: int,
+    starts: npt.NDArray[np.integer[Any]] | None = None,
+) -> tuple[StepRecord, EpisodeEnds]:
+    """Return the steps of some episodes, one after the other, and how each ended.
+
+    Parameters
+    ----------
+    model : NamedTuple
+        An open generative model (:func:`open_model`).
+    policy : NamedTuple
+    stream : (1,) uint64
+        The random stream, which advances.
+    episodes, limit : int
+        How many episodes, E, and the most steps of one.
+    starts : (E,) int array, optional
+        The state each starts in; drawn as the task draws them by default.
+    """
+    size = episodes * limit  # pages of memory that no step reaches are never taken
+    record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
+    whole = np.empty(episodes, np.int64), np.empty(episodes, np.int64)
+    ends = EpisodeEnds(*whole, np.empty(episodes, np.bool_), np.empty(episodes, np.bool_))
+    first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
+    loop = compiled(_simulate, isinstance(model, Functions))
+    loop(model, policy, first, stream, limit, record, ends)
+    n = int(ends.lengths.sum())
+    return StepRecord(*(steps[:n].copy() for steps in record)), ends
+
+
+# -- one episode ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +226,7 @@ class Trajectory:
 
     states: IntArray
     actions: IntArray
-    rewards: npt.NDArray[np.float64]
+    rewards: FloatArray
     terminated: bool
     truncated: bool
 
@@ -81,7 +256,7 @@ def rollout(
         As in :func:`evaluate`.
     seed : int
     start : int, optional
-        First state; drawn from the start distribution by default. For tasks with tables.
+        First state; drawn as episodes start by default, as in a live task they must be.
     steps : int, optional
         Where to cut off; the task's time limit by default.
 
@@ -98,75 +273,157 @@ def rollout(
     >>> episode.states, episode.rewards, episode.terminated
     (array([0, 1, 2]), array([ -1., 199.]), True)
     """
-    limit = whole_number(
+    generative = generative_model(task)
+    left = whole_number(
         "the limit of a rollout in steps",
-        generative_model(task).time_limit if steps is None else steps,
+        generative.time_limit if steps is None else steps,
         1,
         SettingError,
     )
     seed = whole_number("seed", seed, 0, SettingError)
-    if not has_tables(task):
-        if start is not None:
-            raise SettingError(
-                f"a rollout of a task without tables starts as its episodes do: start was {start!r}"
+    n_states, n_actions = generative.states.size, generative.actions.size
+    terminal = generative.terminal
+    known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
+    table = table_policy(checked_policy(policy, known, n_actions), n_actions)
+    starts = None if start is None else _start(generative, start)
+    first = stream_start(seed, "rollout")
+    stream, parts = np.array([first], np.uint64), list[StepRecord]()
+    with open_model(generative.model, first) as model:
+        while True:
+            limit = min(left, CHUNK)
+            steps_done, ends = simulate(
+                model, table, stream, episodes=1, limit=limit, starts=starts
             )
-        return _played(task, policy, seed, limit)
-    mdp = tables(task)
-    table = policy_table(mdp, policy)
-    rng = np.random.default_rng(seed)
-    state = rng.choice(mdp.states.size, p=mdp.start) if start is None else start
-    state = whole_number("the state a rollout starts in", state, 0, SettingError)
-    if state >= mdp.states.size or mdp.terminal[state]:
-        raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
-    states, actions, rewards = [state], list[int](), list[float]()
-    while len(actions) < limit and not mdp.terminal[states[-1]]:
-        action = int(rng.choice(mdp.actions.size, p=table[states[-1]]))
-        row = mdp.outcome_row[states[-1], action]
-        outcome = int(np.searchsorted(mdp.cumulative[row], rng.random(), side="right"))
-        actions.append(action)
-        rewards.append(float(mdp.reward[row, outcome]))
-        states.append(int(mdp.next_state[row, outcome]))
-    terminated = bool(mdp.terminal[states[-1]])
+            parts.append(steps_done)
+            left, starts = left - limit, ends.last_states
+            stopped = bool(ends.terminated[0] or ends.truncated[0])
+            if stopped or not left:
+                break
+    states, actions, rewards = (np.concatenate(part) for part in zip(*parts, strict=True))
+    terminated = bool(ends.terminated[0])
     return Trajectory(
-        frozen(np.array(states)),
-        frozen(np.array(actions, dtype=np.int64)),
-        frozen(np.array(rewards)),
+        frozen(np.append(states, ends.last_states)),
+        frozen(actions),
+        frozen(rewards),
         terminated,
         not terminated,
     )
 
 
-def _played(task: Task, policy: npt.ArrayLike, seed: int, limit: int) -> Trajectory:
-    """Return one episode of a policy in a task that only its model knows."""
-    generative = generative_model(task)
-    n_states, n_actions = generative.states.size, generative.actions.size
-    checked = checked_policy(policy, np.zeros(n_states, dtype=bool), n_actions)
-    chances = np.eye(n_actions)[checked] if checked.ndim == 1 else checked.astype(np.float64)
-    states, actions = np.empty(limit + 1, np.int64), np.empty(limit, np.int64)
-    rewards, stream = np.empty(limit), stream_start(seed, "rollout")
-    with opened(generative.model, stream) as model:
-        n, terminated = compiled(_play, isinstance(model, Functions))(
-            model, cumulated(chances), np.array([stream], np.uint64), states, actions, rewards
+def _start(generative: GenerativeModel, start: int) -> IntArray:
+    """Return the state a rollout starts in, (1,), or raise SettingError if it cannot."""
+    if is_live(generative):
+        raise SettingError(
+            f"a rollout of a live task starts where its episodes do: start was {start!r}"
         )
-    return Trajectory(
-        frozen(states[: n + 1].copy()),
-        frozen(actions[:n].copy()),
-        frozen(rewards[:n].copy()),
-        bool(terminated),
-        not terminated,
+    state = whole_number("the state a rollout starts in", start, 0, SettingError)
+    terminal = generative.terminal
+    if state >= generative.states.size or (terminal is not None and terminal[state]):
+        raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
+    return np.array([state])
+
+
+# -- random episodes -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class RandomRollouts:
+    """E episodes of the uniformly random policy, of up to L steps.
+
+    Attributes
+    ----------
+    states : (E, L + 1) int64
+        From where each starts; after its end the state reached last, repeated.
+    actions : (E, L) int64
+        0 after the end.
+    length : (E,) int64
+        Steps taken.
+    terminated : (E,) bool
+        Whether the episode terminated; the others were cut off.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> rollouts = random_rollouts(GridWorld("S.T"), episodes=2, length=3)
+    >>> rollouts.states, rollouts.terminated
+    (array([[0, 0, 1, 2],
+           [0, 0, 0, 1]]), array([ True, False]))
+    """
+
+    states: IntArray
+    actions: IntArray
+    length: IntArray
+    terminated: BoolArray
+
+    @property
+    def taken(self) -> BoolArray:
+        """Which steps were taken, (E, L)."""
+        return np.asarray(np.arange(self.actions.shape[1]) < self.length[:, None])
+
+    @property
+    def ending(self) -> BoolArray:
+        """Which steps terminated an episode, (E, L)."""
+        last = np.arange(self.actions.shape[1]) == self.length[:, None] - 1
+        return np.asarray(last & self.terminated[:, None])
+
+
+def random_rollouts(
+    task: Task,
+    *,
+    episodes: int,
+    length: int,
+    seed: int = 0,
+    starts: npt.NDArray[np.integer[Any]] | None = None,
+) -> RandomRollouts:
+    """Return episodes in which every action is equally likely at every step.
+
+    Parameters
+    ----------
+    task : Task
+        With or without tables.
+    episodes, length : int
+        E and L, at least 1. An episode shorter than L terminated or was truncated by the task.
+    seed : int
+        Equal seeds give equal episodes.
+    starts : (E,) int array, optional
+        States, not terminal, to start in; drawn as the task draws them by default.
+
+    Raises
+    ------
+    SettingError
+        When a number is too small, or `starts` has another shape or is given for a live task.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> rollouts = random_rollouts(Pursuit(size=10, predators=3), episodes=5, length=100)
+    >>> rollouts.states.shape, bool(rollouts.terminated.any())
+    ((5, 101), False)
+    """
+    n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
+    length = whole_number("the length of a random rollout in steps", length, 1, SettingError)
+    seed = whole_number("seed", seed, 0, SettingError)
+    generative = generative_model(task)
+    if starts is not None and np.shape(starts) != (n,):
+        raise SettingError(f"starts must have shape ({n},), one an episode: got {np.shape(starts)}")
+    if starts is not None and is_live(generative):
+        raise SettingError("a live task starts where its episodes do: starts must be left out")
+    first = stream_start(seed, "random_rollouts")
+    policy = UniformPolicy(np.uint64(generative.actions.size))
+    with open_model(generative.model, first) as model:
+        steps, ends = simulate(
+            model,
+            policy,
+            np.array([first], np.uint64),
+            episodes=n,
+            limit=length,
+            starts=starts,
+        )
+    taken = np.arange(length) < ends.lengths[:, None]
+    states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
+    states[:, :-1][taken] = steps.states
+    actions = np.zeros((n, length), np.int64)
+    actions[taken] = steps.actions
+    return RandomRollouts(
+        frozen(states), frozen(actions), frozen(ends.lengths), frozen(ends.terminated)
     )
-
-
-def _play(model, cumulative, stream, states, actions, rewards):
-    """Fill in an episode; return its steps and whether it reached an end."""
-    state, over, cut, n = first_state(model, draw(stream)), False, False, 0
-    states[0] = np.int64(state)
-    while not over and not cut and n < actions.shape[0]:
-        bits = draw(stream)
-        action = first_above(cumulative[state], uniform(bits))
-        state, rewards[n], over = transition(model, state, action, splitmix64(bits))
-        cut = cut_short(model)
-        actions[n] = np.int64(action)
-        n += 1
-        states[n] = np.int64(state)
-    return n, over

@@ -1,4 +1,4 @@
-"""A target, solved once where it can be: what its optimum is, and what acting at random earns."""
+"""A target task, solved once if it can be: its optimum and the random policy's return."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -6,27 +6,24 @@ from typing import Any, Literal
 import numpy as np
 
 from curricle.errors import SettingError
-from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.potential_rollouts import greedy_start
-from curricle.learning.stopping import StoppingRule
-from curricle.learning.value_lookup import nothing
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.greedy import EqualValues, Values
+from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.solution import Solution, solve
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_SOLVED = 5_000_000
 """Pairs (S x A) up to which a target is solved."""
-LARGEST_FOLLOWED = 300_000_000
-"""Outcomes in all steps (S x A x O x horizon) up to which a greedy policy is followed exactly."""
+LARGEST_EXACT = 300_000_000
+"""Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
 ROLLOUTS = 1000
-"""Rollouts where returns are no exact ones."""
+"""Rollouts of an evaluation that is not exact."""
 CLOSE = 1e-6
 """Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A target as potentials are judged in it; solved once, if it can be.
+    """A target task in which potentials are measured; solved once, if it can be.
 
     Attributes
     ----------
@@ -34,8 +31,8 @@ class Target:
     evaluation : GreedyEvaluation
         Of greedy policies.
     solution : Solution or None
-        None where the target is too large to solve, or where it has discount 1 and a policy of it
-        would go on for ever but for the time limit.
+        None where the target is too large to solve, or where at discount 1 only the time limit
+        ends some policy's episodes.
     typical_reward : float
         Median size of the rewards other than 0.
 
@@ -59,7 +56,7 @@ class Target:
         *,
         episodes: int = ROLLOUTS,
     ) -> "Target":
-        """Return a target, evaluated exactly where it can be, else by so many rollouts."""
+        """Return a target, evaluated exactly where it can be, else by `episodes` rollouts."""
         given = GreedyEvaluation() if evaluation is None else evaluation
         generative = generative_model(task)
         pairs = generative.states.size * generative.actions.size
@@ -71,7 +68,7 @@ class Target:
             paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(paid)) if paid.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * given.horizon(task) <= LARGEST_FOLLOWED:
+            if outcomes * given.horizon(task) <= LARGEST_EXACT:
                 method = "exact"
         return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
 
@@ -80,19 +77,22 @@ class Target:
         """The expected return of an optimal policy; NaN where the target is not solved."""
         if self.solution is None:
             return float("nan")
-        best = StateActionPotential(self.task, self.solution.optimal.astype(float))
-        return greedy_start(best, self.evaluation)
+        best = Values(self.solution.optimal.astype(np.float64))
+        return greedy_policy_return(self.task, best, self.evaluation)
 
     @property
     def random_return(self) -> float:
-        """The expected return before anything is learnt, every action alike."""
-        n_actions = generative_model(self.task).actions.size
-        return greedy_start(MappedPotential(self.task, nothing(n_actions, 0.0)), self.evaluation)
+        """The expected return of the uniformly random policy."""
+        equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))
+        return greedy_policy_return(self.task, equal, self.evaluation)
 
     def level(self, fraction: float) -> float:
-        """Return worst + fraction (optimum - worst), worst being what acting at random earns.
+        """Return worst + fraction (optimum - worst), worst being the random policy's return.
 
-        SettingError comes from a target that is not solved.
+        Raises
+        ------
+        SettingError
+            When the target is not solved.
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
@@ -111,16 +111,11 @@ def part_of_the_way(optimum: float, worst: float, fraction: float) -> float:
 
 
 def not_solved(fraction: float, task: Any) -> SettingError:
-    """Return the error that nobody knows the optimum which a fraction is of."""
+    """Return the error that a fraction of an unknown optimum was asked for."""
     return SettingError(
         f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
         "give a return instead"
     )
-
-
-def stopping_level(gate: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
-    """Return the return that a gate's fraction stands for; None if it has none."""
-    return None if gate.fraction is None else Target.of(task, evaluation).level(gate.fraction)
 
 
 def _solution(task: Task) -> Solution | None:

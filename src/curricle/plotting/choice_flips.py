@@ -18,7 +18,7 @@ from curricle.learning.learners import Learner
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
 from curricle.learning.training import learn
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.solution import solve
 from curricle.plotting.figures import COLOURS, STYLE, draw_curve, new_figure
 from curricle.plotting.grid_view import At, board

@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.tasks.generative_models import Functions
-from curricle.tasks.horizon import check_horizon
+from curricle.tasks.mdp import check_horizon
 from curricle.tasks.spaces import Space
 
 LARGEST = 2**62

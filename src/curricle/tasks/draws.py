@@ -5,22 +5,14 @@ A random stream is a (1,) uint64 counter. Drawing adds a constant and scrambles 
 started and of n alone.
 """
 
-from typing import Any
+import hashlib
 
 import numpy as np
-from numba import njit
 
-INLINED: Any = {
-    "nogil": True,
-    "forceinline": True,  # a call with arrays would cost more than most of these pieces do
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "_nrt": False,  # pieces make no arrays: no references to count, 80 ns a step if they were
-}
-"""How a piece of a compiled loop is compiled: into its caller, without a Python entry."""
-inlined = njit(**INLINED)
+from curricle.tasks.overloads import inlined
 
 STRIDE = np.uint64(0x9E3779B97F4A7C15)
+"""What a draw adds to the counter."""
 LOW = np.uint64(0xFFFFFFFF)
 HALF = np.uint64(32)
 
@@ -35,11 +27,16 @@ def splitmix64(number):
 
 
 def splitmix64_number(number: int) -> int:
-    """Return what :func:`splitmix64` makes of a number, outside compiled code."""
+    """Return :func:`splitmix64` of a number, outside compiled code."""
     mask = 2**64 - 1
     z = ((number ^ (number >> 30)) * 0xBF58476D1CE4E5B9) & mask
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
     return z ^ (z >> 31)
+
+
+def stream_start(seed: int, stream: str) -> int:
+    """Return where the random stream of this seed and name starts, a 64-bit number."""
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
 
 
 @inlined
@@ -69,7 +66,7 @@ def bernoulli(bits, probability):
 
 @inlined
 def first_above(rising, value):
-    """Return the first place of a rising array whose entry exceeds `value`, by bisection."""
+    """Return the first index of a rising array whose entry exceeds `value`, by bisection."""
     low, high = np.uint64(0), np.uint64(rising.shape[0])
     while low < high:
         middle = (low + high) >> np.uint64(1)

@@ -1,8 +1,9 @@
-"""How tasks move, for compiled loops: by tables, or by compiled functions.
+"""Generative models: what compiled loops sample a task from.
 
-A *model* is a NamedTuple that a loop is handed; :func:`first_state` and :func:`transition` read it.
-A domain that computes its successors adds a model of its own (``pursuit_model.py``). What only a
-model that plays a live environment has to say (``live_model.py``) costs the others nothing.
+A *generative model* is a NamedTuple that loops are given; :func:`first_state` and
+:func:`transition` sample from it. Here are those of tasks with tables and of tasks given by
+functions; a domain that computes its successors adds its own (``pursuit_model.py``), and so does a
+task that is played in an environment (``live_model.py``).
 """
 
 from typing import Any, NamedTuple
@@ -22,34 +23,34 @@ def first_state(model, bits):
 
 
 def transition(model, state, action, bits):
-    """Return next state (uint64), reward and whether the episode is over; 64 random bits."""
+    """Return next state (uint64), reward and whether the episode terminated; 64 random bits."""
 
 
-def cut_short(model):
-    """Return whether the last transition's episode was cut off there by the task itself.
+def truncated(model):
+    """Return whether the task itself truncated the episode at the last transition.
 
-    No end, like cutting off at the time limit, which loops see to.
+    Loops see to the time limit; only an environment that is played live has limits of its own.
     """
 
 
-def failed(model):
+def has_failed(model):
     """Return whether the task broke down; its transitions then mean nothing, and loops stop."""
 
 
-def aside(model):
-    """Return the model to evaluate a policy in, which must not disturb the one learnt in."""
+def evaluation_model(model):
+    """Return the model to evaluate a policy in without disturbing the one learnt in."""
 
 
-starts, moves = Overloaded(first_state), Overloaded(transition)
-cuts = Overloaded(cut_short, otherwise=lambda model: False)
-failures = Overloaded(failed, otherwise=lambda model: False)
-asides = Overloaded(aside, otherwise=lambda model: model)
+first_states, transitions = Overloaded(first_state), Overloaded(transition)
+truncations = Overloaded(truncated, otherwise=lambda model: False)
+failures = Overloaded(has_failed, otherwise=lambda model: False)
+evaluation_models = Overloaded(evaluation_model, otherwise=lambda model: model)
 
 
 class Tables(NamedTuple):
     """The tables of a :class:`FiniteMDP`."""
 
-    direct: bool  # whether pair (s, a) has row s * A + a, so that `outcome_row` need not be read
+    row_per_pair: bool  # pair (s, a) has row s * A + a, so that `outcome_row` need not be read
     outcome_row: npt.NDArray[np.integer[Any]]  # (S, A) int32
     probability: FloatArray  # (Y, O)
     cumulative: FloatArray  # (Y, O)
@@ -60,15 +61,15 @@ class Tables(NamedTuple):
     start_cumulative: FloatArray  # (n,)
 
 
-@starts.body(Tables)
+@first_states.body(Tables)
 def _table_start(model, bits):
-    place = first_above(model.start_cumulative, uniform(bits))
-    return np.uint64(model.start_states[place])
+    index = first_above(model.start_cumulative, uniform(bits))
+    return np.uint64(model.start_states[index])
 
 
-@moves.body(Tables)
+@transitions.body(Tables)
 def _table_step(model, state, action, bits):
-    if model.direct:
+    if model.row_per_pair:
         row = state * np.uint64(model.outcome_row.shape[1]) + action
     else:
         row = np.uint64(model.outcome_row[state, action])
@@ -81,23 +82,23 @@ def _table_step(model, state, action, bits):
     return next_state, model.reward[row, outcome], model.terminal[next_state]
 
 
-DIRECT = 100_000
+LARGEST_WITH_ROW_PER_PAIR = 100_000
 """Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
 
 
 def table_model(mdp: Any) -> Tables:
-    """Return the model of a :class:`FiniteMDP`."""
+    """Return the tables of a :class:`FiniteMDP` as a generative model."""
     rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
-    direct = mdp.outcome_row.size * mdp.probability.shape[1] <= DIRECT
-    if direct:
+    row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
+    if row_per_pair:
         row = mdp.outcome_row.ravel()
         own = np.arange(row.size, dtype=np.int32).reshape(mdp.outcome_row.shape)
         rows = (frozen(own), *(frozen(array[row]) for array in rows[1:]))
-    return Tables(direct, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
+    return Tables(row_per_pair, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
 
 
-class Moves(NamedTuple):
-    """The tables of a :class:`FiniteMDP` without chance: a pair's row is the pair."""
+class DeterministicTables(NamedTuple):
+    """The tables of a :class:`FiniteMDP` with one outcome a pair, which has a row of its own."""
 
     n_actions: np.uint64
     next_state: npt.NDArray[np.integer[Any]]  # (S * A,) int32
@@ -107,22 +108,22 @@ class Moves(NamedTuple):
     start_cumulative: FloatArray  # (n,)
 
 
-starts.body(Moves)(_table_start)
+first_states.body(DeterministicTables)(_table_start)
 
 
-@moves.body(Moves)
-def _sure_step(model, state, action, bits):
+@transitions.body(DeterministicTables)
+def _deterministic_step(model, state, action, bits):
     pair = state * model.n_actions + action
     next_state = np.uint64(model.next_state[pair])
     return next_state, model.reward[pair], model.terminal[next_state]
 
 
-def learning_model(mdp: Any) -> Tables | Moves:
-    """Return the model that learning on a :class:`FiniteMDP` runs on."""
+def learning_model(mdp: Any) -> Tables | DeterministicTables:
+    """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
     tables = table_model(mdp)
-    if not tables.direct or tables.next_state.shape[1] > 1:
+    if not tables.row_per_pair or tables.next_state.shape[1] > 1:
         return tables
-    return Moves(
+    return DeterministicTables(
         np.uint64(mdp.actions.size),
         frozen(tables.next_state.ravel()),
         frozen(tables.reward.ravel()),
@@ -142,16 +143,16 @@ class Functions(NamedTuple):
     """The compiled functions of a :class:`ComputedMDP` and the data they read."""
 
     start: Any  # (data, bits) -> state
-    step: Any  # (data, state, action, bits) -> (next state, reward, over)
+    step: Any  # (data, state, action, bits) -> (next state, reward, terminated)
     data: Any
 
 
-@starts.body(Functions)
+@first_states.body(Functions)
 def _computed_start(model, bits):
     return np.uint64(model.start(model.data, bits))
 
 
-@moves.body(Functions)
+@transitions.body(Functions)
 def _computed_step(model, state, action, bits):
-    next_state, reward, over = model.step(model.data, state, action, bits)
-    return np.uint64(next_state), np.float64(reward), bool(over)
+    next_state, reward, terminated = model.step(model.data, state, action, bits)
+    return np.uint64(next_state), np.float64(reward), bool(terminated)

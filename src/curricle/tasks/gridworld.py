@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
-from curricle.tasks.horizon import check_horizon
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, frozen, whole
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}

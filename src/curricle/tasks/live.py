@@ -11,8 +11,8 @@ import numpy as np
 from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.tasks.draws import splitmix64_number
-from curricle.tasks.horizon import check_horizon
 from curricle.tasks.live_model import RESET, Live
+from curricle.tasks.mdp import check_horizon
 from curricle.tasks.spaces import MISSING, Space
 
 Answer = tuple[Any, Any, Any, Any]
@@ -114,7 +114,7 @@ def is_live(task: Any) -> bool:
     return isinstance(getattr(task, "model", None), Unopened)
 
 
-def opened(model: Any, start: int) -> AbstractContextManager[Any]:
+def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
     """Return a model that loops can run on, for a `with`: the one given, or a live one while open.
 
     Parameters

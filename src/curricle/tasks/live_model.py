@@ -1,4 +1,4 @@
-"""The model of a live task: compiled loops that ask a Python object what comes of an action."""
+"""The generative model of a live task: compiled loops call a Python object for each step."""
 
 from typing import Any, NamedTuple
 
@@ -9,36 +9,42 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from curricle.tasks.draws import inlined
-from curricle.tasks.generative_models import asides, cuts, failures, moves, starts
+from curricle.tasks.generative_models import (
+    evaluation_models,
+    failures,
+    first_states,
+    transitions,
+    truncations,
+)
+from curricle.tasks.overloads import inlined
 
 RESET = -1
-"""What is asked instead of an action to start an episode."""
-GOES_ON, CUT, FAILED = range(3)
-"""What a step came to, beside reaching an end."""
+"""Sent instead of an action to start an episode."""
+RUNNING, TRUNCATED, FAILED = range(3)
+"""What the last step led to, termination apart."""
 
 
 class Live(NamedTuple):
     """Two environments of one task: the one that is learnt in, and one to evaluate policies in."""
 
-    asked: npt.NDArray[np.uint64]  # (2,) where the callables lie that :func:`answer` asks
-    status: npt.NDArray[np.int8]  # (2,) what the last step of each came to
-    which: np.uint64  # which of the two is meant
+    asked: npt.NDArray[np.uint64]  # (2,) the addresses of the callables of :func:`answer`
+    status: npt.NDArray[np.int8]  # (2,) what the last step of each led to
+    which: np.uint64  # which of the two is used
 
 
-@starts.body(Live)
+@first_states.body(Live)
 def _live_start(model, bits):
     return _ask(model, RESET)[0]
 
 
-@moves.body(Live)
+@transitions.body(Live)
 def _live_step(model, state, action, bits):
     return _ask(model, np.int64(action))
 
 
-@cuts.body(Live)
-def _live_cut(model):
-    return model.status[model.which] == CUT
+@truncations.body(Live)
+def _live_truncated(model):
+    return model.status[model.which] == TRUNCATED
 
 
 @failures.body(Live)
@@ -46,8 +52,8 @@ def _live_failure(model):
     return max(model.status[0], model.status[1]) == FAILED
 
 
-@asides.body(Live)
-def _live_aside(model):
+@evaluation_models.body(Live)
+def _live_evaluation_model(model):
     return Live(model.asked, model.status, np.uint64(1))
 
 
@@ -57,17 +63,17 @@ def _ask(model, action):
     if state < 0:
         model.status[model.which] = FAILED
         return np.uint64(0), 0.0, True
-    model.status[model.which] = CUT if truncated else GOES_ON
+    model.status[model.which] = TRUNCATED if truncated else RUNNING
     return np.uint64(state), reward, terminated
 
 
 @intrinsic
 def answer(_, address, action):
-    """Return what the Python callable at an address answers to a number.
+    """Return what the Python callable at an address returns for a number.
 
-    It returns a tuple: a state (int64; negative if it failed), a reward (float64), and whether the
-    episode terminated or was truncated. What it raises instead, this raises too, though compiled
-    code then gives no memory back: callables should rather keep it and answer that they failed.
+    A tuple: a state (int64; negative if it failed), a reward (float64), and whether the episode
+    terminated or was truncated. Exceptions pass through, but compiled code then leaks its memory:
+    callables should keep an exception and return that they failed.
     """
     parts = (types.int64, types.float64, types.boolean, types.boolean)
 
@@ -98,7 +104,7 @@ def answer(_, address, action):
 
 
 def _parse(context: Any, builder: Any, api: Any, answered: Any, places: list[Any]) -> Any:
-    """Write the parts of an answer where they are to go; return 0 if it has others."""
+    """Write the parts of an answer to their places; return 0 if their types do not fit."""
     wording = "Ldpp;an answer must be a state, a reward and two flags"
     kind = ir.FunctionType(ir.IntType(32), [api.pyobj, api.cstring], var_arg=True)
     parse = cgutils.get_or_insert_function(builder.module, kind, "PyArg_ParseTuple")

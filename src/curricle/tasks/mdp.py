@@ -13,15 +13,23 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, numbers
+from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.generative_models import Moves, Tables, cumulated, learning_model
-from curricle.tasks.horizon import check_horizon
-from curricle.tasks.improper import endless_states
+from curricle.tasks.generative_models import (
+    DeterministicTables,
+    Tables,
+    cumulated,
+    learning_model,
+)
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_rows, outcome_tables
+from curricle.tasks.reachability import improper_states
 from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
 
 FloatArray = npt.NDArray[np.float64]
+LONGEST = 10**12
+"""Steps that a time limit may have at most."""
+NO_LIMIT = np.int64(2**62)
+"""Steps that stand for no limit in compiled loops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +274,7 @@ class FiniteMDP:
     def _check_discount(self) -> None:
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            endless = endless_states(
+            endless = improper_states(
                 self.terminal, self.outcome_row, self.probability, self.next_state
             )
             if endless.size:
@@ -283,7 +291,7 @@ class FiniteMDP:
         return self
 
     @cached_property
-    def model(self) -> Tables | Moves:
+    def model(self) -> Tables | DeterministicTables:
         """The tables as learning reads them."""
         return learning_model(self)
 
@@ -320,6 +328,17 @@ _ARRAYS: dict[str, type] = {
     "terminal": np.bool_,
     "start": np.float64,
 }
+
+
+def check_horizon(task: Any) -> None:
+    """Check a frozen task's discount and time limit, and make them a float and an int."""
+    object.__setattr__(
+        task, "discount", number("discount", task.discount, TaskError, low=0, high=1)
+    )
+    if task.time_limit is not None:
+        limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
+        number("time_limit in steps", limit, TaskError, high=LONGEST)
+        object.__setattr__(task, "time_limit", limit)
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:

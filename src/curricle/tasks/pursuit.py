@@ -12,8 +12,7 @@ from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.factored import FactoredModel, agents_touching, joint_landing
 from curricle.tasks.generative_models import cumulated
-from curricle.tasks.horizon import check_horizon
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.pursuit_model import PursuitModel, in_places
 from curricle.tasks.simd import inverse_of

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.tasks.draws import splitmix64, uniform
-from curricle.tasks.generative_models import moves, starts
+from curricle.tasks.generative_models import first_states, transitions
 from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen
 
@@ -39,7 +39,7 @@ def in_places(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
     return frozen(np.pad(table, room, constant_values=filling).ravel())
 
 
-@starts.body(PursuitModel)
+@first_states.body(PursuitModel)
 def _start(model, bits):
     """Draw positions uniformly until the prey is not caught."""
     n_states = model.others * model.cells
@@ -54,7 +54,7 @@ def _start(model, bits):
         bits = splitmix64(bits)
 
 
-@moves.body(PursuitModel)
+@transitions.body(PursuitModel)
 def _step(model, state, action, bits):
     """Move the prey by its policy and the predators by their shares of the joint action."""
     cells, predators = model.cells, np.uint64(len(model.predators))

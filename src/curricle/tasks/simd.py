@@ -20,7 +20,7 @@ WORDS = ir.VectorType(WORD, LANES)
 
 
 @intrinsic
-def highest_of_piece(_, table, row, first):
+def highest_of_lanes(_, table, row, first):
     """Return the highest of up to 8 values of a row, from entry `first` on.
 
     `table` is C-ordered, (n, m), without NaN.
@@ -36,7 +36,7 @@ def highest_of_piece(_, table, row, first):
 
 
 @intrinsic
-def ties_in_piece(_, table, row, first, value):
+def ties_in_lanes(_, table, row, first, value):
     """Return which of up to 8 values of a row equal `value`, from entry `first` on: a bit each."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:

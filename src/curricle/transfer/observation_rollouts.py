@@ -12,9 +12,8 @@ from gymnasium.vector.utils import concatenate, create_empty_array
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import MOST_STEPS, GreedyRollouts
-from curricle.learning.run import stream_start
-from curricle.planning.evaluation import NEGLIGIBLE, GreedyEvaluation
-from curricle.tasks.draws import splitmix64_number
+from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation
+from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask, batch_size
 from curricle.tasks.spaces import frozen
 from curricle.transfer.observation_potential import ObservationPotential

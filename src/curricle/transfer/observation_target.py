@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from curricle.planning.evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.transfer.observation_potential import ObservationPotential
@@ -50,7 +50,7 @@ class ObservationTarget:
     def random_return(self) -> float:
         """The mean return of the random policy."""
         found = random_episodes(self.task, episodes=self.episodes)
-        return mean_episode_return(found, self.evaluation.weight(self.task.discount))
+        return mean_episode_return(found, self.evaluation.discount(self.task.discount))
 
     @property
     def episodes(self) -> int:

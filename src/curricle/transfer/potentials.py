@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, Reading
+from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, ValueLookup
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import MISSING, frozen
 from curricle.tasks.task import Task, generative_model
@@ -84,36 +84,36 @@ def mapped_potential(
     combine = next((code for known, code in COMPILED_AGGREGATES.items() if known is function), None)
     if combine is None or any(found is None for found in lookups):
         return None
-    values, shares = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
-    first, nowhere, shares_at, actions = [], [], [], []
+    values, strides = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
+    first, unmapped_row, strides_at, actions = [], [], [], []
     for transfer, given, found in zip(transfers, source_values, lookups, strict=True):
         assert found is not None
         assert isinstance(transfer.mapping, ComponentMapping)
         table, action = _padded_table(transfer, given), transfer.mapping.actions
         n_states, width = table.shape
         first.append(sum(part.size for part in values))
-        nowhere.append(first[-1] + (n_states - 1) * width)
+        unmapped_row.append(first[-1] + (n_states - 1) * width)
         values.append(table)
         actions.append(np.where(action == MISSING, width - 1, action))
-        shares_at.append(list[int]())
-        for share in reversed(found):
-            shares_at[-1].append(sum(len(part) for part in shares))
-            shares.append(np.where(share == MISSING, -1, share * width))
+        strides_at.append(list[int]())
+        for stride in reversed(found):
+            strides_at[-1].append(sum(len(part) for part in strides))
+            strides.append(np.where(stride == MISSING, -1, stride * width))
     states = generative_model(task).states
     sizes = [part.size for part in reversed(states.components)]
-    reading = Reading(
+    lookup = ValueLookup(
         values=frozen(np.concatenate([part.ravel() for part in values])),
         first=frozen(np.array(first)),
-        nowhere=frozen(np.array(nowhere)),
+        unmapped_row=frozen(np.array(unmapped_row)),
         size=frozen(np.array(sizes, np.uint64)),
         inverse=frozen(np.array([inverse_of(n, states.size) for n in sizes], np.uint64)),
-        shares_at=frozen(np.array(shares_at)),
-        shares=frozen(np.concatenate(shares)),
+        strides_at=frozen(np.array(strides_at)),
+        strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
         combine=combine,
         initial=0.0,
     )
-    return MappedPotential(task, reading)
+    return MappedPotential(task, lookup)
 
 
 def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:

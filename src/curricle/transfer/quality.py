@@ -17,7 +17,7 @@ from curricle.learning.potential_rollouts import (
 )
 from curricle.planning.solution import Solution, right_choices
 from curricle.planning.target import Target
-from curricle.tasks.reachable import reachable_states
+from curricle.tasks.reachability import reachable_states
 from curricle.tasks.task import Task, tables
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts

@@ -261,7 +261,7 @@ class EvaluationTable(Setting):
 
     def build(self) -> Any:
         """Return the evaluation."""
-        from curricle.planning.evaluation import GreedyEvaluation
+        from curricle.planning.policy_evaluation import GreedyEvaluation
 
         return GreedyEvaluation(**dict(self))
 

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 from curricle.curriculum.node import Node
-from curricle.planning.random_rollouts import random_rollouts
+from curricle.planning.rollouts import random_rollouts
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.unit import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
@@ -83,9 +83,9 @@ def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
     if is_observation_task(task):
         return _observed_pace(task)
-    random_rollouts(task, walks=1, length=1)  # compiles
+    random_rollouts(task, episodes=1, length=1)  # compiles
     started = time.perf_counter()
-    taken = random_rollouts(task, walks=WALKS, length=LENGTH)
+    taken = random_rollouts(task, episodes=WALKS, length=LENGTH)
     return (time.perf_counter() - started) / max(1, int(taken.length.sum()))
 
 

@@ -1,0 +1,114 @@
+"""Greedy actions: the best of a row of values, ties broken uniformly; compiled.
+
+A *view* is a NamedTuple that says which values a policy is greedy on. Loops read it by
+:func:`greedy_action` and :func:`acting_row`; here are the views of fixed values, and the tables
+that a learner fills add theirs (``learning/tables.py``).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.tasks.draws import integers
+from curricle.tasks.overloads import Overloaded, inlined
+from curricle.tasks.simd import (
+    LANES as LANES_OF_SIMD,
+    highest_of_lanes,
+    nth_one,
+    ones,
+    ties_in_lanes,
+)
+
+LANES, WORD = np.uint64(LANES_OF_SIMD), np.uint64(64)
+TIED = np.uint64(1 << 15)
+"""Flag of an action that was drawn among several of the same value."""
+ACTION = np.uint64((1 << 15) - 1)
+"""The bits of the action itself."""
+MULTIPLIER = np.uint64(0xD1342543DE82EF95)
+"""Turns bits that have chosen an action into ones that can break a tie."""
+
+
+@inlined
+def highest(table, row):
+    """Return the highest value of a row."""
+    best = highest_of_lanes(table, row, np.uint64(0))
+    for first in range(LANES, np.uint64(table.shape[1]), LANES):
+        best = max(best, highest_of_lanes(table, row, first))
+    return best
+
+
+@inlined
+def ties_in_word(table, row, first, value):
+    """Return which of up to 64 values of a row equal `value`, from entry `first` on: a bit each."""
+    tied, end = np.uint64(0), np.uint64(table.shape[1])
+    for start in range(first, min(first + WORD, end), LANES):
+        tied |= ties_in_lanes(table, row, start, value) << (start - first)
+    return tied
+
+
+@inlined
+def best_of(table, row, bits):
+    """Return the highest value of a row and an action that has it, drawn and flagged among ties.
+
+    The draw decides no branch: the processor would often predict it wrong, and then wait for the
+    row to arrive from memory.
+    """
+    best, first = highest(table, row), np.uint64(0)
+    tied = ties_in_word(table, row, first, best)
+    ties = ones(tied)
+    for start in range(WORD, np.uint64(table.shape[1]), WORD):
+        ties += ones(ties_in_word(table, row, start, best))
+    if ties == np.uint64(0):  # only where learning has diverged to NaN
+        return best, np.uint64(0)
+    left = integers(bits * MULTIPLIER, ties)
+    while left >= ones(tied):  # further on, in a row of more than 64
+        left, first = left - ones(tied), first + WORD
+        tied = ties_in_word(table, row, first, best)
+    flag = TIED if ties > np.uint64(1) else np.uint64(0)
+    return best, (first + nth_one(tied, left)) | flag
+
+
+def greedy_action(view, state, bits):
+    """Return a greedy action, drawn anew among several and then flagged; changes nothing."""
+
+
+def acting_row(view, state, out):
+    """Write the values that the policy acts on in a state into `out`, (1, A)."""
+
+
+greedy_actions, acting_rows = Overloaded(greedy_action), Overloaded(acting_row)
+
+
+class Values(NamedTuple):
+    """Fixed values of every pair."""
+
+    values: npt.NDArray[np.floating[Any]]  # (S, A)
+
+
+@greedy_actions.body(Values)
+def _greedy_on_values(view, state, bits):
+    return best_of(view.values, state, bits)[1]
+
+
+@acting_rows.body(Values)
+def _row_of_values(view, state, out):
+    for action in range(out.shape[1]):
+        out[0, action] = view.values[state, action]
+
+
+class EqualValues(NamedTuple):
+    """One row of values for all states; of equal ones, every action is greedy everywhere."""
+
+    values: npt.NDArray[np.floating[Any]]  # (1, A)
+
+
+@greedy_actions.body(EqualValues)
+def _greedy_on_equal_values(view, state, bits):
+    return best_of(view.values, np.uint64(0), bits)[1]
+
+
+@acting_rows.body(EqualValues)
+def _equal_row(view, state, out):
+    for action in range(out.shape[1]):
+        out[0, action] = view.values[0, action]

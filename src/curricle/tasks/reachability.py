@@ -1,0 +1,94 @@
+"""Where an episode can get to, and where it can go on for ever."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.integer[Any]]
+
+
+def reachable_states(
+    start: npt.NDArray[np.float64],
+    terminal: BoolArray,
+    outcome_row: IntArray,
+    probability: npt.NDArray[np.float64],
+    next_state: IntArray,
+    allowed: BoolArray | None = None,
+) -> BoolArray:
+    """Return which states the `allowed` actions can reach from the start, (S,) bool.
+
+    Parameters
+    ----------
+    start, terminal, outcome_row, probability, next_state
+        Tables of a :class:`FiniteMDP`.
+    allowed : (S, A) bool array, optional
+        All actions by default.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> mdp = GridWorld(["S#.", ".#T"]).mdp
+    >>> tables = mdp.start, mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state
+    >>> reachable_states(*tables)  # the east lies behind a wall
+    array([ True, False,  True, False])
+    """
+    n_states, n_rows = len(terminal), len(probability)
+    pairs = np.repeat(~terminal[:, None], outcome_row.shape[1], axis=1)
+    if allowed is not None:
+        pairs &= allowed
+    state, _ = np.nonzero(pairs)
+    row, outcome = np.nonzero(probability > 0)
+    first = np.flatnonzero(start > 0)
+    # A graph of the states, then the outcome rows, then one node that leads to all first states.
+    root = n_states + n_rows
+    tail = np.concatenate([state, n_states + row, np.full(len(first), root)])
+    head = np.concatenate([n_states + outcome_row[pairs], next_state[row, outcome], first])
+    edges = np.ones(len(tail), np.bool_), (tail, head)
+    graph = csr_array(edges, shape=(root + 1, root + 1))
+    met = np.zeros(root + 1, dtype=bool)
+    met[breadth_first_order(graph, root, return_predecessors=False)] = True
+    return met[:n_states]
+
+
+def improper_states(
+    terminal: BoolArray,
+    outcome_row: IntArray,
+    probability: npt.NDArray[np.float64],
+    next_state: IntArray,
+    allowed: BoolArray | None = None,
+) -> npt.NDArray[np.int64]:
+    """Return the states from which the `allowed` actions can avoid every terminal for ever.
+
+    The largest set of states each of which has an allowed action whose every outcome stays in the
+    set. It is empty exactly if every allowed policy is proper: ends with probability 1 (Bertsekas,
+    Tsitsiklis 1991). This is no search from a start: an action stays only if *all* its outcomes do.
+
+    Parameters
+    ----------
+    terminal, outcome_row, probability, next_state
+        Tables of a :class:`FiniteMDP`.
+    allowed : (S, A) bool array, optional
+        All actions by default.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> mdp = GridWorld("S.T").mdp
+    >>> improper_states(mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state)
+    array([0, 1])
+    """
+    staying = ~terminal
+    impossible = probability == 0
+    while True:
+        row_stays = (staying[next_state] | impossible).all(axis=1)
+        pair_stays = row_stays[outcome_row]
+        if allowed is not None:
+            pair_stays &= allowed
+        remains = staying & pair_stays.any(axis=1)
+        if (remains == staying).all():
+            return np.flatnonzero(staying)
+        staying = remains
