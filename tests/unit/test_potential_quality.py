@@ -232,10 +232,10 @@ def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
 
 
 @pytest.mark.parametrize("discounted", [True, False])
-@pytest.mark.parametrize("largest", [target_module.LARGEST_FOLLOWED, 0], ids=["exact", "rollouts"])
+@pytest.mark.parametrize("largest", [target_module.LARGEST_EVALUATED, 0], ids=["exact", "rollouts"])
 @pytest.mark.parametrize("task", [MAZE, random_task(5)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
-    monkeypatch.setattr(target_module, "LARGEST_FOLLOWED", largest)
+    monkeypatch.setattr(target_module, "LARGEST_EVALUATED", largest)
     target = Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):

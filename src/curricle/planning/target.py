@@ -13,7 +13,7 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_SOLVED = 5_000_000
 """Pairs (S x A) up to which a target is solved."""
-LARGEST_EXACT = 300_000_000
+LARGEST_EVALUATED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
 ROLLOUTS = 1000
 """Rollouts of an evaluation that is not exact."""
@@ -68,7 +68,7 @@ class Target:
             paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(paid)) if paid.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * given.horizon(task) <= LARGEST_EXACT:
+            if outcomes * given.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"
         return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
 
