@@ -5,6 +5,7 @@ and learning corrects them one pair after the other. c phi + b has the same opti
 the same greedy policy as phi, so c and b can be fitted to rollouts of that policy in the target.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -242,21 +243,42 @@ def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, f
     used = phi != 0
     phi, returns = phi[used], rollouts.return_to_go[used]
     if not settings.shift:
-        product = phi @ returns
-        squares = (phi @ phi) * (returns @ returns)
+        product = _inner(phi, returns)
+        squares = _inner(phi, phi) * _inner(returns, returns)
         explained = product**2 / squares if squares > 0 else 0.0
         if settings.quantile is None:
-            return float(product / (phi @ phi)), 0.0, float(explained)
-        return _quantile_scale(settings.quantile, phi, returns), 0.0, float(explained)
+            return _share(phi, returns), 0.0, explained
+        return _quantile_scale(settings.quantile, phi, returns), 0.0, explained
     ones = 1.0 - rollouts.bootstrap_discount[used]
-    columns = np.stack([phi, ones], axis=1)
-    (scale, shift), *_ = np.linalg.lstsq(columns, returns)
-    residual = returns - columns @ (scale, shift)
-    about_mean = returns - ones * (ones @ returns) / (ones @ ones)
-    explained = 1.0 - (residual @ residual) / (about_mean @ about_mean) if about_mean.any() else 0.0
+    about_mean, phi_about_mean = _without(ones, returns), _without(ones, phi)
+    scale = _share(phi_about_mean, returns)
+    shift = _share(ones, returns - scale * phi)
+    residual = returns - scale * phi - shift * ones
+    left, spread = _inner(residual, residual), _inner(about_mean, about_mean)
+    explained = 1.0 - left / spread if about_mean.any() else 0.0
     if settings.quantile is not None:
         shift += np.quantile(residual / ones, settings.quantile)
     return float(scale), float(shift), float(explained)
+
+
+def _inner(one: FloatArray, other: FloatArray) -> float:
+    """Return the inner product, rounded once.
+
+    A scale that differs in its last bit gives another trajectory, and BLAS rounds as the processor
+    does.
+    """
+    return math.fsum(one * other)
+
+
+def _without(axis: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return what is left of a vector without its part along an axis."""
+    return vector - axis * _share(axis, vector)
+
+
+def _share(axis: FloatArray, vector: FloatArray) -> float:
+    """Return how many times an axis a vector contains; 0 of an axis of zeros."""
+    length = _inner(axis, axis)
+    return _inner(axis, vector) / length if length > 0 else 0.0
 
 
 def _quantile_scale(quantile: float, phi: FloatArray, returns: FloatArray) -> float:
