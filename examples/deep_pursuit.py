@@ -1,9 +1,9 @@
 """Two predators on 5x5, learnt by a network, from one predator, learnt as a table.
 
-DQN sees where everybody is as numbers in [-1, 1] and chooses among 25 joint actions. What one
-predator valued alone is read once for each of the two and summed, which promises too little rather
-than too much. The network computes that plus a residual, which is 0 at first. Learning directly
-gets as many steps as the transfer, its source included.
+DQN observes the positions of all agents as numbers in [-1, 1] and chooses among 25 joint actions.
+The values of one predator are read once for each of the two and summed, which is too low rather
+than too high. The network adds a residual to this potential, 0 at first. Learning from scratch gets
+as many steps as the transfer with its source.
 
 Needs `pip install "curricle[deep]"`; a minute or two on two cores.
 
@@ -15,8 +15,8 @@ import curricle as cr
 SOURCE, TARGET, SEEDS = 40_000, 10_000, 3
 HUNT = cr.Pursuit(size=5, predators=2, discount=0.95)
 CHASE = cr.Pursuit(size=5, predators=1, discount=0.95)
-JUDGE = cr.GreedyEvaluation("rollouts", episodes=30, discounted=False)
-# Small steps: Adam's eps is large, so that next to no error makes next to no step.
+EVALUATION = cr.GreedyEvaluation("rollouts", episodes=30, discounted=False)
+# A large eps of Adam keeps steps small where errors are small.
 DQN = cr.deep.DeepLearner("DQN", envs=8, settings={
     "learning_rate": 1e-4, "batch_size": 256, "learning_starts": 500, "gradient_steps": 1,
     "train_freq": 1, "target_update_interval": 500, "exploration_fraction": 0.5,
@@ -42,15 +42,16 @@ def main():
         },
         budget={"chase": SOURCE, "hunt": TARGET},
         eval_freq={"hunt": TARGET // 5},
-        evaluation={"hunt": JUDGE},
+        evaluation={"hunt": EVALUATION},
     )
     transfer = plan.train(seeds=SEEDS)
     scratch = cr.deep.learn_deep(
-        hunt, DQN, SOURCE + TARGET, seeds=SEEDS, eval_freq=(SOURCE + TARGET) // 5, evaluation=JUDGE,
+        hunt, DQN, SOURCE + TARGET, seeds=SEEDS,
+        eval_freq=(SOURCE + TARGET) // 5, evaluation=EVALUATION,
     )  # fmt: skip
     for name, result, spent in (
         ("from one predator", transfer["hunt"], SOURCE),
-        ("directly", scratch, 0),
+        ("from scratch", scratch, 0),
     ):
         returns = result.greedy_return
         print(f"{name}: {returns[:, 0].mean():.1f} after {spent:,} steps")

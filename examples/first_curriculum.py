@@ -1,4 +1,4 @@
-"""Two predators learn from one: the README's curriculum, drawn against learning directly.
+"""From one predator to two: the README's curriculum, drawn against learning from scratch.
 
 python examples/first_curriculum.py docs/first_curriculum.png
 """
@@ -31,7 +31,7 @@ def main(path, seeds=SEEDS):
             budget={"chase": 50_000, "hunt": 100_000},
         )
         result = curriculum.train(seeds=seeds)
-        curves[scale] = cr.Curve.of(result["hunt"], result.source_steps("hunt"))
+        curves[scale] = cr.statistics.Curve.of(result["hunt"], result.source_steps("hunt"))
 
     with matplotlib.rc_context(STYLE):
         figure, axes = new_figure(1, 1, width=7, height=3.6)
@@ -46,7 +46,8 @@ def main(path, seeds=SEEDS):
             colour="blue",
             strong=True,
         )
-        draw_curve(panel, cr.Curve.of(scratch), label="learning directly", colour="black")
+        curve = cr.statistics.Curve.of(scratch)
+        draw_curve(panel, curve, label="learning from scratch", colour="black")
         panel.axhline(cr.solve(hunt).start_value, color=COLOURS["grey"], ls=":", lw=1)
         panel.annotate("optimum", (0, -3.2), color=COLOURS["grey"], va="bottom")
         panel.set_yscale("symlog", linthresh=10, linscale=1)
@@ -57,13 +58,13 @@ def main(path, seeds=SEEDS):
         panel.set_ylim(-100, -2)
         panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
         panel.set(
-            xlabel="steps in all, the source's included (thousands)",
+            xlabel="steps, the source's included (thousands)",
             ylabel="greedy value (discounted return)",
-            title=f"two predators who must both catch, 4x4: mean over {seeds} seeds, 95 % bands",
+            title=f"two predators that must both catch, 4x4: mean over {seeds} seeds, 95 % bands",
         )
         panel.legend(loc="center left", bbox_to_anchor=(0.0, 0.35))
         figure.savefig(path)
-    print(f"direct     {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}")
+    print(f"scratch    {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}")
     for scale, curve in curves.items():
         print(f"scale {scale:g}    {cr.statistics.bootstrap(curve.values[:, -1])}")
 

@@ -1,10 +1,9 @@
-"""A task of one's own that no table would hold: a boat makes for harbour in changing wind.
+"""A task given by two functions, too large for tables: a boat steers for harbour in changing wind.
 
-A boat on a lake of 40 x 40 places moves by motor while the wind, which changes all the time, blows
-it off course. With 21 winds from west to east and 21 from north to south there are 700,000 states,
-5 actions and up to 36 outcomes of each pair: tables would need 3.5 GB. Given as two functions the
-task needs none. What the boat learns in a calm, where a state is its place alone, shows it the way
-in the wind.
+A boat on a lake of 40 x 40 cells moves by motor while a changing wind blows it off course. With 21
+winds from west to east and 21 from north to south there are 700,000 states, 5 actions and up to 36
+outcomes of each pair: tables would need 3.5 GB. The source is the lake without wind, where a state
+is the boat's cell alone.
 
 python examples/own_task.py
 """
@@ -19,15 +18,13 @@ import curricle as cr
 LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
 
 
-# `data` is handed to the functions instead of being read from around them: numba takes what is
-# around a function for constant, while one compiled function serves data of any value. The lake in
-# a calm (one wind) and in wind (21) so share their code, and it is compiled once.
+# `data` is an argument of the functions, because numba compiles global variables as constants. So
+# the lake without wind (one wind) and the one with 21 winds share one compiled function.
 @njit(nogil=True)
 def start(data, bits):
     size, winds = data
-    return winds**2 + cr.tasks.integers(
-        bits, (size**2 - 1) * winds**2
-    )  # anywhere but in the harbour
+    # Anywhere but in the harbour.
+    return winds**2 + cr.tasks.integers(bits, (size**2 - 1) * winds**2)
 
 
 @njit(nogil=True)
@@ -39,7 +36,7 @@ def step(data, state, action, bits):
     y, x = divmod(rest, size)
     x, bits = blown(x + (action == 1) - (action == 2), east, winds, size, bits)
     y, bits = blown(y + (action == 3) - (action == 4), north, winds, size, bits)
-    # 64 random bits come with each step: `unit` reads the upper ones, `below` the lower ones.
+    # Each step gets 64 random bits: `uniform` reads the upper ones, `integers` the lower ones.
     east = min(max(east + np.int64(cr.tasks.integers(bits, 3)) - 1, 0), winds - 1)
     north = min(
         max(north + np.int64(cr.tasks.integers(cr.tasks.splitmix64(bits), 3)) - 1, 0), winds - 1
@@ -49,10 +46,10 @@ def step(data, state, action, bits):
 
 @njit(nogil=True)
 def blown(place, wind, winds, size, bits):
-    middle = winds // 2  # no wind; the further from it, the likelier a push
+    middle = winds // 2  # no wind; further from it a push is likelier
     pushed = cr.tasks.uniform(bits) < abs(wind - middle) / (middle + 1)
     place += pushed * (1 if wind > middle else -1)
-    # When the bits are spent, scrambled bits are as good as fresh ones.
+    # When the bits are used up, `splitmix64` makes new ones of them.
     return min(max(place, 0), size - 1), cr.tasks.splitmix64(bits)
 
 
@@ -76,20 +73,19 @@ def main(size=40, winds=21, steps=5_000_000, seeds=4):
     curriculum = cr.Curriculum(
         tasks={"calm": calm, "windy": windy},
         # By name: x, y and the motor are read off the target, the wind is left out. Rewards are
-        # negative and the wind costs more of them, hence the scale.
+        # negative and the way in the wind is longer, hence the scale.
         transfers=[cr.Transfer("calm", "windy", cr.project(windy, calm), scale=3)],
         learner={"calm": cr.QLearning(learning_rate=1.0, epsilon=0.3), "windy": LEARNER},
         budget={"calm": 2 * steps // 5, "windy": steps},
         evaluation=moves,
     )
-    taught = curriculum.train(seeds)["windy"]
+    transfer = curriculum.train(seeds)["windy"]
     scratch = cr.learn(windy, LEARNER, 7 * steps // 5, seeds=seeds, evaluation=moves)
     print("Return of the greedy policy, -1 a move, at most 500 moves:")
-    print(f"from the calm, at first  {cr.statistics.bootstrap(taught.greedy_return[:, 0])}")
-    print(f"from the calm, at last   {cr.statistics.bootstrap(taught.greedy_return[:, -1])}")
-    print(
-        f"directly, at last        {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}, same steps in all"
-    )
+    print(f"from the calm, at the start  {cr.statistics.bootstrap(transfer.greedy_return[:, 0])}")
+    print(f"from the calm, at the end    {cr.statistics.bootstrap(transfer.greedy_return[:, -1])}")
+    end = cr.statistics.bootstrap(scratch.greedy_return[:, -1])
+    print(f"from scratch, at the end     {end}, same number of steps")
 
 
 if __name__ == "__main__":

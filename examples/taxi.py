@@ -1,15 +1,15 @@
-"""Taxi learnt from an errand, and from taxis with fewer places.
+"""Taxi from an errand, and from taxis with fewer places.
 
-A taxi driver has two errands: to fetch somebody, and to take them somewhere. An errand alone is a
+A taxi has two errands: to fetch a passenger and to take the passenger to a place. One errand is a
 task of 100 states and 5 actions (the taxi has 500 and 6): drive to a place and stop there. Its
-values are read as "my passenger waits there" and as "my passenger wants to go there". A taxi with
-two or three of the four places is mapped by name, and the rest of the real one left unmapped.
+values are read for the place where the passenger waits and for the destination. A taxi with two or
+three of the four places is mapped by name, and the other states are unmapped.
 
-Measured over 20 seeds, the source's steps charged, steps until greedy episodes return 0 (the best
-is 7.9): 114,000 directly, about 90,000 from the smaller taxis. From the errand as it is no seed
-gets there in 128,000. Its values start a good policy, but those of fetching are too hopeful, as the
-ride is still to be paid for, and the policy falls from one disappointment to the next. Lowered by
-the price of a ride they lead there in 15,500.
+Measured over 20 seeds, with the source's steps charged, steps until greedy episodes return 0 (the
+optimum is 7.9): 114,000 from scratch, about 90,000 from the smaller taxis. From the unchanged
+errand no seed gets there in 128,000. Its greedy policy is good at first, but the values of fetching
+are too high, as they leave out the cost of the ride, and learning corrects one after the other.
+Shifted by the cost of a ride they lead there in 15,500.
 
 python examples/taxi.py
 """
@@ -22,14 +22,14 @@ import curricle as cr
 PLACES = {"red": (0, 0), "green": (0, 4), "yellow": (4, 0), "blue": (4, 3)}
 STOP = 4
 RIDE = 10.0
-"""What the longest ride costs; too little hope does less harm than too much."""
+"""The cost of the longest ride; values that are too low do less harm than values too high."""
 DISCOUNT = 0.99
 LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
-THOROUGH = cr.QLearning(learning_rate=1.0, epsilon=0.5)  # nothing is left to chance in a taxi
+THOROUGH = cr.QLearning(learning_rate=1.0, epsilon=0.5)  # the task is deterministic
 
 
 def errand(table):
-    """Return the task of driving to a place and stopping there, on the streets of Taxi."""
+    """Return the task of driving to a place and stopping there, in the grid of Taxi."""
     cells = [(row, column) for row in range(5) for column in range(5)]
     goals = list(PLACES.values())
     home = 4 * len(cells)  # where every errand ends
@@ -60,7 +60,7 @@ def errand(table):
 
 
 def taxi_with(places, taxi):
-    """Return the taxi with some of the places: those of its states that speak of no other."""
+    """Return the taxi with some of the places, and the states in which no other occurs."""
     space = taxi.states.decode()
     labels = {name: taxi.states.component(name).labels for name in ("passenger", "destination")}
     ids = [i for i, label in enumerate(labels["passenger"]) if label in (*places, "taxi")]
@@ -68,7 +68,7 @@ def taxi_with(places, taxi):
     number = np.cumsum(kept) - 1
     states = np.flatnonzero(kept)
     after = taxi.next_state[taxi.outcome_row[states], 0]
-    # To set somebody down at another place is as wrong as between places.
+    # A drop-off at a place left out is punished like one anywhere else.
     wrong = ~kept[after]
     after = np.where(wrong, states[:, None], after)
     reward = np.where(wrong, -10.0, taxi.reward[taxi.outcome_row[states], 0])
@@ -92,21 +92,21 @@ def taxi_with(places, taxi):
     )
 
 
-def reading(taxi, source, *, waiting=True, riding=True):
-    """Return the mapping that reads an errand where the passenger waits, or rides, or both."""
+def errand_mapping(taxi, source, *, waiting=True, riding=True):
+    """Return the mapping to an errand where the passenger waits, or rides, or both."""
 
-    def there(state, action):
+    def to_errand(state, action):
         rides = state["passenger"] == 4
         read = (rides & riding) | (~rides & waiting)
         place = np.where(rides, state["destination"], state["passenger"])
-        # To stop is to drop off somebody who rides and to pick up somebody who does not.
+        # Stopping is dropping off a passenger who rides and picking up one who waits.
         stop = np.where(rides, 5, 4)
         move = np.where(action["move"] < 4, action["move"], STOP)
         wrong = (action["move"] >= 4) & (action["move"] != stop)
         cell = {"row": state["row"], "column": state["column"]}
         return {**cell, "place": np.where(read, place, -1)}, {"move": np.where(wrong, -1, move)}
 
-    return cr.from_function(taxi, source, there)
+    return cr.from_function(taxi, source, to_errand)
 
 
 def main(seeds=20, steps=120_000, source_steps=8_000):
@@ -117,15 +117,16 @@ def main(seeds=20, steps=120_000, source_steps=8_000):
         return cr.Curriculum(
             tasks={"source": source, "taxi": taxi},
             transfers=[cr.Transfer("source", "taxi", f, shift=shift) for f, shift in transfers],
-            aggregate=cr.total,  # each transfer speaks of its own part of the taxi
+            aggregate=cr.total,  # each transfer maps a part of the taxi of its own
             learner={"source": THOROUGH, "taxi": LEARNER},
             budget={"source": source_steps, "taxi": steps},
             evaluation=cr.GreedyEvaluation(discounted=False),
         )
 
-    fetching, taking = reading(taxi, drive, riding=False), reading(taxi, drive, waiting=False)
+    fetching = errand_mapping(taxi, drive, riding=False)
+    taking = errand_mapping(taxi, drive, waiting=False)
     arms = {
-        "errand": curriculum(drive, (reading(taxi, drive), 0.0)),
+        "errand": curriculum(drive, (errand_mapping(taxi, drive), 0.0)),
         "errand, less a ride": curriculum(drive, (fetching, -RIDE), (taking, 0.0)),
     }
     for some in (("red", "green"), ("red", "green", "yellow")):

@@ -1,11 +1,11 @@
-"""Three predators on 10x10 learn from one: a task of 10^8 states, whose table is never made.
+"""From one predator to three on 10x10: a task of 10^8 states without a dense table.
 
 All three must be on the prey's cell. The joint task has 10^8 states and 125 joint actions: a dense
 table would take 50 GB in single precision. One predator's chase has 10^4 states and 5 actions. Its
-values, read through "I am predator i" for each of the three, are the potential of the hunt. The
-hunt's table gets a row when its state is first met, made from the potential.
+values, mapped once for each of the three predators, are the potential of the hunt. The hunt's table
+gets a row when its state is first visited, made from the potential.
 
-With the numbers below it takes a minute on two cores and 5 GB of memory, which two seeds at once
+With the settings below it takes a minute on two cores and 5 GB of memory, which two seeds at a time
 share. Without transfer nothing is learnt in this time.
 
 python examples/three_predators.py --out docs/three_predators.png
@@ -32,9 +32,9 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
     chase = cr.Pursuit(size, predators=1, discount=0.95)
     print(f"{hunt.states.size:,} states x {hunt.actions.size} actions from {chase.states.size:,}")
 
-    # What is handed on should be right: a learning rate that falls, and much exploration.
+    # The source's values should be accurate: a falling learning rate, and much exploration.
     falling = cr.learning.linear(0.5, 0.01, steps=source_steps * 4 // 5)
-    known, results = {}, {}
+    sources, results = {}, {}
     for scale in SCALES:
         curriculum = cr.Curriculum(
             tasks={"chase": chase, "hunt": hunt},
@@ -51,8 +51,8 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
             storage={"hunt": sparse},
         )
         begin = time.perf_counter()
-        trained = curriculum.train(seeds, trained=known, workers=2)
-        known = {"chase": trained["chase"]}  # the same for every scale
+        trained = curriculum.train(seeds, trained=sources, workers=2)
+        sources = {"chase": trained["chase"]}  # the same for every scale
         results[f"one predator's values x {scale:g}"] = trained["hunt"], SCALES[scale]
         print(f"scale {scale:g} took {time.perf_counter() - begin:.0f} s")
     scratch = cr.learn(
@@ -70,21 +70,16 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
     print("Return of an episode, mean over seeds and 95 % interval:")
     for name, (result, _) in results.items():
         print(f"{name}, after {result.steps[-1]:,} steps")
-        print(
-            f"  while learning, first part   {cr.statistics.bootstrap(result.training_return[:, 1])}"
-        )
-        print(
-            f"  while learning, last part    {cr.statistics.bootstrap(result.training_return[:, -1])}"
-        )
-        print(
-            f"  greedy policy, before        {cr.statistics.bootstrap(result.greedy_return[:, 0])}"
-        )
-        print(
-            f"  greedy policy, at the end    {cr.statistics.bootstrap(result.greedy_return[:, -1])}"
-        )
+        for label, returns in (
+            ("while learning, first part", result.training_return[:, 1]),
+            ("while learning, last part", result.training_return[:, -1]),
+            ("greedy policy, before", result.greedy_return[:, 0]),
+            ("greedy policy, at the end", result.greedy_return[:, -1]),
+        ):
+            print(f"  {label:<28} {cr.statistics.bootstrap(returns)}")
         if result.out_of_memory.any():
             print(f"  the memory was full after {result.steps_used.min():,} steps")
-    draw(path, results, seeds, size, known["chase"].steps_used[0])
+    draw(path, results, seeds, size, sources["chase"].steps_used[0])
 
 
 def draw(path, results, seeds, size, source_steps):
@@ -92,7 +87,7 @@ def draw(path, results, seeds, size, source_steps):
         figure, axes = new_figure(1, 1, width=7, height=3.6)
         panel = axes[0, 0]
         for name, (result, colour) in results.items():
-            draw_curve(panel, cr.Curve.of(result), label=name, colour=colour)
+            draw_curve(panel, cr.statistics.Curve.of(result), label=name, colour=colour)
         panel.set_yscale("symlog", linthresh=10, linscale=0.5)
         panel.set_yticks([-10, -12, -15, -20, -30, -50, -100, -200])
         panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
@@ -102,7 +97,7 @@ def draw(path, results, seeds, size, source_steps):
         panel.set(
             xlabel=f"target steps (millions), after {source_steps / 1e6:g} million of the source",
             ylabel="greedy policy's return (-1 a step)",
-            title=f"three predators who must all catch, {size}x{size}: mean over {seeds} seeds, "
+            title=f"three predators that must all catch, {size}x{size}: mean over {seeds} seeds, "
             "95 % bands",
         )
         panel.legend(loc="center right")

@@ -8,7 +8,7 @@ SLIP = 0.1  # probability that a move fails
 
 
 def corridor(places, full, chargers=()):
-    """Each step costs 1 and, with a battery, one of `full` units; being stranded costs 100."""
+    """Return the corridor: a step costs 1 and one of `full` units; an empty battery costs 100."""
     cells = [(p, b) for p in range(places) for b in range(full + 1)]
     number = {cell: i for i, cell in enumerate(cells)}
     over = [p == places - 1 or (full > 0 and b == 0) for p, b in cells]
@@ -40,7 +40,7 @@ def corridor(places, full, chargers=()):
 
 
 def cautious(state, action):
-    """A cart whose battery does not reach to the next stop is as badly off as at the beginning."""
+    """Return the same place, or the beginning where the battery does not reach the next stop."""
     place, battery = state["place"], state["battery"]
     stops = np.array([6, 12, 18, 24])
     distance = stops[np.searchsorted(stops, place)] - place
