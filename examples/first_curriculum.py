@@ -8,7 +8,7 @@ import sys
 import matplotlib
 
 import curricle as cr
-from curricle.plotting.figures import COLOURS, STYLE, draw_curve, new_figure
+from curricle.plotting import COLOURS, STYLE, draw_curve, new_figure
 
 SEEDS = 30
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.paper import transferred_maze as paper
+from curricle.paper import maze_runs as paper
 from curricle.paper.settings import SUMMED, maze
 
 pytestmark = pytest.mark.slow

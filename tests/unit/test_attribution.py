@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.paper.settings import SUMMED, maze
-from curricle.paper.transferred_maze import LEARNER, SOURCE_BUDGET, corner
+from curricle.paper.maze_runs import LEARNER, SOURCE_BUDGET, corner
 
 LINE = cr.GridWorld("S....T", time_limit=50)
 WRONG_WAY = cr.GridWorld("T....S", time_limit=50)  # as long, but the treasure is in the west

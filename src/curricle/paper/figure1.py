@@ -1,10 +1,10 @@
-"""F1: what Svetlik's mapping (paper E4) covers: where the source's objects recur."""
+"""F1: the target states that Svetlik's mapping covers (paper E4)."""
 
 import numpy as np
 
 from curricle import GridWorld
 from curricle.paper.settings import Claim, FigureResult, Tick, verdict
-from curricle.plotting.figures import draw_maze, new_figure
+from curricle.plotting import draw_maze, new_figure
 from curricle.transfer import relative_objects
 
 SOURCE = ["..T", ".P.", "..."]
@@ -15,7 +15,7 @@ TARGETS = {
 
 
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
-    """Return figure 1; nothing is learnt, so `seeds` and `workers` do not matter."""
+    """Return figure 1; nothing is learnt, so `seeds` and `workers` are not used."""
     del seeds, workers
     source = GridWorld(SOURCE, start="uniform", representation="relative")
     targets = {name: GridWorld(text, representation="relative") for name, text in TARGETS.items()}
@@ -40,8 +40,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         title="Figure 1: what Svetlik's mapping covers",
         caption="Framed: states of two targets that match a state of the source under the "
         "relative-position representation. T treasure, P pit, F fire. Target B differs in one "
-        "pit, so the source's drawing fits nowhere and no state gets a value. Exact; nothing "
-        "is sampled.",
+        "pit, so the source matches nowhere and no state gets a value. Exact; nothing is "
+        "sampled.",
         figure=figure,
         tables={
             "figure1": dict(
@@ -56,8 +56,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
             Claim(
                 "f1.coverage",
                 "1",
-                "Svetlik's mapping carries knowledge only to target states where all of the "
-                "source's objects lie alike around the agent; a target can get nothing",
+                "Svetlik's mapping gives values only to target states in which all objects of the "
+                "source have the same relative positions; a target can get none",
                 "a 3x3 source with one pit, two 6x6 targets",
                 verdict(shares["target A"] > 0 and shares["target B"] == 0),
                 {name: str(cover) for name, cover in coverage.items()},

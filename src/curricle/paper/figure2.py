@@ -1,10 +1,10 @@
 """F2: the maze with its optimal path, and learning it with and without transfer."""
 
 from curricle import solve
-from curricle.paper import transferred_maze as runs
+from curricle.paper import maze_runs as runs
 from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
 from curricle.planning import Solution, Trajectory, rollout
-from curricle.plotting.figures import COLOURS, draw_curve, draw_maze, new_figure
+from curricle.plotting import COLOURS, draw_curve, draw_maze, new_figure
 from curricle.statistics import Curve, time_to_threshold
 
 SIZE = 4
@@ -18,25 +18,25 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     optimal = {step: solve(maze(step)) for step in OPTIMUM}
     path = rollout(arena, optimal[-5.0].policy)
     scratch = runs.scratch(arena, seeds, workers)
-    tick("maze, learnt directly")
+    tick("maze, from scratch")
     curve, _ = runs.transferred(arena, runs.corner(arena, SIZE), seeds, workers)
     tick(f"maze, source of size {SIZE}")
     figure, axes = new_figure(1, 2, width=10, height=4.2)
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
     panel = axes[0, 1]
-    draw_curve(panel, scratch.curve, label="without transfer", colour="black", window=runs.WINDOW)
+    draw_curve(panel, scratch.curve, label="scratch", colour="black", window=runs.WINDOW)
     draw_curve(
         panel,
         curve,
-        label=f"from the top-right {SIZE}x{SIZE}, source steps free",
+        label=f"from the top-right {SIZE}x{SIZE} (weak transfer)",
         colour="blue",
         window=runs.WINDOW,
     )
     draw_curve(
         panel,
         curve,
-        label="the same, source steps charged",
+        label="the same, source steps counted (strong)",
         colour="sky",
         window=runs.WINDOW,
         strong=True,
@@ -58,7 +58,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
         caption="Left: the maze (start lower left), step reward -5. Right: mean over "
-        f"{seeds} seeds with 95 % bootstrap bands, generative mean of 10 checkpoints.",
+        f"{seeds} seeds with 95 % bootstrap bands, moving mean of 10 checkpoints.",
         figure=figure,
         tables={"figure2": runs.curve_table({"scratch": scratch.curve, "transfer": curve})},
         claims=_claims(optimal, path, scratch, curve),
@@ -99,9 +99,9 @@ def _claims(
             f"source of size {SIZE}, step reward -5; paired over seeds",
             verdict(saved[False]["low"] > 0),
             {
-                "direct learner, steps to threshold": over_seeds(scratch.times.steps),
-                "steps saved, source steps free": saved[False],
-                "steps saved, source steps charged": saved[True],
+                "scratch, steps to threshold": over_seeds(scratch.times.steps),
+                "steps saved (weak transfer)": saved[False],
+                "steps saved (strong transfer)": saved[True],
             },
         ),
     )

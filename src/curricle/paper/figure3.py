@@ -1,4 +1,4 @@
-"""F3: steps saved by the size of the source, and what the source teaches in its corner."""
+"""F3: steps saved by the size of the source, and the values that a small source learns."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,27 +8,36 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle import GridWorld, solve
-from curricle.paper import transferred_maze as runs
-from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
+from curricle.paper import maze_runs as runs
+from curricle.paper.settings import (
+    Claim,
+    FigureResult,
+    Tick,
+    answer,
+    maze,
+    over_seeds,
+    stacked,
+    verdict,
+)
 from curricle.planning import rollout
-from curricle.plotting.figures import COLOURS, draw_maze, new_figure
+from curricle.plotting import COLOURS, draw_potential, new_figure
 from curricle.statistics import time_to_threshold
 
 SIZES = range(2, 11)
-"""Size 1 is the treasure alone: no state to learn in, so its transfer is nothing."""
+"""Size 1 is the treasure alone: it has no state to learn in, so nothing to transfer."""
 STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
 LONG = 150_000
-"""Target steps given to size 3 besides the paper's 800 episodes, in which it never gets there."""
+"""Target steps for size 3, which never reaches the threshold in the paper's 800 episodes."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """One source against the direct learner, in steps, for K seeds.
+    """One source against scratch, in steps, for K seeds.
 
     Parameters
     ----------
     saved : (K,) float64
-        Target steps to the threshold, direct minus transferred; too high where not reached.
+        Target steps to the threshold, scratch minus transfer; an upper bound where not reached.
     cost : (K,) int64
         Source steps.
     reached : int
@@ -48,7 +57,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     for step, name in STEP_REWARDS.items():
         arena = maze(step)
         scratch = runs.scratch(arena, seeds, workers)
-        tick(f"maze {name}, learnt directly")
+        tick(f"maze {name}, from scratch")
         arms: dict[int | str, Arm] = {}
         for size in SIZES:
             arms[size] = _arm(scratch, runs.corner(arena, size), seeds, workers)
@@ -67,8 +76,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         name="figure3",
         title="Figure 3: how large a source?",
         caption="Top: steps saved to the threshold by sources of size 1 to 10 (top-right corner, "
-        f"uniform start), mean over {seeds} seeds and 95 % bootstrap intervals; hollow: no more "
-        "than this was saved, since some seeds never reached the threshold in 800 episodes. "
+        f"uniform start), mean over {seeds} seeds and 95 % bootstrap intervals; hollow: "
+        "upper bounds, since some seeds never reached the threshold in 800 episodes. "
         "Size 1 holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 "
         "source, with the target's optimal path, which leaves the corner and comes back. Bottom "
         "right: a full-size source with a uniform and with the target's fixed start.",
@@ -97,8 +106,8 @@ def _arm(
 
 def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> None:
     for label, colour, shift in (
-        ("source steps free", "blue", -0.1),
-        ("source steps charged", "orange", 0.1),
+        ("weak transfer", "blue", -0.1),
+        ("strong transfer (source steps counted)", "orange", 0.1),
     ):
         panel.plot(1 + shift, 0, "o", color=COLOURS[colour], label=label, ms=5)
         for size in SIZES:
@@ -126,7 +135,7 @@ def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> 
 
 
 def _error_bar(mean: Mapping[str, float]) -> list[list[float]]:
-    """Return an interval as Matplotlib wants it: distances below and above the estimate."""
+    """Return an interval as distances below and above the estimate, for Matplotlib."""
     return [[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]
 
 
@@ -134,12 +143,8 @@ def _draw_corner(panel: Any, arm: Arm) -> None:
     arena = maze(-5)
     block = runs.corner(arena, 3)
     path = rollout(arena, solve(arena).policy).states
-    draw_maze(
-        panel,
-        block,
-        values=arm.source_values.max(axis=2).mean(axis=0),
-        value_label="max Q of the source (return)",
-    )
+    values, title = arm.source_values.max(axis=2).mean(axis=0), "the 3x3 source"
+    draw_potential(panel, block, values, label=title, unit="max Q of the source (return)")
     cells = arena.cells[path]
     panel.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
     panel.set_title("the 3x3 source, and the target's optimal path")
@@ -168,7 +173,7 @@ def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> Non
         xticks=range(4),
         xticklabels=labels,
         ylabel="steps saved (thousands)",
-        title="full-size source: blue free, orange charged",
+        title="full-size source: weak (blue), strong (orange)",
     )
 
 
@@ -176,32 +181,25 @@ def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> Non
 
 
 def _table(results: Mapping[float, Mapping[Any, Arm]]) -> dict[str, npt.NDArray[Any]]:
-    rows = [
-        (
-            step,
-            10 if key == "fixed" else key,
-            "map" if key == "fixed" else "uniform",
-            k,
-            arm.saved[k],
-            arm.cost[k],
-        )
+    return stacked(
+        {
+            "step_reward": step,
+            "size": 10 if key == "fixed" else key,
+            "start": "map" if key == "fixed" else "uniform",
+            "seed": np.arange(len(arm.saved)),
+            "steps_saved": arm.saved,
+            "source_steps": arm.cost,
+        }
         for step, arms in results.items()
         for key, arm in arms.items()
-        for k in range(len(arm.saved))
-    ]
-    names = ("step_reward", "size", "start", "seed", "steps_saved", "source_steps")
-    return {n: np.array(column) for n, column in zip(names, zip(*rows, strict=True), strict=True)}
+    )
 
 
 def _corner_table(arm: Arm) -> dict[str, npt.NDArray[Any]]:
     block = runs.corner(maze(-5), 3)
     best = arm.source_values.max(axis=2)
-    return {
-        "seed": np.repeat(np.arange(len(best)), best.shape[1]),
-        "row": np.tile(block.cells[:, 0], len(best)),
-        "column": np.tile(block.cells[:, 1], len(best)),
-        "max_q": best.ravel(),
-    }
+    seeds, (rows, columns) = np.arange(len(best))[:, None], block.cells.T
+    return stacked([{"seed": seeds, "row": rows, "column": columns, "max_q": best}])
 
 
 def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, Arm]) -> list[Claim]:
@@ -240,7 +238,7 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
             Claim(
                 f"f3.strong-smaller.{tag}",
                 "3",
-                "(Not charged in the paper.) With source steps charged the gains are smaller",
+                "(Not counted in the paper.) With source steps counted the gains are smaller",
                 setting,
                 verdict(all(net[s]["estimate"] < saved[s]["estimate"] for s in SIZES)),
                 {f"net steps saved, size {size}": net[size] for size in SIZES},
@@ -251,7 +249,7 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
 
 
 def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
-    """Answer whether a random start explains why a full-size source beats direct learning."""
+    """Answer whether a random start explains why a full-size source beats scratch."""
     fixed, uniform = arms["fixed"], arms[10]
     net_fixed, net_uniform = (over_seeds(arm.saved - arm.cost) for arm in (fixed, uniform))
     explained = net_fixed["low"] < 500 and net_uniform["low"] > max(0, net_fixed["high"])
@@ -260,7 +258,7 @@ def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
         "3",
         f"{_QUESTION} {_YES if explained else _NO}",
         f"{setting}; full-size source, fixed against uniform start",
-        "explained" if explained else "not reproduced",
+        answer(explained),
         {
             "fixed start, target steps saved": over_seeds(fixed.saved),
             "fixed start, source steps": over_seeds(fixed.cost),
@@ -274,7 +272,7 @@ def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
 
 _QUESTION = (
     "Open question: does random initialisation explain why a full-size source beats "
-    "direct learning?"
+    "learning from scratch?"
 )
 _YES = "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
 _NO = "Not by these runs."
@@ -289,7 +287,7 @@ def _leaves_the_corner() -> Claim:
     return Claim(
         "f3.leaves-corner",
         "3",
-        "The optimal path leaves the 3x3 corner and comes back, so the source cannot know it",
+        "The optimal path leaves the 3x3 corner and comes back, so the source does not contain it",
         "exact; step reward -5",
         verdict(visits >= 2),
         {"times the path enters the corner": visits},

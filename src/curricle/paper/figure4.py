@@ -1,4 +1,4 @@
-"""F4: pursuit. Two predators learn from one, as published and as stated, and why it collapsed."""
+"""F4: pursuit. Two predators learn from one, as published and as stated."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,8 +32,9 @@ from curricle.paper.settings import (
     LEARNING_RATE,
     FigureResult,
     Tick,
+    stacked,
 )
-from curricle.plotting.figures import draw_curve, new_figure
+from curricle.plotting import draw_curve, new_figure
 from curricle.statistics import Curve
 from curricle.transfer import StateActionMapping
 
@@ -73,7 +74,7 @@ class Setting:
     aggregates : tuple of str
         Which aggregates to run, at scale 1.
     baseline : bool
-        Whether to run the direct learner too.
+        Whether to run learning from scratch too.
     scales : tuple of float
         Scales of the source's Q to run under the mean instead.
     source_budget, target_steps
@@ -125,7 +126,7 @@ SETTINGS = {
 
 
 def mappings(setting: Setting) -> Sequence[StateActionMapping]:
-    """Return f_1 and f_2 (paper E7), without the shared cells where the setting says so."""
+    """Return f_1 and f_2 (paper E7), without the shared cells where the setting excludes them."""
     hunt = setting.hunt
     chase = Pursuit(hunt.size, 1, discount=hunt.discount, time_limit=hunt.time_limit)
     found = [project(hunt, chase, predator=name) for name in hunt.predator_names]
@@ -140,7 +141,7 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
 
 
 def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[str, LearningResult]:
-    """Return the trainings of a setting by arm: baseline, source, and one a potential."""
+    """Return the training results of a setting by arm: baseline, source, one for each potential."""
     eval_freq = setting.target_steps // CHECKPOINTS
     arms = {}
     if setting.baseline:
@@ -191,17 +192,17 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with "
         "95 % bootstrap bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
         "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
-        "return of the training episodes on 5x5. Source steps are not charged here; they are in "
-        "the data and the evidence. Returns below -10 are drawn on a logarithmic scale.",
+        "return of the training episodes on 5x5. Source steps are not counted here; the data and "
+        "the evidence hold them. Returns below -10 are drawn on a logarithmic scale.",
         figure=figure,
         tables={"figure4": _table(results)},
         claims=tuple(claims(results, SETTINGS, mappings)),
         settings={
             "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse "
             f"temperature {INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
-            "tasks": "4x4 walls, five moves, discount 0.99, cut at 200 (row 4: 5x5, 0.95, 100)",
+            "tasks": "4x4 walls, five moves, discount 0.99, limit 200 (row 4: 5x5, 0.95, 100)",
             "budget": "2,000 source episodes, 350,000 target steps (row 4: 400,000 steps each)",
-            "entering": "Q of the target starts as phi (Wiewiora 2003)",
+            "shaping": "Q of the target starts as phi (Wiewiora 2003)",
         },
     )
 
@@ -226,28 +227,20 @@ def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: s
 
 
 def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt.NDArray[Any]]:
-    names = ("setting", "arm", "seed", "steps", "source_steps", "training_return", "greedy_return")
-    parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
-    for setting, arms in results.items():
-        for arm, result in arms.items():
-            n_seeds, n = result.greedy_return.shape
-            spent = (
+    return stacked(
+        {
+            "setting": setting,
+            "arm": arm,
+            "seed": np.array(result.seeds)[:, None],
+            "steps": result.steps,
+            "source_steps": (
                 0 * result.steps_used
                 if arm in ("baseline", "source")
                 else arms["source"].steps_used
-            )
-            for name, column in zip(
-                names,
-                (
-                    np.full(n_seeds * n, setting),
-                    np.full(n_seeds * n, arm),
-                    np.repeat(result.seeds, n),
-                    np.tile(result.steps, n_seeds),
-                    np.repeat(spent, n),
-                    result.training_return.ravel(),
-                    result.greedy_return.ravel(),
-                ),
-                strict=True,
-            ):
-                parts[name].append(column)
-    return {name: np.concatenate(columns) for name, columns in parts.items()}
+            )[:, None],
+            "training_return": result.training_return,
+            "greedy_return": result.greedy_return,
+        }
+        for setting, arms in results.items()
+        for arm, result in arms.items()
+    )

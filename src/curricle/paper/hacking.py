@@ -1,4 +1,4 @@
-"""Reward hacking, which the paper tells in words: a bonus that makes the agent loop for ever."""
+"""Reward hacking, which the paper describes: a bonus that makes the agent loop for ever."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from curricle import GridWorld, QLearning, Rewards, StateActionPotential, learn
 from curricle.learning import How
+from curricle.paper.maze_runs import curve_table
 from curricle.paper.settings import (
     EPSILON,
     LEARNING_RATE,
@@ -16,9 +17,8 @@ from curricle.paper.settings import (
     over_seeds,
     verdict,
 )
-from curricle.paper.transferred_maze import curve_table
 from curricle.planning import greedy_policy, rollout
-from curricle.plotting.figures import draw_curve, draw_maze, new_figure
+from curricle.plotting import draw_curve, draw_maze, new_figure
 from curricle.statistics import Curve
 
 CAP = 100
@@ -34,14 +34,14 @@ COLOURS = {"no shaping": "black", "as a bonus": "vermillion", "as a potential": 
 
 
 def nearness() -> StateActionPotential:
-    """Return the well-meant hint: 4 at the treasure, half a point less with each cell."""
+    """Return a hint of nearness: 4 at the treasure, half a point less with each cell."""
     treasure = next((row, column) for name, row, column in MAZE.objects if name == "treasure")
     hint = 4 - abs(MAZE.cells - treasure).sum(axis=1) / 2
     return StateActionPotential(MAZE, np.repeat(hint[:, None], MAZE.actions.size, axis=1))
 
 
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
-    """Return the picture of reward hacking."""
+    """Return the figure of reward hacking."""
     hint = nearness()
     arms: dict[str, tuple[Any, How]] = {
         "no shaping": (None, "initialise"),
@@ -66,7 +66,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         policy = greedy_policy(results[name].values[0])
         episode = rollout(MAZE, policy)
         draw_maze(panel, MAZE, path=episode.states)
-        end = "reaches the treasure" if episode.terminated else "loops until cut off"
+        end = "reaches the treasure" if episode.terminated else "loops until truncated"
         panel.set_title(f"{name}: {end}")
     for name, result in results.items():
         draw_curve(axes[0, 2], Curve.of(result), label=name, colour=COLOURS[name])
@@ -76,8 +76,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     return FigureResult(
         name="hacking",
         title="Reward hacking: a bonus is not a potential",
-        caption="The same hint, 'being near the treasure is good', added to the reward outright "
-        "and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
+        caption="The same hint, 'being near the treasure is good', added to the reward as a "
+        "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
         f"{seeds} seeds with 95 % bootstrap bands.",
         figure=figure,
         tables={"hacking": curve_table({n: Curve.of(r) for n, r in results.items()})},
@@ -86,7 +86,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
                 "hacking.bonus-loops",
                 "hacking",
                 "A reward that is not a potential difference can make the agent loop instead of "
-                "finishing (E3); as a potential the same hint leaves the optimum alone",
+                "finishing (E3); as a potential the same hint keeps the optimal policy",
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(
                     bool((final["as a bonus"] <= -CAP).mean() > 0.9)

@@ -1,4 +1,4 @@
-"""What figure 4 shows: the claims of the pursuit experiment, decided on intervals over seeds."""
+"""The claims of figure 4, decided on intervals over seeds."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from curricle import Pursuit, evaluate, maximum, mean, minimum, solve, total
 from curricle.learning import LearningResult
-from curricle.paper.settings import Claim, evidence, over_seeds, verdict
+from curricle.paper.settings import Claim, answer, evidence, over_seeds, verdict
 from curricle.planning import greedy_policy
 from curricle.statistics import paired_difference
 from curricle.transfer import StateActionMapping, find_projections
@@ -36,13 +36,13 @@ def claims(
     settings: Mapping[str, Any],
     mappings: Callable[[Any], Sequence[StateActionMapping]],
 ) -> Iterator[Claim]:
-    """Yield figure 4's claims from the trainings of each setting."""
+    """Yield the claims of figure 4 from the training results of each setting."""
     yield _exact_values()
     yield from _as_published(results["as published"], results["as published, all mapped"])
     yield from _as_stated(results["as stated"])
     yield from _collapse(results["epsilon-greedy"], settings["epsilon-greedy"], mappings)
     yield _why_max(settings, mappings)
-    yield _without_a_hand(mappings(settings["as stated"]))
+    yield _mapping_found(mappings(settings["as stated"]))
 
 
 def _start(result: LearningResult) -> FloatArray:
@@ -66,7 +66,7 @@ def _exact_values() -> Claim:
     return Claim(
         "f4.exact-values",
         "4",
-        "The three readings of the task have different optima: both catch, as published, "
+        "The three definitions of the task have different optima: both catch, as published, "
         "first touch",
         "exact value iteration; mean of V* over all states, discount 0.99",
         verdict(all(abs(found[key] - value) < 6e-4 for key, value in VALUES.items())),
@@ -121,10 +121,10 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
         "f4.published.why-collapse",
         "4",
         "Open question: why does performance collapse? As published it is the unmapped states: "
-        "left at Q = 0 among negative values they are the most attractive. Mapping them "
-        "removes the collapse, everything else as published",
+        "their Q stays at 0 among negative values, so they have the highest values. Mapping "
+        "them removes the collapse, everything else as published",
         "control: the same run with the states of shared cells mapped",
-        "explained" if all(gap["low"] > -0.25 for gap in cured.values()) else "not reproduced",
+        answer(all(gap["low"] > -0.25 for gap in cured.values())),
         {f"{n}, every state mapped, end minus start": gap for n, gap in cured.items()},
     )
 
@@ -176,7 +176,9 @@ def _collapse(
     read = [f.read(arms["source"].values.mean(axis=0)) for f in mappings(setting)]
     phi = mean(np.stack(read))
     optimistic = {c: float((c * phi > best)[alive].mean()) for c in (0.5, 1.0, 2.0)}
-    where = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, cut at 100, 400,000 steps"
+    where = (
+        "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
+    )
     cured = change["scale 1"]["high"] < 0 < change["scale 2"]["low"]
     worse = change["scale 0.5"]["high"] < change["scale 1"]["low"]
     yield Claim(
@@ -186,7 +188,7 @@ def _collapse(
         "upwards: rewards are negative, so phi has to become more negative; shrinking it makes the "
         "collapse worse",
         f"{where}; mean aggregate, training return, last minus first tenth",
-        "explained" if cured and worse else "not reproduced",
+        answer(cured and worse),
         change,
     )
     yield Claim(
@@ -195,9 +197,7 @@ def _collapse(
         "Open question: why the collapse under epsilon-greedy? Optimism: phi exceeds Q* on most "
         "pairs, so each action that is tried falls below its untried neighbours",
         f"{where}; share of pairs with c phi > Q*, phi averaged over the seeds' sources",
-        "explained"
-        if optimistic[1.0] > 0.5 and optimistic[2.0] < optimistic[1.0]
-        else "not reproduced",
+        answer(optimistic[1.0] > 0.5 and optimistic[2.0] < optimistic[1.0]),
         {f"optimistic pairs at scale {c:g}": share for c, share in optimistic.items()},
     )
 
@@ -205,7 +205,7 @@ def _collapse(
 def _why_max(
     settings: Mapping[str, Any], mappings: Callable[[Any], Sequence[StateActionMapping]]
 ) -> Claim:
-    """Compare the greedy policies of the exact aggregates in both readings of the task."""
+    """Compare the greedy policies of the exact aggregates in both definitions of the task."""
     found = {}
     for name in ("as published", "as published, all mapped", "as stated"):
         f = mappings(settings[name])
@@ -224,16 +224,16 @@ def _why_max(
         "f4.why-max",
         "4",
         "Open question: why does max win? It does not: it wins only where the unmapped states "
-        "spoil every aggregate and max, whose values lie nearest to their zero, least. With every "
-        "state mapped mean beats max even under the published end rule, and where both must "
-        "catch Q* <= min <= mean <= max, so that max is the most deluded",
+        "harm every aggregate, and max least, whose values are nearest to zero. With every state "
+        "mapped mean beats max even under the published termination rule, and where both must "
+        "catch Q* <= min <= mean <= max, so that max overestimates most",
         "exact: greedy on the aggregate of the source's exact Q, mean over all states",
-        "explained" if holds else "not reproduced",
+        answer(holds),
         {f"{name}, {g}": value for name, row in found.items() for g, value in row.items()},
     )
 
 
-def _without_a_hand(hand_made: Sequence[StateActionMapping]) -> Claim:
+def _mapping_found(hand_made: Sequence[StateActionMapping]) -> Claim:
     """Search for the mappings instead of writing them."""
     found = find_projections(hand_made[0].target, hand_made[0].source)
     exact = [one for one in found if one.error < 1e-9]
@@ -256,12 +256,10 @@ def _without_a_hand(hand_made: Sequence[StateActionMapping]) -> Claim:
         "f4.mapping-found",
         "4",
         "Open question: can transfer work without a hand-made mapping? Here it can: of all "
-        "assignments of components, the two that let the source's model predict the target "
+        "assignments of components, the two with which the source's model predicts the target "
         "are f_1 and f_2",
         "4x4; one-step disagreement on 5,000 pairs (after Taylor, Kuhlmann, Stone 2008)",
-        "explained"
-        if recovered and min(starts, key=starts.__getitem__) != "the two found"
-        else "not reproduced",
+        answer(recovered and min(starts, key=starts.__getitem__) != "the two found"),
         {
             **{f"greedy start on the minimum of {name}": start for name, start in starts.items()},
             "assignments tried": len(found),

@@ -1,4 +1,4 @@
-"""Running the paper: every figure into a folder, with its data, its claims and one page."""
+"""Run the paper: every figure into a folder, with its data, its claims and one page."""
 
 import io
 from collections import Counter
@@ -12,8 +12,8 @@ import matplotlib
 
 from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Tick
-from curricle.plotting.figures import STYLE
-from curricle.report.page import Section, page
+from curricle.plotting import STYLE
+from curricle.report import render
 from curricle.study.store import ResultsFolder
 
 FIGURES = {
@@ -21,13 +21,9 @@ FIGURES = {
     "2": "curricle.paper.figure2",
     "3": "curricle.paper.figure3",
     "4": "curricle.paper.figure4",
-    "trust": "curricle.paper.trust",
+    "trust": "curricle.paper.trust_figure",
     "hacking": "curricle.paper.hacking",
 }
-INTRODUCTION = """<p>Every figure and claim of the paper, run again. A claim is <em>reproduced</em>
-where the runs show it, <em>not reproduced</em> where they do not; an open question of the paper is
-<em>explained</em> where a control answers it. Numbers in brackets are 95 % bootstrap intervals
-over seeds. All claims as data: <a href="claims.json">claims.json</a>.</p>"""
 
 
 def reproduce(
@@ -40,20 +36,20 @@ def reproduce(
 ) -> list[dict[str, Any]]:
     """Write figures, data, claims and the page into a folder, and return all claims in it.
 
-    Figures that the folder already holds complete are not run again.
+    Figures that are complete in the folder are not run again.
 
     Parameters
     ----------
     folder : str or Path
-        For results of these settings only.
+        Holds results of these settings only.
     figures : iterable of str
-        Out of ``1 2 3 4 trust hacking``.
+        Names among ``1 2 3 4 trust hacking``.
     seeds : int
         Seeds 0 .. seeds - 1 for everything that is learnt.
     workers : int, optional
         Threads; the results do not depend on it.
     tick : callable, optional
-        Called with a few words for each piece done.
+        Called with a short message for each part done.
 
     Raises
     ------
@@ -73,14 +69,14 @@ def reproduce(
     store = ResultsFolder(folder, {"curricle": metadata.version("curricle"), "seeds": seeds})
     for name in wanted:
         if not store.has(_summary(name)):
-            room = import_module(FIGURES[name])
+            module = import_module(FIGURES[name])
             with matplotlib.rc_context(STYLE):
-                _save(store, name, room.build(seeds, workers, tick))
+                _save(store, name, module.build(seeds, workers, tick))
     return _assemble(store)
 
 
 def _summary(name: str) -> str:
-    """The file that is written last of a figure's, so that its presence means completeness."""
+    """Return the file of a figure that is written last: if it is there, the figure is complete."""
     return f"data/{'figure' * name.isdigit()}{name}.json"
 
 
@@ -112,14 +108,12 @@ def _as_dict(claim: Claim) -> dict[str, Any]:
 
 
 def _assemble(store: ResultsFolder) -> list[dict[str, Any]]:
-    """Write claims.json and index.html from all figures the folder holds."""
-    sections = [
-        Section(**store.read_json(_summary(name))) for name in FIGURES if store.has(_summary(name))
-    ]
-    claims = [claim for section in sections for claim in section.claims]
+    """Write claims.json and index.html from all figures in the folder."""
+    sections = [store.read_json(_summary(name)) for name in FIGURES if store.has(_summary(name))]
+    claims = [claim for section in sections for claim in section["claims"]]
     store.write_json("claims.json", claims)
     title = "Curriculum Learning via Reward Shaping, reproduced"
     counts = Counter(claim["verdict"] for claim in claims)
-    tally = ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
-    store.write("index.html", page(title, f"{INTRODUCTION}<p>{tally}.</p>", sections).encode())
+    page = render("paper.html", title=title, counts=counts, sections=sections)
+    store.write("index.html", page.encode())
     return claims

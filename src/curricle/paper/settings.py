@@ -1,6 +1,6 @@
-"""The tasks and numbers behind the paper's figures, and what a figure's room must deliver."""
+"""The tasks and settings of the paper's figures, and what the module of a figure returns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, Literal
@@ -24,14 +24,14 @@ SUMMED = GreedyEvaluation(discounted=False)
 """The paper's measure: the undiscounted return of a greedy episode, cut at the cap."""
 
 Tick = Callable[[str], object]
-"""Called with a few words whenever a piece of a figure is done."""
+"""Called with a short message whenever a part of a figure is done."""
 
 Verdict = Literal["reproduced", "not reproduced", "explained"]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper (or an answer to a question it left open), and what became of it.
+    """A statement of the paper, or an answer to an open question of it, and the verdict.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Claim:
     claim : str
         The statement.
     setting : str
-        What it was tested on.
+        Where it was tested.
     verdict : {"reproduced", "not reproduced", "explained"}
     evidence : dict
         Numbers; those over seeds as ``{"estimate", "low", "high", "seeds"}``.
@@ -55,7 +55,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class FigureResult:
-    """All that a figure's room hands over: picture, caption, data, settings and claims."""
+    """A figure with its caption, data, settings and claims."""
 
     name: str
     title: str
@@ -76,9 +76,30 @@ def verdict(holds: bool) -> Verdict:
     return "reproduced" if holds else "not reproduced"
 
 
+def answer(holds: bool) -> Verdict:
+    """Return the verdict on an open question that a control answers or does not."""
+    return "explained" if holds else "not reproduced"
+
+
 def over_seeds(values: npt.ArrayLike) -> dict[str, Any]:
     """Return the mean over seeds with its 95 % bootstrap interval, as evidence."""
     return evidence(bootstrap(np.asarray(values, dtype=np.float64)))
+
+
+def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:
+    """Return parts of a tidy table below each other; the columns of a part are broadcast.
+
+    Examples
+    --------
+    >>> stacked([{"arm": "scratch", "seed": [[0], [1]], "steps": [0, 100]}])["steps"]
+    array([  0, 100,   0, 100])
+    """
+    names, columns = list[str](), list[list[npt.NDArray[Any]]]()
+    for part in parts:
+        names = list(part)
+        columns.append([np.ravel(column) for column in np.broadcast_arrays(*part.values())])
+    whole = [np.concatenate(column) for column in zip(*columns, strict=True)]
+    return dict(zip(names, whole, strict=True))
 
 
 def evidence(interval: Interval) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the figure on trust shows: the answers to the paper's questions, each with a control."""
+"""The claims of the trust figure: answers to the paper's questions, each with a control."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -8,32 +8,28 @@ import numpy as np
 from curricle import certify
 from curricle.learning import LearningResult
 from curricle.paper import hacking
-from curricle.paper.settings import Claim, evidence, over_seeds
-from curricle.paper.transferred_maze import WINDOW
-from curricle.paper.trusted import LOOK, SWEEP, Trust, tenths
+from curricle.paper.maze_runs import WINDOW
+from curricle.paper.settings import Claim, answer, evidence, over_seeds
+from curricle.paper.trust_runs import EXAMINED, SWEEP, TrustRuns, tenths
 from curricle.statistics import Curve, paired_difference, time_to_threshold
 
-WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, cut at 100, 400,000 steps"
+WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
 NEAR = 1.05
-"""How much more than the best scale found by hand a calibrated arm may cost."""
+"""Cost of a calibrated arm at most, relative to the best scale set by hand."""
 
 
-def claims(found: Trust) -> Iterator[Claim]:
+def claims(found: TrustRuns) -> Iterator[Claim]:
     """Yield the claims."""
     yield _certified(found)
     yield _ranking(found)
-    yield _foretold(found)
+    yield _collapse_predicted(found)
     yield _calibrated(found)
     yield _larger(found)
     yield _placebo(found)
-    yield _longer(found)
+    yield _not_just_longer(found)
     yield _refused(found)
     yield _guarded(found)
-    yield _blamed(found)
-
-
-def _answer(holds: bool) -> Any:
-    return "explained" if holds else "not reproduced"
+    yield _attributed(found)
 
 
 def _end(result: LearningResult) -> Any:
@@ -45,17 +41,17 @@ def _change(result: LearningResult) -> dict[str, Any]:
     return evidence(paired_difference(parts[:, -1], parts[:, 0]))
 
 
-def _certified(found: Trust) -> Claim:
+def _certified(found: TrustRuns) -> Claim:
     safe = certify(found.calibrated.task, found.calibrated, "initialise")
     hint = certify(hacking.MAZE, hacking.nearness(), "bonus")
     control = certify(hacking.MAZE, hacking.nearness().to_state(), "state")
     return Claim(
         "trust.certified",
         "trust",
-        "Whether a shaping keeps the optimum can be proven: the calibrated potential does, and so "
-        "does the well-meant hint as a potential; as a bonus it does not, and the state is named",
+        "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "
+        "and so does the hint as a potential; as a bonus it does not, and the state is named",
         "5x5 pursuit, mean calibrated; the 5x5 grid of the reward hacking",
-        _answer(bool(safe) and bool(control) and hint.holds is False),
+        answer(bool(safe) and bool(control) and hint.holds is False),
         {
             "calibrated mean": str(safe),
             "hint as a bonus": str(hint),
@@ -64,8 +60,8 @@ def _certified(found: Trust) -> Claim:
     )
 
 
-def _ranking(found: Trust) -> Claim:
-    rows = {name: found.rows[name].mean("start") for name in found.rows.ranking}
+def _ranking(found: TrustRuns) -> Claim:
+    rows = {name: found.forecast[name].mean("start") for name in found.forecast.ranking}
     first = {
         name: over_seeds(found.compared[name].curve.values[:, 0]) for name in ("min", "mean", "max")
     }
@@ -74,33 +70,32 @@ def _ranking(found: Trust) -> Claim:
     return Claim(
         "trust.forecast-ranks",
         "trust",
-        "Open question: why does max win? That it does not could be known before training: as "
-        "stated, the aggregates' greedy policies, followed exactly, start in the order min, mean, "
-        "max",
+        "Open question: why does max win? A forecast before training says that it does not: as "
+        "stated, the exact starts of the greedy policies have the order min, mean, max",
         f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
-        _answer(seen and order == sorted(order, reverse=True)),
-        {f"{name}, foreseen": value for name, value in rows.items()}
-        | {f"{name}, as it came": value for name, value in first.items()},
+        answer(seen and order == sorted(order, reverse=True)),
+        {f"{name}, predicted": value for name, value in rows.items()}
+        | {f"{name}, measured": value for name, value in first.items()},
     )
 
 
-def _foretold(found: Trust) -> Claim:
-    words = {name: found.rows[name].verdict for name in ("minimum", "mean")}
-    came = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
+def _collapse_predicted(found: TrustRuns) -> Claim:
+    words = {name: found.forecast[name].verdict for name in ("minimum", "mean")}
+    measured = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
     right = "collapse" in words["mean"] and "steady" in words["minimum"]
     return Claim(
         "trust.collapse-foretold",
         "trust",
-        "Open question: why does performance collapse? Optimism; measured before training, it "
-        "tells which aggregate will collapse and which will not",
+        "Open question: why does performance collapse? Overestimation; measured before training, "
+        "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
-        _answer(right and came["mean"]["high"] < 0 < came["min"]["low"]),
-        {f"{name}, foreseen": value for name, value in words.items()}
-        | {f"{name}, as it came": value for name, value in came.items()},
+        answer(right and measured["mean"]["high"] < 0 < measured["min"]["low"]),
+        {f"{name}, predicted": value for name, value in words.items()}
+        | {f"{name}, measured": value for name, value in measured.items()},
     )
 
 
-def _calibrated(found: Trust) -> Claim:
+def _calibrated(found: TrustRuns) -> Claim:
     numbers: dict[str, Any] = {}
     near = rising = True
     for name in ("min", "mean"):
@@ -118,15 +113,15 @@ def _calibrated(found: Trust) -> Claim:
         "trust.calibration",
         "trust",
         "Open question: would scaling the source Q values cure the collapse? A scale fitted to "
-        "what phi's own policy earns in 200 episodes, charged to the target, does: learning only "
-        "rises, and ends within 5 % of the best scale found by hand",
+        "the returns of phi's greedy policy in 200 episodes, which count as target steps, does: "
+        "returns rise, and end within 5 % of those of the best scale set by hand",
         f"{WHERE}; control: scales {', '.join(f'{c:g}' for c in (1.0, *SWEEP))}",
-        _answer(near and rising),
+        answer(near and rising),
         numbers,
     )
 
 
-def _larger(found: Trust) -> Claim:
+def _larger(found: TrustRuns) -> Claim:
     numbers = {
         f"{name}{way}, last tenth": over_seeds(_end(found.hunts[7, f"{name}{way}"]))
         for name in ("min", "mean")
@@ -140,30 +135,35 @@ def _larger(found: Trust) -> Claim:
     return Claim(
         "trust.calibration-7x7",
         "trust",
-        "On 7x7, where every raw aggregate collapses, calibration more than halves the cost in "
-        "the end",
-        "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, cut at 200, 1,000,000 steps",
-        _answer(halved),
+        "On 7x7, where every uncalibrated aggregate collapses, calibration more than halves the "
+        "final cost",
+        "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, limit 200, 1,000,000 steps",
+        answer(halved),
         numbers,
     )
 
 
+<<<<<<< HEAD
 def _placebo(found: Trust) -> Claim:
     gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
+=======
+def _placebo(found: TrustRuns) -> Claim:
+    gains = {name: one.gain for name, one in found.controls.contrasts.items()}
+>>>>>>> 603c2ee (One grid view, one replay, one page generator; figures, report and paper in the field's words)
     main = gains["mean, calibrated"]
     others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
     return Claim(
         "trust.placebo",
         "trust",
-        "What helps is what the source knows, not the size of its values: dealt out at random "
-        "(placebo) or negated they do not help",
-        f"{WHERE}; mean charged return above the direct learner's, same total of steps",
-        _answer(bool(main.low > 0) and all(one.high < main.low / 2 for one in others)),
+        "The knowledge of the source helps, not the size of its values: shuffled (placebo) or "
+        "negated they do not help",
+        f"{WHERE}; mean return above scratch, source steps counted",
+        answer(bool(main.low > 0) and all(one.high < main.low / 2 for one in others)),
         {name: evidence(one) for name, one in gains.items()},
     )
 
 
-def _longer(found: Trust) -> Claim:
+def _not_just_longer(found: TrustRuns) -> Claim:
     contrasts = found.controls.contrasts
     gains = {
         name: contrasts[f"mean, calibrated, {name}"].strong_gain
@@ -173,28 +173,28 @@ def _longer(found: Trust) -> Claim:
     return Claim(
         "trust.not-just-longer",
         "trust",
-        "The gain is not that of more steps or of more starts: as many steps in the target itself, "
-        "from its own start or from anywhere, do not bring it",
-        f"{WHERE}; mean charged return above the direct learner's, same total of steps",
-        _answer(all(one.high < main.low / 2 for one in gains.values())),
+        "The gain is not due to more steps or to other starts: as many steps in the target itself, "
+        "from its own start or from anywhere, do not give it",
+        f"{WHERE}; mean return above scratch, source steps counted",
+        answer(all(one.high < main.low / 2 for one in gains.values())),
         {name: evidence(one) for name, one in gains.items()} | {"transfer": evidence(main)},
     )
 
 
-def _refused(found: Trust) -> Claim:
+def _refused(found: TrustRuns) -> Claim:
     shares = found.refused
     return Claim(
         "trust.scale-is-the-wrong-model",
         "trust",
-        "Where rewards have both signs a scale is the wrong model, and calibration says so "
-        "instead of fitting one",
+        "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
+        "fit one",
         "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
-        _answer(float(np.mean(list(shares.values()))) > 0.95),
+        answer(float(np.mean(list(shares.values()))) > 0.95),
         {f"size {size}, share of seeds refused": share for size, share in shares.items()},
     )
 
 
-def _guarded(found: Trust) -> Claim:
+def _guarded(found: TrustRuns) -> Claim:
     steps = {
         name: time_to_threshold(
             Curve(result.steps, result.greedy_return), found.scratch.threshold, window=WINDOW
@@ -209,17 +209,16 @@ def _guarded(found: Trust) -> Claim:
     return Claim(
         "trust.guard",
         "trust",
-        "A source that does harm (size 3) does none, within noise, to a learner with a guard",
+        "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
         "10x10 maze, step reward -5; target steps to the threshold saved",
-        _answer(guarded["high"] >= 0 and saved["from the 3x3 corner"]["high"] < -10_000),
+        answer(guarded["high"] >= 0 and saved["from the 3x3 corner"]["high"] < -10_000),
         {f"{name}, steps saved": value for name, value in saved.items()}
-        | {"direct learner, steps to threshold": over_seeds(steps["scratch"])},
+        | {"scratch, steps to threshold": over_seeds(steps["scratch"])},
     )
 
 
-def _blamed(found: Trust) -> Claim:
-    blamed = found.blamed
-    regions = blamed.regions(blamed.names[0])
+def _attributed(found: TrustRuns) -> Claim:
+    regions = found.attribution.regions(found.attribution.names[0])
     cells = {
         tuple(int(x) for x in found.scratch.maze.cells[state])
         for region in regions
@@ -229,9 +228,9 @@ def _blamed(found: Trust) -> Claim:
     return Claim(
         "trust.whose-doing",
         "trust",
-        "The harm of size 3 sits where the optimal path leaves the corner and comes back: there "
+        "The harm of size 3 lies where the optimal path leaves the corner and comes back: there "
         "the source makes the greedy choice wrong",
-        f"10x10 maze, step reward -5, after {LOOK:,} steps; source left out, all else the same",
-        _answer(bool(cells & exits)),
+        f"10x10 maze, step reward -5, after {EXAMINED:,} steps; source left out, all else the same",
+        answer(bool(cells & exits)),
         {f"worse in region {n + 1}": str(region) for n, region in enumerate(regions[:3])},
     )

@@ -1,4 +1,4 @@
-"""Pictures."""
+"""Figures of comparisons, forecasts, potentials and greedy choices, in one style."""
 
 import lazy_loader
 

@@ -1,7 +1,6 @@
-"""Flips drawn: where greedy choices became right or wrong, and how many did while learning went."""
+"""Figures of greedy choices that became right or wrong: where, and how many during training."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -20,9 +19,11 @@ from curricle.learning.result import LearningResult
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.solution import solve
-from curricle.plotting.figures import COLOURS, STYLE, draw_curve, new_figure
-from curricle.plotting.grid_view import At, board
-from curricle.plotting.scales import caption, steps_scale
+from curricle.plotting.grid_view import At, GridView
+from curricle.plotting.grids import draw_view
+from curricle.plotting.learning_curves import draw_curve
+from curricle.plotting.scales import steps_scale
+from curricle.plotting.styles import COLOURS, STYLE, caption, new_figure
 from curricle.statistics.curves import Curve
 from curricle.tasks.task import Task, generative_model, tables
 
@@ -32,12 +33,12 @@ MARKS = {1: ("^", "blue", "became right"), -1: ("v", "vermillion", "became wrong
 """Flip -> its marker, colour and name."""
 FEW = 6
 """Cells a side up to which marks are large."""
-FATES = (
+SHARES = (
     ("right", "black", "-"),
     ("became wrong", "vermillion", "--"),
     ("became right", "blue", ":"),
 )
-"""What becomes of states, and how its line looks."""
+"""Name, colour and dashes of the drawn shares of states."""
 
 
 def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = None) -> None:
@@ -47,16 +48,16 @@ def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = 
     ----------
     axes : Axes
     task : Task
-        A :class:`GridWorld`, or one of whose states `at` leaves a cell free.
+        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
     flips : (S,) int array
-        +1, -1 or 0, as :func:`curricle.comparison.choice_flips.flips` gives them.
+        +1, -1 or 0, from :func:`curricle.comparison.flips`.
     at : dict of str to int, str or (int, int), optional
-        What the other components of the state are, as in :func:`draw_potential`.
+        The other components of the state, as in :func:`draw_potential`.
 
     Raises
     ------
     SettingError
-        When `flips` has another shape or holds other numbers, or the state is not one of a grid.
+        When `flips` has another shape or holds other numbers, or the states make no grid.
 
     Examples
     --------
@@ -72,25 +73,16 @@ def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = 
             f"flips must be +1, -1 or 0 for each of {n_states} states: got shape {turned.shape} "
             f"with values from {turned.min(initial=0):g} to {turned.max(initial=0):g}"
         )
-    shown = board(task, at)
-    shown.draw(axes, over=False)
+    view = GridView.of(task, at)
+    draw_view(axes, view)
     for flip, (marker, colour, name) in MARKS.items():
-        row, column = shown.cells[turned[shown.states] == flip].T
+        row, column = view.cells[turned[view.states] == flip].T
         label = f"{name}: {len(row)}"
-        size = 10 if max(shown.shape) <= FEW else 7
+        size = 10 if max(view.shape) <= FEW else 7
         look: Any = {"color": COLOURS[colour], "mec": "w", "ms": size, "label": label, "zorder": 3}
         axes.plot(column + 0.18, row + 0.18, marker, **look)
-    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22 - 0.06 * bool(shown.words))}
+    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22 - 0.06 * bool(view.words))}
     axes.legend(ncols=2, handletextpad=0.1, columnspacing=1, **below)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fates:
-    """Shares of the states at each time, (K, T) each, T counting the start."""
-
-    right: FloatArray
-    became_wrong: FloatArray
-    became_right: FloatArray
 
 
 @matplotlib.rc_context(STYLE)
@@ -108,27 +100,27 @@ def collapse_figure(
 ) -> Figure:
     """Return the figure of how a good start is lost: returns, and which choices stay right.
 
-    Left, the return over the steps of learning that starts with Q at phi. Middle and right, the
-    share of states whose greedy choice is right, of those where it was at the start and is no
-    longer, and of those where it has become so: every state that is no end counting alike, and
-    counting as often as an episode of the optimal policy visits it.
+    Left, the return during training from Q = phi. Middle and right, the share of non-terminal
+    states whose greedy choice is right, of those where it was at the start and no longer is, and
+    of those where it has become so. In the middle all states count alike, on the right as often as
+    an episode of the optimal policy visits them.
 
     Parameters
     ----------
     task : Task
-        That can be solved.
+        One that can be solved.
     potential : StateActionPotential or MappedPotential, or K of them
-        phi; one for all seeds, or one for each.
+        phi, for all seeds or for each.
     learner : Learner
     budget : int
         Steps.
     times : sequence of int
-        Steps, 1 to `budget`, at which the choices are looked at, besides the start. Each is another
-        learning with that budget, which gives exactly the values that the longer one had then.
+        Steps, 1 to `budget`, at which the choices are examined, besides the start. Each is another
+        training with that budget, which gives exactly the values that the longer one had then.
     seeds : int or sequence of int
         K, or their numbers.
     evaluation : GreedyEvaluation, optional
-        Of greedy policies; undiscounted by default, as the return while learning is.
+        Of greedy policies; undiscounted by default, like the training return.
     stream, workers
         As in :func:`learn`.
 
@@ -139,7 +131,7 @@ def collapse_figure(
     Raises
     ------
     SettingError
-        When a time is none within the budget, or as :func:`learn` and :func:`solve` do.
+        When a time is outside the budget, and where :func:`learn` and :func:`solve` raise it.
 
     Examples
     --------
@@ -151,37 +143,37 @@ def collapse_figure(
     ['right', 'became wrong', 'became right']
     """
     steps = whole_number("a budget in steps", budget, 1, SettingError)
-    looked = sorted({whole_number("each of times", time, 1, SettingError) for time in times})
-    if not looked or looked[-1] > steps:
+    checked = sorted({whole_number("each of times", time, 1, SettingError) for time in times})
+    if not checked or checked[-1] > steps:
         raise SettingError(f"times must be steps from 1 to {steps:,}, at least one: got {times}")
-    judge = GreedyEvaluation(discounted=False) if evaluation is None else evaluation
+    chosen = GreedyEvaluation(discounted=False) if evaluation is None else evaluation
     numbered = seed_tuple(seeds)
 
-    def learnt(so_far: int, judged: GreedyEvaluation, eval_freq: int | None) -> LearningResult:
+    def learnt(so_far: int, evaluated: GreedyEvaluation, eval_freq: int | None) -> LearningResult:
         how: Any = {"seeds": numbered, "stream": stream, "workers": workers}
         return learn(
             task,
             learner,
             so_far,
             potential=potential,
-            evaluation=judged,
+            evaluation=evaluated,
             eval_freq=eval_freq,
             **how,
         )
 
-    whole = learnt(steps, judge, None)
+    whole = learnt(steps, chosen, None)
     optimal, at_start = solve(task, tolerance=1e-6), _start_values(potential, len(numbered))
-    glance = GreedyEvaluation(method="rollouts", episodes=1)
+    cheapest = GreedyEvaluation(method="rollouts", episodes=1)
     right = [_right(at_start, optimal.optimal)]
-    for time in looked:
-        values = whole.values if time == steps else learnt(time, glance, time).values
+    for time in checked:
+        values = whole.values if time == steps else learnt(time, cheapest, time).values
         right.append(_right(values, optimal.optimal))
     alive = (~tables(task).terminal).astype(float)
     weights = {
         "every state alike": alive,
         "by the visits of the optimal policy": expected_visits(task, optimal.policy),
     }
-    return _draw_collapse(whole, [0, *looked], np.stack(right, axis=1), weights)
+    return _draw_collapse(whole, [0, *checked], np.stack(right, axis=1), weights)
 
 
 def _start_values(
@@ -197,21 +189,21 @@ def _right(tables_of_values: Any, optimal: BoolArray) -> BoolArray:
     return np.stack([right_states(values, optimal) for values in tables_of_values])
 
 
-def _fates(right: BoolArray, weight: FloatArray) -> _Fates:
-    """Return the shares of the states, weighted, from where choices are right, (K, T, S)."""
+def _shares(right: BoolArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the weighted `SHARES`, (K, T) each, from where choices are right, (K, T, S)."""
     share, first = weight / weight.sum(), right[:, :1]
-    return _Fates(right @ share, (first & ~right) @ share, (~first & right) @ share)
+    return right @ share, (first & ~right) @ share, (~first & right) @ share
 
 
 def _draw_collapse(
     whole: LearningResult, times: list[int], right: BoolArray, weights: dict[str, FloatArray]
 ) -> Figure:
-    """Return the figure of a learning and of where choices are right, (K, T, S)."""
+    """Return the figure of a training and of where choices are right, (K, T, S)."""
     figure, grid = new_figure(1, 3, width=10.5, height=3.6)
     returns, *shares = grid[0]
     _draw_returns(returns, whole, times)
     for axes, (name, weight) in zip(shares, weights.items(), strict=True):
-        _draw_fates(axes, np.array(times), _fates(right, weight))
+        _draw_shares(axes, np.array(times), _shares(right, weight))
         axes.set_title(name)
     shares[1].sharey(shares[0])
     shares[0].set_ylabel("share of states")
@@ -221,23 +213,23 @@ def _draw_collapse(
         unit = steps_scale(axes.xaxis, times[-1])
         axes.set(xlim=(0, times[-1]), xlabel=f"target steps{f' ({unit})' if unit else ''}")
     n = len(whole.seeds)
-    bands = f"{n} seeds: means with nominal 95 % percentile bootstrap intervals at each point alone"
+    bands = f"{n} seeds: means with nominal pointwise 95 % percentile bootstrap intervals"
     caption(
         figure,
         f"{bands if n > 1 else 'One seed: no intervals'}. Right: every action with the highest "
         "value is optimal. Became: since the start, where values are φ. Grey lines and dots: the "
-        "times looked at, each a learning of that many steps with the same random numbers.",
+        "examined times, each a training of that many steps with the same random numbers.",
     )
     return figure
 
 
 def _draw_returns(axes: Axes, whole: LearningResult, times: list[int]) -> None:
-    """Draw the return while learning, and that of the greedy policy."""
-    met = _held(whole.training_return[:, 1:])  # no episode has ended at checkpoint 0
-    measured = ~np.isnan(met).any(axis=0)
+    """Draw the training return, and that of the greedy policy."""
+    returns = _filled(whole.training_return[:, 1:])  # no episode has ended at checkpoint 0
+    measured = ~np.isnan(returns).any(axis=0)
     if measured.any():
-        learning = Curve(whole.steps[1:][measured], met[:, measured])
-        draw_curve(axes, learning, label="episodes while learning", colour="blue")
+        training = Curve(whole.steps[1:][measured], returns[:, measured])
+        draw_curve(axes, training, label="training episodes", colour="blue")
     draw_curve(axes, Curve.of(whole), label="greedy policy", colour="orange", dashes="--")
     for time in times:
         axes.axvline(time, color="#cccccc", lw=0.6, zorder=0)
@@ -245,15 +237,13 @@ def _draw_returns(axes: Axes, whole: LearningResult, times: list[int]) -> None:
     axes.set(title="return", ylabel="return of an episode (sum of rewards)")
 
 
-def _held(values: FloatArray) -> FloatArray:
-    """Return (K, T) with the last value before it in each NaN; those that lead stay."""
+def _filled(values: FloatArray) -> FloatArray:
+    """Return (K, T) with each NaN replaced by the value before it; leading ones stay."""
     place = np.where(np.isnan(values), 0, np.arange(values.shape[1]))
     return np.take_along_axis(values, np.maximum.accumulate(place, axis=1), axis=1)
 
 
-def _draw_fates(axes: Axes, times: npt.NDArray[np.int64], fates: _Fates) -> None:
-    for (name, colour, dashes), values in zip(
-        FATES, (fates.right, fates.became_wrong, fates.became_right), strict=True
-    ):
+def _draw_shares(axes: Axes, times: npt.NDArray[np.int64], shares: tuple[FloatArray, ...]) -> None:
+    for (name, colour, dashes), values in zip(SHARES, shares, strict=True):
         draw_curve(axes, Curve(times, values), label=name, colour=colour, dashes=dashes)
         axes.lines[-1].set(marker="o", markersize=3.5, clip_on=False)

@@ -1,4 +1,4 @@
-"""The picture of a forecast: where learning would start from each potential."""
+"""The figure of a forecast: the return from which learning would start with each potential."""
 
 import math
 
@@ -8,19 +8,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle.comparison.forecasting import Forecast
-from curricle.plotting.figures import COLOURS, STYLE, write_columns
-from curricle.plotting.scales import caption, minus, rounded
+from curricle.plotting.scales import minus, rounded
+from curricle.plotting.styles import COLOURS, STYLE, caption, write_columns
 
 ROW_HEIGHT = 0.28
 
 
 @matplotlib.rc_context(STYLE)
 def draw_forecast(forecast: Forecast) -> Figure:
-    """Return the figure of a forecast: a bar from the untaught return to each potential's start.
+    """Return the figure of a forecast: bars from the random policy's return to predicted starts.
 
     A row for each aggregate, the best start first, then one for each transfer alone; dots are
-    seeds. Beside the bars the share of pairs promised too much, and the scale that a calibration
-    would find.
+    seeds. Beside the bars stand the share of pairs that the potential overestimates, and the scale
+    that a calibration would find.
 
     Parameters
     ----------
@@ -48,10 +48,10 @@ def draw_forecast(forecast: Forecast) -> Figure:
     axes = figure.subplots()
     _draw_bars(axes, forecast)
     _draw_bounds(axes, forecast)
-    judged = "φ > Q*" if forecast.solved else "φ > earned"
+    over = "φ > Q*" if forecast.solved else "φ > return"
     shares = [f"{one.mean('optimistic'):.0%}" for one in rows]
     scales = ["none" if math.isnan(one.scale) else f"× {one.scale:.2g}" for one in rows]
-    write_columns(axes, [(judged, *shares), ("scale", *scales)])
+    write_columns(axes, [(over, *shares), ("scale", *scales)])
     axes.set_xlabel("expected return of the greedy policy")
     figure.suptitle(f"{forecast.target}: where learning would start")
     caption(figure, _words(forecast))
@@ -72,7 +72,7 @@ def _draw_bars(axes: Axes, forecast: Forecast) -> None:
             alpha=0.9 if one.used else 0.45,
         )
         starts = [seed.start for seed in one.seeds]
-        # Seeds lie beside each other, so that equal ones are seen.
+        # Seeds lie side by side, so that equal ones can be seen.
         places = row + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
         axes.plot(starts, places, "o", color="k", ms=2.5)
         names.append(one.name + " (used)" * one.used)
@@ -83,9 +83,9 @@ def _draw_bars(axes: Axes, forecast: Forecast) -> None:
 
 
 def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
-    """Draw the lines that starts lie between, and say what they are."""
+    """Draw the random policy's return and the optimum as labelled lines."""
     for name, bound, dashes, side in (
-        ("random_return", forecast.random_return, ":", "left"),
+        ("random policy", forecast.random_return, ":", "left"),
         ("optimum", forecast.optimum, "-", "right"),
     ):
         if math.isnan(bound):
@@ -106,19 +106,19 @@ def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
 
 
 def _words(forecast: Forecast) -> str:
-    """Return what the figure shows, in sentences."""
+    """Return the caption."""
     seeds = len(forecast.rows[0].seeds)
     bars = f"Bars: mean over {seeds} seeds of the sources; dots: seeds" if seeds > 1 else "One seed"
     returns = "exact" if forecast.exact else "by rollouts"
-    predicted = (
-        "φ > Q*: share of state-action pairs that the potential φ promises more than they are worth"
+    over = (
+        "φ > Q*: share of state-action pairs whose potential φ is above their optimal value"
         if forecast.solved
-        else "φ > return_to_go: share of the steps of φ's own greedy policy that it promises more than "
-        "was earned from there on"
+        else "φ > return: share of the steps of φ's greedy policy on which φ is above the return "
+        "to go"
     )
     alone = any(not one.aggregate for one in forecast.rows)
     colours = " Blue: all transfers together; grey: one alone." * alone
     return (
         f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
-        f"{predicted}. Scale: what a calibration would multiply φ by.{colours}"
+        f"{over}. Scale: what a calibration would multiply φ by.{colours}"
     )

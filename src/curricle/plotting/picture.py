@@ -1,4 +1,4 @@
-"""Pictures of what a study found, and their files."""
+"""The figure of a comparison or a forecast, and figures as files."""
 
 import io
 from pathlib import Path
@@ -12,39 +12,38 @@ from curricle.comparison.forecasting import Forecast
 from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.plotting.comparison import draw_comparison
-from curricle.plotting.figures import STYLE
 from curricle.plotting.forecast import draw_forecast
+from curricle.plotting.styles import STYLE
 
-# Undated, so that the same results give the same file.
-KINDS: dict[str, dict[str, Any]] = {
+METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""Endings of files that can be written, and what their metadata leave out."""
+"""Ending -> metadata: without a date the same results give the same file."""
 
 
 def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figure:
-    """Return the figure of a comparison or a forecast, and write it to a file if one is named.
+    """Return the figure of a comparison or a forecast, and write it to a file if a path is given.
 
     Parameters
     ----------
     subject : Comparison or Forecast
-        What :func:`compare` or :func:`forecast` returned.
+        From :func:`compare` or :func:`forecast`.
     path : str or Path, optional
-        Ending in .png, .svg or .pdf; its folder must exist. A file that is there is replaced, by a
-        whole one or not at all.
+        Ending in .png, .svg or .pdf; its folder must exist. An existing file is replaced only when
+        the new one is complete.
 
     Returns
     -------
     Figure
-        Of Matplotlib, to change or save once more.
+        Matplotlib's, to change or save again.
 
     Raises
     ------
     SettingError
-        When the subject or the file's ending is neither of these, or the file cannot be written.
-        Nothing has been written then.
+        When the subject or the file's ending is another, or the file cannot be written. The file
+        that was there is then unchanged.
 
     Examples
     --------
@@ -73,9 +72,9 @@ def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figu
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, SVG or PDF, as the path's ending says; the same bytes every time.
+    """Write a figure as PNG, SVG or PDF, by the ending of the path; the same bytes every time.
 
-    The file is moved into place when it is complete: a failure leaves what was there before.
+    The file is moved into place when it is complete: a failure leaves the earlier file.
 
     Parameters
     ----------
@@ -98,13 +97,11 @@ def save(figure: Figure, path: str | Path) -> None:
     kind = place.suffix.lower()
     content = io.BytesIO()
     with matplotlib.rc_context(STYLE):
-        figure.savefig(content, format=kind[1:], metadata=KINDS[kind])
+        figure.savefig(content, format=kind[1:], metadata=METADATA[kind])
     try:
         write_whole(place, content.getvalue())
     except OSError as error:
-        raise SettingError(
-            f"a picture needs a file that can be written: {place} ({error.strerror})"
-        ) from error
+        raise SettingError(f"a picture cannot be written to {place} ({error.strerror})") from error
 
 
 def check_path(path: str | Path) -> Path:
@@ -112,8 +109,8 @@ def check_path(path: str | Path) -> Path:
     if not isinstance(path, str | Path):
         raise SettingError(f"a picture's file must be a path: got {path!r}")
     place = Path(path)
-    if place.suffix.lower() not in KINDS:
-        raise SettingError(f"a picture's file must end in {', '.join(KINDS)}: got {place}")
+    if place.suffix.lower() not in METADATA:
+        raise SettingError(f"a picture's file must end in {', '.join(METADATA)}: got {place}")
     if place.is_dir() or not place.parent.is_dir():
         raise SettingError(f"a picture needs a file in a folder that exists: got {place}")
     return place

@@ -1,4 +1,4 @@
-"""Potentials as heat maps of a grid: what each source promises, what all do, and what is true."""
+"""Potentials as heat maps of a grid: of each source, of their aggregate, and the optimal values."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,27 +9,20 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Rectangle
 
 from curricle.checks import numbers, one_of
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
-from curricle.plotting.figures import STYLE, new_figure
-from curricle.plotting.grid_view import At, Board, board
-from curricle.plotting.scales import caption, minus
+from curricle.plotting.grid_view import At, GridView
+from curricle.plotting.grids import draw_heat, draw_view
+from curricle.plotting.styles import DIVERGING, SEQUENTIAL, STYLE, caption, new_figure
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.edges import transfer_names
 
 FloatArray = npt.NDArray[np.float64]
-DIVERGING, SEQUENTIAL = "PuOr", "cividis"
-"""Colour maps that colour-blind readers can read."""
-MOST_NUMBERS = 36
-"""Cells up to which their numbers are written."""
-DARK = 0.45
-"""Brightness of a colour below which what is written on it is white."""
 PANEL = 2.6
-"""Inches a panel is wide."""
+"""Width of a panel in inches."""
 
 
 def draw_potential(
@@ -42,6 +35,7 @@ def draw_potential(
     limits: tuple[float, float] | None = None,
     difference: bool = False,
     bar: bool = True,
+    unit: str = "return",
 ) -> AxesImage:
     r"""Draw values of states, or the best of their actions, as a heat map of a grid.
 
@@ -52,22 +46,23 @@ def draw_potential(
     ----------
     axes : Axes
     task : Task
-        A :class:`GridWorld`, or one of whose states `at` leaves a cell free: in :class:`Pursuit`
-        that of the prey or of one predator.
+        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free: in
+        :class:`Pursuit` that of the prey or of one predator.
     values : (S,) or (S, A) float64
         Of (S, A) the maximum over actions is drawn.
     label : str
-        What the values are, with the unit; the title of the panel.
+        What the values are; the title of the panel.
     at : dict of str to int, str or (int, int), optional
-        What the other components of the state are, as in ``{"prey": (1, 2)}``. They are marked by
-        letters.
+        The other components of the state, as in ``{"prey": (1, 2)}``. Letters mark them.
     limits : (float, float), optional
-        Ends of the colours, to compare panels by; those of what is drawn by default
+        Ends of the colours, to compare panels; by default those of the drawn values
         (:func:`shared_limits`).
     difference : bool
-        Whether 0 is to be the middle of the colours in any case.
+        Whether 0 is the middle of the colours in any case.
     bar : bool
         Whether to draw a bar of colours beside the panel.
+    unit : str
+        Label of that bar.
 
     Returns
     -------
@@ -77,7 +72,7 @@ def draw_potential(
     Raises
     ------
     SettingError
-        When `values` have another shape or are not finite, or the state is not one of a grid.
+        When `values` have another shape or are not finite, or the states make no grid.
 
     Examples
     --------
@@ -89,26 +84,24 @@ def draw_potential(
     >>> axes.get_title(), axes.get_xlabel(), image.get_cmap().name
     ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
     """
-    shown = board(task, at)
-    best = _best(task, values)[shown.states]
+    view = GridView.of(task, at)
     low, high = limits or shared_limits(task, values, at=at)
+    palette = SEQUENTIAL
     if difference or low < 0 < high:
         high = max(abs(low), abs(high)) or 1.0
-        low, name = -high, DIVERGING
-    else:
-        name = SEQUENTIAL
+        low, palette = -high, DIVERGING
     if low == high:
         low, high = low - 1, high + 1
-    image = _draw_heat(axes, shown, best, name, low, high)
-    shown.draw(axes, over=True, corners=len(best) <= MOST_NUMBERS)
+    image = draw_heat(axes, view, _best(task, values)[view.states], palette, (low, high))
+    draw_view(axes, view, heat=True)
     axes.set_title(label)
     if bar:
-        axes.figure.colorbar(image, ax=axes, label="return", shrink=0.8)
+        axes.figure.colorbar(image, ax=axes, label=unit, shrink=0.8)
     return image
 
 
 def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the lowest and the highest of what :func:`draw_potential` would draw of some values.
+    """Return the lowest and the highest value that :func:`draw_potential` would draw.
 
     States in which the episode is over are left out, their values being 0 by rule.
 
@@ -125,8 +118,8 @@ def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> 
     >>> shared_limits(GridWorld("S.T"), [1.0, 2.0, 0.0], [5.0, 3.0, 0.0])
     (1.0, 5.0)
     """
-    shown = board(task, at)
-    alive = shown.states[~shown.ended]
+    view = GridView.of(task, at)
+    alive = view.states[~view.ended]
     drawn = np.concatenate([_best(task, values)[alive] for values in several])
     return (float(drawn.min()), float(drawn.max())) if drawn.size else (0.0, 0.0)
 
@@ -145,32 +138,8 @@ def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
     return table if table.ndim == 1 else table.max(axis=1)
 
 
-def _draw_heat(
-    axes: Axes, shown: Board, values: FloatArray, name: str, low: float, high: float
-) -> AxesImage:
-    """Draw the colours of a board's cells, and their numbers where there are few."""
-    (top, left), (height, width) = shown.origin, shown.shape
-    grid = np.full(shown.shape, np.nan)
-    rows, columns = shown.cells[~shown.ended].T
-    grid[rows - top, columns - left] = values[~shown.ended]
-    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
-    image = axes.imshow(grid, extent=extent, cmap=name, vmin=low, vmax=high)
-    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
-    for (row, column), value, over in zip(shown.cells, values, shown.ended, strict=True):
-        if over:
-            corner = (column - 0.5, row - 0.5)
-            axes.add_patch(Rectangle(corner, 1, 1, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
-        elif len(values) <= MOST_NUMBERS:
-            red, green, blue, _ = image.to_rgba(value)
-            dark = 0.299 * red + 0.587 * green + 0.114 * blue < DARK
-            number = minus(f"{value:z.{digits}f}")
-            place: Any = {"ha": "center", "va": "center", "fontsize": 7}
-            axes.text(column + 0.05, row + 0.2, number, color="w" if dark else "k", **place)
-    return image
-
-
 class _Panel(NamedTuple):
-    """One heat map: what it is called, and its values, (S,) or (S, A)."""
+    """One heat map: its title and its values, (S,) or (S, A)."""
 
     title: str
     values: FloatArray
@@ -185,12 +154,12 @@ def draw_sources(
     seed: int = 0,
     at: At | None = None,
 ) -> Figure:
-    """Return the figure of a target's potentials: one a transfer, their aggregate, and the truth.
+    """Return the figure of a target's potentials: of each transfer, aggregated, and V*.
 
     A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, one for the aggregate as it enters
-    the target, one for V*(s) = max_a Q*(s, a), all in the same colours; and one for what the
-    aggregate promises too much: phi(s, a*) - V*(s), a* being the action that phi prefers. The last
-    two are left out where the target cannot be solved, the aggregate where it is the only source.
+    the target, one for V*(s) = max_a Q*(s, a), all in the same colours; and one for the error of
+    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. The last two are
+    left out where the target cannot be solved, the aggregate where it equals the only source.
 
     Parameters
     ----------
@@ -199,10 +168,10 @@ def draw_sources(
     target : str, optional
         By default the task that all others lead to.
     seed : int
-        Whose sources; one of those trained.
+        Seed of the sources; one of those trained.
     at : dict of str to int, str or (int, int), optional
-        What the components of a state are that are not drawn, as in :func:`draw_potential`. A maze
-        needs none.
+        The components of a state that are not drawn, as in :func:`draw_potential`. A maze needs
+        none.
 
     Returns
     -------
@@ -213,7 +182,7 @@ def draw_sources(
     CurriculumError
         When the target is unknown, not unique or has no transfer into it.
     SettingError
-        When the seed was not trained, or the states are none of a grid.
+        When the seed was not trained, or the states make no grid.
 
     Examples
     --------
@@ -233,20 +202,20 @@ def draw_sources(
         raise CurriculumError(f"sources to draw need transfers into the task: {name!r} has none")
     k = _row_of(seed, result, name)
     task = curriculum.tasks[name]
-    panels, aggregate = _promises(result, name, k)
+    panels, aggregate = _potential_panels(result, name, k)
     solution = Target.of(task).solution
     words = f"Seed {seed}. Values of the best action, all in one scale of return"
     if solution is None:
-        words += "; the target is too large to solve, so that Q* is not drawn."
+        words += "; the target is too large to solve, so V* is not drawn."
     else:
         panels.append(_Panel("V* = max Q*", solution.values))
-        promise = aggregate.max(axis=1) - solution.values
-        panels.append(_Panel("φ(s, a*) − V*(s)", promise, difference=True))
+        error = aggregate.max(axis=1) - solution.values
+        panels.append(_Panel("φ(s, a*) − V*(s)", error, difference=True))
         words += (
-            ". Last panel, in a scale of its own: φ of the action a* that φ prefers, less what the "
-            "state is worth; above 0 it promises too much."
+            ". Last panel, in a scale of its own: φ of the action a* that φ prefers, minus V*; "
+            "above 0 it is an overestimate."
         )
-    return _draw_panels(task, panels, at, f"{name}: what its sources promise", words)
+    return _draw_panels(task, panels, at, f"{name}: potentials from its sources", words)
 
 
 def _row_of(seed: int, result: CurriculumResult, name: str) -> int:
@@ -257,7 +226,9 @@ def _row_of(seed: int, result: CurriculumResult, name: str) -> int:
     return seeds.index(seed)
 
 
-def _promises(result: CurriculumResult, name: str, k: int) -> tuple[list[_Panel], FloatArray]:
+def _potential_panels(
+    result: CurriculumResult, name: str, k: int
+) -> tuple[list[_Panel], FloatArray]:
     """Return the panels of a seed's potentials, and the aggregate, (S, A)."""
     curriculum, edges = result.curriculum, result.curriculum.in_edges(name)
     each = [curriculum.potentials(name, result.nodes, transfers=[edge])[k].values for edge in edges]
@@ -283,12 +254,12 @@ def _subscript(number: int) -> str:
 def _draw_panels(
     task: Task, panels: Sequence[_Panel], at: At | None, title: str, words: str
 ) -> Figure:
-    """Return a figure of panels, all that are no differences in the same colours."""
+    """Return a figure of panels; all but the differences share their colours."""
     alike = [panel.values for panel in panels if not panel.difference]
-    limits, shown = shared_limits(task, *alike, at=at), board(task, at)
+    limits, view = shared_limits(task, *alike, at=at), GridView.of(task, at)
     columns = min(len(panels), 3 if len(panels) <= 6 else 4)
     rows = -(-len(panels) // columns)
-    high = (PANEL - 0.6) * min(1.5, shown.shape[0] / shown.shape[1]) + 0.55
+    high = (PANEL - 0.6) * min(1.5, view.shape[0] / view.shape[1]) + 0.55
     figure, grid = new_figure(rows, columns, width=1 + PANEL * columns, height=0.8 + high * rows)
     places = list(grid.flat)
     for axes in places[len(panels) :]:
@@ -305,8 +276,8 @@ def _draw_panels(
     shared = [a for a, panel in zip(places, panels, strict=False) if not panel.difference]
     figure.colorbar(image, ax=shared, label="return", shrink=0.8)
     figure.suptitle(title)
-    words += " Hatched: the episode is over." * bool(shown.ended.any())
-    if shown.words:
-        words += f" {shown.words[0].upper()}{shown.words[1:]}."
+    words += " Hatched: the episode is over." * bool(view.ended.any())
+    if view.words:
+        words += f" {view.words[0].upper()}{view.words[1:]}."
     caption(figure, words)
     return figure

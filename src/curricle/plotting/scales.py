@@ -1,38 +1,20 @@
-"""Axes: of returns, which may reach over decades; of steps; and the words below a figure."""
+"""Axes of returns, which may span decades, and of steps; numbers in text."""
 
 import math
 
 import numpy as np
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import text_to_path
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-DECADES = 1.2
-"""Decades between the largest and the smallest size of returns from which an axis is bent."""
-MIXED = 1.0
-"""The same where returns have both signs."""
+DECADES, MIXED = 1.2, 1.0
+"""Decades between the largest and the smallest absolute return from which an axis is logarithmic;
+the second where returns have both signs."""
 SMALLEST = 1e-3
-"""Share of the largest size below which an axis is straight in any case."""
-CAPTION_SIZE = 8.0
-
-
-def caption(figure: Figure, text: str) -> None:
-    """Write sentences below a figure, broken into lines that fit its width."""
-    most = 0.97 * 72 * figure.get_figwidth()
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and _width(longer) > most:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    figure.supxlabel("\n".join(lines), fontsize=CAPTION_SIZE, x=0.01, ha="left")
+"""Share of the largest absolute return below which an axis is linear in any case."""
 
 
 def minus(number: str) -> str:
-    """Return a number that was printed with a sign that is not a hyphen.
+    """Return a printed number with a minus sign in place of the hyphen.
 
     Examples
     --------
@@ -43,22 +25,23 @@ def minus(number: str) -> str:
 
 
 def rounded(number: float) -> str:
-    """Return a number in three significant digits, or all before the point.
+    """Return a number in three significant digits, trailing zeros too, or as a whole number.
 
     Examples
     --------
-    >>> rounded(-3215.4), rounded(0.12345)
-    ('−3,215', '0.123')
+    >>> rounded(-19.0), rounded(0.5), rounded(-3215.4)
+    ('−19.0', '0.500', '−3,215')
     """
-    return minus(f"{number:,.0f}" if abs(number) >= 100 else f"{number:.3g}")
+    if number == 0:
+        return "0"
+    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
 
 
 def return_scale(axis: Axis, low: float, high: float) -> None:
-    """Scale an axis of returns between `low` and `high`: bent where they span decades.
+    """Scale an axis of returns between `low` and `high`, to ``symlog`` where they span decades.
 
-    A bent axis is linear up to the smaller of the two bounds' sizes, then logarithmic
-    (``symlog``). It is chosen from 1.2 decades between these sizes on where both bounds have one
-    sign, from one decade on where they do not.
+    A ``symlog`` axis is linear up to the smaller absolute bound, then logarithmic. It is chosen
+    where the absolute bounds are at least 1.2 decades apart, or one where their signs differ.
 
     Parameters
     ----------
@@ -69,6 +52,7 @@ def return_scale(axis: Axis, low: float, high: float) -> None:
 
     Examples
     --------
+    >>> from matplotlib.figure import Figure
     >>> axes = Figure().subplots()
     >>> return_scale(axes.yaxis, -900.0, -5.0)
     >>> axes.get_yscale(), axes.get_yticks().tolist()
@@ -77,30 +61,31 @@ def return_scale(axis: Axis, low: float, high: float) -> None:
     >>> axes.get_xscale()
     'linear'
     """
-    small = _bend(low, high)
+    small = _linear_up_to(low, high)
     axes = axis.axes
     name = "x" if axis is axes.xaxis else "y"
     set_scale, set_limits = (getattr(axes, f"set_{name}{what}") for what in ("scale", "lim"))
     if math.isnan(small):
-        room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
-        set_limits(low - room, high + room)
+        margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+        set_limits(low - margin, high + margin)
         return
     set_scale("symlog", linthresh=small, linscale=0.5 if low < 0 < high else 0.2)
     axis.set_ticks(_round_numbers(low, high, small))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda x, _: minus(f"{x:,g}")))
-    # Room is a share of what is drawn, not of the numbers.
-    bent = axis.get_transform()
-    ends = bent.transform(np.array([low, high]))
-    room = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
-    set_limits(*bent.inverted().transform(ends + room))
+    # The margin is a share of the drawn length, not of the numbers.
+    transform = axis.get_transform()
+    ends = transform.transform(np.array([low, high]))
+    margin = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
+    set_limits(*transform.inverted().transform(ends + margin))
 
 
 def steps_scale(axis: Axis, most: float) -> str:
-    """Write an axis of steps in a round unit, and return that unit's name for its label.
+    """Write an axis of steps in a round unit, and return the name of that unit for its label.
 
     Examples
     --------
+    >>> from matplotlib.figure import Figure
     >>> axes = Figure().subplots()
     >>> steps_scale(axes.xaxis, 250_000)
     'thousands'
@@ -114,20 +99,14 @@ def steps_scale(axis: Axis, most: float) -> str:
     return name
 
 
-def _width(text: str) -> float:
-    """Return how wide a line of a caption is, in points."""
-    font = FontProperties(size=CAPTION_SIZE)
-    return float(text_to_path.get_text_width_height_descent(text, font, ismath=False)[0])
-
-
-def _bend(low: float, high: float) -> float:
-    """Return up to which size an axis is to be linear; NaN if everywhere."""
+def _linear_up_to(low: float, high: float) -> float:
+    """Return the absolute return up to which an axis is linear; NaN if everywhere."""
     large, small = max(abs(low), abs(high)), min(abs(low), abs(high))
     if large == small:
         return math.nan
     small = max(small, SMALLEST * large)
-    bent = math.log10(large / small) > (MIXED if low < 0 < high else DECADES)
-    return small if bent else math.nan
+    logarithmic = math.log10(large / small) > (MIXED if low < 0 < high else DECADES)
+    return small if logarithmic else math.nan
 
 
 def _round_numbers(low: float, high: float, small: float) -> list[float]:

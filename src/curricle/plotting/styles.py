@@ -1,17 +1,45 @@
-"""How the arms of a comparison look: one colour and one dash pattern each, in every picture."""
+"""One style for all pictures: colours, Matplotlib's settings, how arms look, text around axes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 
 from curricle.comparison.comparison import Comparison
-from curricle.plotting.figures import COLOURS
 from curricle.statistics.curves import SCRATCH
 
+COLOURS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "blue": "#0072B2",
+    "vermillion": "#D55E00",
+    "purple": "#CC79A7",
+    "grey": "#777777",
+}
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
+STYLE: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "savefig.dpi": 150,
+    # Without it an SVG differs from run to run.
+    "svg.hashsalt": "curricle",
+}
+"""Matplotlib's settings for these pictures, for ``matplotlib.rc_context``."""
+DIVERGING, SEQUENTIAL = "PuOr", "cividis"
+"""Colour maps that colour-blind readers can read."""
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula, in order; then again with other dashes. The direct learner is black."""
+"""Of the curricula, in order; then again with other dashes. The scratch baseline is black."""
 MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
 CONTROL_DASHES: tuple[Any, ...] = (
     (0, (3, 1.5)),
@@ -22,21 +50,22 @@ CONTROL_DASHES: tuple[Any, ...] = (
     (0, (8, 1.5, 3, 1.5)),
 )
 GREYNESS = 0.6
-"""How much of a control's colour is grey."""
+"""Share of grey in a control's colour."""
+CAPTION_SIZE = 8.0
 
 
 @dataclass(frozen=True)
-class Look:
+class ArmStyle:
     """How an arm is drawn.
 
     Attributes
     ----------
     short : str
-        Its name below that of the curriculum it belongs to.
+        Its name in a list below its curriculum's.
     colour : str
         As ``#rrggbb``.
     dashes : str or tuple
-        Line style, as Matplotlib's.
+        Line style of Matplotlib.
     control : bool
     """
 
@@ -46,8 +75,8 @@ class Look:
     control: bool
 
 
-def arm_looks(comparison: Comparison) -> dict[str, Look]:
-    """Return how each arm looks; a control has the colour of the curriculum before it, greyer.
+def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
+    """Return how each arm is drawn; a control has the colour of the curriculum before it, greyer.
 
     Examples
     --------
@@ -55,11 +84,11 @@ def arm_looks(comparison: Comparison) -> dict[str, Look]:
     >>> from curricle.statistics.curves import Curve
     >>> flat = np.zeros((2, 2))
     >>> arm = Arm(Curve(np.array([0, 9]), flat), flat, flat, False)
-    >>> looks = arm_looks(Comparison("hunt", {"scratch": arm, "taught": arm}, 9, 9, 0.0, 1))
-    >>> looks["scratch"].colour, looks["taught"].colour
+    >>> styles = arm_styles(Comparison("hunt", {"scratch": arm, "mean": arm}, 9, 9, 0.0, 1))
+    >>> styles["scratch"].colour, styles["mean"].colour
     ('#000000', '#0072B2')
     """
-    looks = {SCRATCH: Look(SCRATCH, COLOURS["black"], "-", False)}
+    styles = {SCRATCH: ArmStyle(SCRATCH, COLOURS["black"], "-", False)}
     parent, place, own, controls = "", -1, COLOURS["grey"], 0
     for name, arm in comparison.arms.items():
         if name == SCRATCH:
@@ -67,14 +96,60 @@ def arm_looks(comparison: Comparison) -> dict[str, Look]:
         if arm.control:
             dashes = CONTROL_DASHES[controls % len(CONTROL_DASHES)]
             short = name.removeprefix(f"{parent}, ")
-            looks[name] = Look(short, _greyed(own), dashes, True)
+            styles[name] = ArmStyle(short, _greyed(own), dashes, True)
             controls += 1
         else:
             parent, place, controls = name, place + 1, 0
             again, colour = divmod(place, len(OWN_COLOURS))
             own = COLOURS[OWN_COLOURS[colour]]
-            looks[name] = Look(name, own, MORE_DASHES[again % len(MORE_DASHES)], False)
-    return looks
+            styles[name] = ArmStyle(name, own, MORE_DASHES[again % len(MORE_DASHES)], False)
+    return styles
+
+
+def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, Any]:
+    """Return a figure of `width` x `height` inches and its (rows, columns) array of axes.
+
+    Examples
+    --------
+    >>> figure, axes = new_figure(1, 2, width=6, height=3)
+    >>> axes.shape
+    (1, 2)
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def caption(figure: Figure, text: str) -> None:
+    """Write sentences below a figure, broken into lines that fit its width."""
+    most = 0.97 * 72 * figure.get_figwidth()
+    font, lines = FontProperties(size=CAPTION_SIZE), [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        width, *_ = text_to_path.get_text_width_height_descent(longer, font, ismath=False)
+        if lines[-1] and width > most:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    figure.supxlabel("\n".join(lines), fontsize=CAPTION_SIZE, x=0.01, ha="left")
+
+
+def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
+    """Write columns of text to the right of a panel: a head above it, then one entry a row.
+
+    Parameters
+    ----------
+    axes : Axes
+        Whose row r lies at y = r.
+    columns : sequence of sequence of str
+        The head first; may be empty.
+    """
+    place: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5}
+    left = 6.0
+    for head, *rows in columns:
+        axes.annotate(head, (1, 1), (left, 8), xycoords="axes fraction", color="#555555", **place)
+        for row, text in enumerate(rows):
+            axes.annotate(text, (1, row), (left, 0), xycoords=("axes fraction", "data"), **place)
+        left += 4.0 * max(len(text) for text in (head, *rows)) + 8
 
 
 def _greyed(colour: str) -> str:

@@ -1,4 +1,4 @@
-"""Reports: pictures of curves, mazes and coverage, and the page that shows them."""
+"""A study's report: one HTML page with its findings, curves, measures, forecast and replays."""
 
 import lazy_loader
 

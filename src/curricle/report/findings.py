@@ -1,4 +1,4 @@
-"""What a comparison found, as a page says it: a sentence each arm, and a table of all measures."""
+"""The findings of a comparison in words: sentences for each arm, and a table of all measures."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,41 +6,32 @@ from dataclasses import dataclass
 from typing import Any
 
 from curricle.comparison.comparison import SIGNIFICANT, Comparison
-from curricle.plotting.scales import minus
+from curricle.plotting.scales import minus, rounded
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
 MEASURES = {
-    "strong_gain": ("gain", "mean height of the curve above the direct learner's, in return"),
-    "asymptotic_gain": (
-        "gain at end",
-        "return at the end of all steps, above the direct learner's",
-    ),
+    "strong_gain": ("gain", "mean height of the curve above that of scratch, in return"),
+    "asymptotic_gain": ("asymptotic gain", "return at the end of all steps, above that of scratch"),
     "probability_of_improvement": (
-        "P(better)",
-        "probability that a run is above a direct run on average",
+        "P(improvement)",
+        "probability that a run has a higher mean return than a run from scratch",
     ),
-    "strong_steps_saved": (
-        "steps saved",
-        "steps to the threshold, fewer than the direct learner's",
-    ),
-    "return": ("mean return", "interquartile mean over seeds of the curve's mean height"),
-    "weak_gain": ("gain", "as before, over the target's budget alone"),
-    "jumpstart": ("jumpstart", "return at the first target step, above the direct learner's"),
-    "weak_steps_saved": (
-        "steps saved",
-        "target steps to the threshold, fewer than the direct learner's",
-    ),
+    "strong_steps_saved": ("steps saved", "steps to the threshold, fewer than from scratch"),
+    "return": ("mean return", "interquartile mean over seeds of the mean height of the curve"),
+    "weak_gain": ("gain", "mean height of the curve above that of scratch, over target steps"),
+    "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
+    "weak_steps_saved": ("steps saved", "target steps to the threshold, fewer than from scratch"),
 }
 """Measure of :meth:`Comparison.rows` -> its name, and what it is."""
-FREE = ("weak_gain", "jumpstart", "weak_steps_saved")
-"""Those that leave source steps aside."""
+WEAK = ("weak_gain", "jumpstart", "weak_steps_saved")
+"""Measures of weak transfer, which do not count source steps."""
 TIMED = ("weak_steps_saved", "strong_steps_saved")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What is known of one arm.
+    """The finding about one arm.
 
     Attributes
     ----------
@@ -50,7 +41,7 @@ class Finding:
     verdict : str
     sentences : tuple of str
     gain : Interval
-        Charged, in return.
+        Of strong transfer, in return.
     """
 
     arm: str
@@ -63,14 +54,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Cell:
-    """One entry of the table: what it says, and below that how sure it is."""
+    """One entry of the table: its text, and below that its interval or a note."""
 
     text: str
     below: str = ""
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the whole comparison in a sentence or two: what paid, and what most."""
+    """Return the comparison in one sentence: which curricula paid, and which most."""
     own = [name for name, arm in comparison.arms.items() if name != SCRATCH and not arm.control]
     paid = [name for name in own if comparison.contrasts[name].verdict == "pays"]
     harmed = [name for name in own if comparison.contrasts[name].verdict.startswith("costs")]
@@ -84,23 +75,23 @@ def headline(comparison: Comparison) -> str:
     ]
     open_ = len(own) - len(paid) - len(harmed)
     if open_ and not counts:
-        return "No curriculum is shown to differ from learning the target directly."
+        return "No curriculum is shown to differ from learning the target from scratch."
     if open_:
-        counts.append(f"of {open_} no difference is shown")
-    said = ", ".join(counts)
+        counts.append(f"{open_} show{'s' * (open_ == 1)} no difference")
+    summary = ", ".join(counts)
     most = max(
         paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].strong_gain.estimate))
     )
     gain, seeds = signed(comparison.contrasts[most].strong_gain), comparison.seeds
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
     return (
-        f"{said[0].upper()}{said[1:]}: {leading}{gain} return against learning directly, "
-        f"source steps charged, over {seeds} seeds."
+        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against learning from "
+        f"scratch, source steps counted, over {seeds} seeds."
     )
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
-    """Return what is known of each arm besides the direct learner, in their order.
+    """Return the finding about each arm besides the scratch baseline, in their order.
 
     Examples
     --------
@@ -109,10 +100,10 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     >>> from curricle.statistics.curves import Curve
     >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
     >>> arms = {"scratch": Arm(Curve(steps, low), low, low, False),
-    ...         "taught": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
+    ...         "mean": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
     >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
     >>> found.verdict, found.sentences[0]
-    ('pays', '+1.50...[1.50,...1.50] return on average over all 100 steps, its 50 source steps ...')
+    ('pays', '+1.50...[1.50,...1.50] mean return over all 100 steps, its 50 source steps ...')
     """
     rows = {row["arm"]: row for row in comparison.rows()}
     names = [name for name in comparison.arms if name != SCRATCH]
@@ -124,9 +115,9 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     sure = f" (p\xa0=\xa0{contrast.adjusted_p:.2g})" if comparison.seeds > 1 else ""
     sentences = [
-        f"{signed(contrast.strong_gain)} return on average over all {comparison.total:,} steps, its "
-        f"{row['source_steps']:,.0f} source steps charged{sure}.",
-        f"With sources free: {signed(contrast.weak_gain)}.",
+        f"{signed(contrast.strong_gain)} mean return over all {comparison.total:,} steps, its "
+        f"{row['source_steps']:,.0f} source steps counted{sure}.",
+        f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[SCRATCH]),
     ]
     control = comparison[name].control
@@ -135,9 +126,9 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
 
 def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any]) -> str:
     """Return the sentence about the threshold."""
-    threshold, seeds = figures(comparison.threshold), comparison.seeds
+    threshold, seeds = rounded(comparison.threshold), comparison.seeds
     if not row["reached"] and not scratch["reached"]:
-        return f"Neither it nor the direct learner reaches {threshold} in any seed."
+        return f"Neither it nor scratch reaches {threshold} in any seed."
 
     def when(one: dict[str, Any]) -> str:
         if not one["reached"]:
@@ -146,13 +137,13 @@ def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any
         bound = "at least " if some else ""
         return f"after {bound}{one['steps_to_threshold']:,.0f} steps on average{some}"
 
-    return f"Reaches {threshold} {when(row)}; the direct learner {when(scratch)}."
+    return f"Reaches {threshold} {when(row)}; scratch {when(scratch)}."
 
 
 def too_few(comparison: Comparison) -> str:
     """Return why no difference could have been shown; empty if one could.
 
-    Flipping the signs of K paired differences gives no p below 2 / 2^K.
+    A sign-flip test of K paired differences gives no p value below 2 / 2^K.
     """
     least = min(1.0, len(comparison.contrasts) * 2.0 ** (1 - comparison.seeds))
     if comparison.seeds == 1:
@@ -162,12 +153,12 @@ def too_few(comparison: Comparison) -> str:
     arms = len(comparison.contrasts)
     return (
         f"{comparison.seeds} seeds are too few for any verdict: with {arms} arm{'s' * (arms > 1)} "
-        f"to test no p can be below {least:.2g}."
+        f"to test, no p value can be below {least:.2g}."
     )
 
 
 def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
-    """Return where 0 and each gain's low, estimate and high lie on one axis, in percent of it.
+    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent.
 
     Examples
     --------
@@ -180,8 +171,8 @@ def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, floa
         middle = float(one.gain.estimate)
         low, high = (float(end) for end in (one.gain.low, one.gain.high))
         ends[one.arm] = [middle if math.isnan(low) else low, middle, max(middle, high)]
-    eval_freq = [0.0, *(value for values in ends.values() for value in values)]
-    low, width = min(eval_freq), (max(eval_freq) - min(eval_freq)) or 1.0
+    marks = [0.0, *(value for values in ends.values() for value in values)]
+    low, width = min(marks), (max(marks) - min(marks)) or 1.0
     places = {arm: [100 * (value - low) / width for value in ends[arm]] for arm in ends}
     return 100 * -low / width, {arm: (a, b, c) for arm, (a, b, c) in places.items()}
 
@@ -198,8 +189,8 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     >>> from curricle.statistics.curves import Curve
     >>> flat = np.zeros((2, 3))
     >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
-    >>> found = table(Comparison("hunt", {"scratch": arm, "taught": arm}, 50, 100, 1.0, 1))
-    >>> found["taught"]["time"], found["scratch"]["strong_gain"].text
+    >>> found = table(Comparison("hunt", {"scratch": arm, "mean": arm}, 50, 100, 1.0, 1))
+    >>> found["mean"]["time"], found["scratch"]["strong_gain"].text
     (Cell(text='> 100', below='2 of 2 never'), '')
     """
     found = {}
@@ -218,7 +209,7 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
 
 
 def signed(interval: Interval) -> str:
-    r"""Return an interval without its seeds, with a sign, and spaces at which no line breaks.
+    r"""Return an interval without its seeds, with a sign and no-break spaces.
 
     Examples
     --------
@@ -227,19 +218,6 @@ def signed(interval: Interval) -> str:
     """
     bare = "+" * (float(interval.estimate) > 0) + minus(_bare(interval))
     return bare.replace(" ", "\xa0")
-
-
-def figures(number: float) -> str:
-    """Return a number in three significant digits, zeros too, or all before the point.
-
-    Examples
-    --------
-    >>> figures(-19.0), figures(0.5), figures(-3215.4)
-    ('−19.0', '0.500', '−3,215')
-    """
-    if number == 0:
-        return "0"
-    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
 
 
 def _bare(interval: Interval) -> str:
@@ -254,11 +232,11 @@ def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell
     if measure not in TIMED:
         return Cell(text, bounds)
     arm, scratch = (
-        comparison.times(name, strong=measure not in FREE).reached for name in (row["arm"], SCRATCH)
+        comparison.times(name, strong=measure not in WEAK).reached for name in (row["arm"], SCRATCH)
     )
     if not arm.any() and not scratch.any():
         return Cell("–", "never reached")
-    # Seeds that never got there count as if they had at the end.
+    # Seeds that never reached it count as if they had at the end.
     bound = ("≈ ", "≤ ") if not arm.all() else ("≥ ", "")
     return Cell(bound[int(scratch.all())] + text, bounds)
 

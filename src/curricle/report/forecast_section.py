@@ -1,4 +1,4 @@
-"""What was to be expected of each curriculum, and whether its potential is safe."""
+"""The forecast of each curriculum next to what was measured, and whether its shaping is safe."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,12 +12,11 @@ from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.curriculum.potentials import calibrated
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
-from curricle.report.sharing import shared
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 
 EFFORT = 800_000
-"""Target pairs, times forecasts, times seeds, that are looked at: about ten seconds."""
+"""Target pairs times forecasts times seeds at most: about ten seconds."""
 MOST_SEEDS = 3
 """Seeds of a forecast."""
 LARGEST_CERTIFIED = 20_000_000
@@ -25,8 +24,8 @@ LARGEST_CERTIFIED = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
-    """What curricula with the same graph promised.
+class ForecastSection:
+    """The forecast and certificates of curricula with the same graph.
 
     Attributes
     ----------
@@ -34,12 +33,12 @@ class Promise:
     forecast : Forecast or None
         None where it was left out.
     used : dict of str to tuple of str
-        Name of what was foreseen -> the arms that it was used by.
-    came : dict of str to float
-        Arm -> greedy return with which the target began, mean over all seeds.
+        Name of a forecast row -> the arms that used that potential.
+    measured : dict of str to float
+        Arm -> greedy return at the first target step, mean over all seeds.
     certificates : tuple of (tuple of str, Certificate)
-        Of the potentials of the arms' first seeds, each with the arms that it holds for; none where
-        they were left out.
+        Of the potentials of the arms' first seeds, each with the arms that it holds for; empty
+        where they were left out.
     left_out : tuple of str
         What, why, and how to get it, in a sentence each.
     """
@@ -47,15 +46,15 @@ class Promise:
     arms: tuple[str, ...]
     forecast: Forecast | None
     used: Mapping[str, tuple[str, ...]]
-    came: Mapping[str, float]
+    measured: Mapping[str, float]
     certificates: tuple[tuple[tuple[str, ...], Certificate], ...]
     left_out: tuple[str, ...]
 
 
-def promises(
+def forecast_sections(
     results: Mapping[str, CurriculumResult], groups: Sequence[Sequence[str]]
-) -> tuple[Promise, ...]:
-    """Return what each group of arms promised.
+) -> tuple[ForecastSection, ...]:
+    """Return the forecast section of each group of arms.
 
     Parameters
     ----------
@@ -71,24 +70,24 @@ def promises(
     >>> plan = Curriculum(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> found, = promises({"taught": plan.train()}, [["taught"]])
-    >>> found.used, [(arms, bool(one)) for arms, one in found.certificates]
-    ({'mean': ('taught',)}, [(('taught',), True)])
+    >>> section, = forecast_sections({"corner first": plan.train()}, [["corner first"]])
+    >>> section.used, [(arms, bool(one)) for arms, one in section.certificates]
+    ({'mean': ('corner first',)}, [(('corner first',), True)])
     """
-    return tuple(_promise(tuple(arms), results, len(groups)) for arms in groups)
+    return tuple(_section(tuple(arms), results, len(groups)) for arms in groups)
 
 
-def _promise(
+def _section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
-) -> Promise:
+) -> ForecastSection:
     curriculum = results[arms[0]].curriculum
     target = curriculum.target
     if is_observation_task(curriculum.tasks[target]):
-        return _observed_promise(arms, results, target)
+        return _observed_section(arms, results, target)
     space = generative_model(curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     left_out, found = list[str](), None
-    certificates = dict[str, Certificate]()
+    certificates: dict[str, tuple[tuple[str, ...], Certificate]] = {}
     seeds = min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(results[arms[0]][target].seeds))
     kept = all(
         isinstance(results[arm][t.source].values, np.ndarray)
@@ -101,51 +100,55 @@ def _promise(
     elif n_groups > 1:
         why += f" and there are {n_groups} graphs"
     if kept and seeds:
-        found = _foreseen(arms, results, target, seeds)
+        found = _forecast(arms, results, target, seeds)
     else:
         left_out.append(
             f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
         )
     if kept and pairs <= LARGEST_CERTIFIED:
-        certificates = {arm: _certified(results[arm], target) for arm in arms}
+        for arm in arms:
+            certificate = _certified(results[arm], target)
+            alike, _ = certificates.get(str(certificate), ((), certificate))
+            certificates[str(certificate)] = (*alike, arm), certificate
     else:
         left_out.append(
             f"Certificates are left out, because {why}: curricle.certify(task, potential) gives "
             "them."
         )
     used = _used(found, arms, results, target)
-    alike = tuple(shared(certificates, lambda one, other: str(one) == str(other)))
-    return Promise(arms, found, used, _came(arms, results, target), alike, tuple(left_out))
+    measured, kinds = _measured(arms, results, target), tuple(certificates.values())
+    return ForecastSection(arms, found, used, measured, kinds, tuple(left_out))
 
 
-def _observed_promise(
+def _observed_section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], target: str
-) -> Promise:
-    """Return what was promised of a target seen through observations, for the first seed."""
+) -> ForecastSection:
+    """Return the section of a target seen through observations, for the first seed."""
     left_out = [
         f"Certificates are left out, because {target} is seen through observations: they need "
         "numbered states."
     ]
     first, found = results[arms[0]], None
     if all(first[t.source].values is not None for t in first.curriculum.in_edges(target)):
-        found = _foreseen(arms, results, target, 1)
+        found = _forecast(arms, results, target, 1)
     else:
         left_out.append(
             "The forecast is left out, because the sources' values were not kept, or their "
             "networks cannot be read here: pip install curricle[deep]."
         )
     used = _used(found, arms, results, target)
-    return Promise(arms, found, used, _came(arms, results, target), (), tuple(left_out))
+    measured = _measured(arms, results, target)
+    return ForecastSection(arms, found, used, measured, (), tuple(left_out))
 
 
-def _came(
+def _measured(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
 ) -> dict[str, float]:
-    """Return the greedy return with which the target began, by arm."""
+    """Return the greedy return at the first target step, by arm."""
     return {arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms}
 
 
-def _foreseen(
+def _forecast(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
 ) -> Forecast:
     first = results[arms[0]]
@@ -164,7 +167,7 @@ def _used(
     results: Mapping[str, CurriculumResult],
     target: str,
 ) -> dict[str, tuple[str, ...]]:
-    """Return which arms used what was foreseen."""
+    """Return which arms used the potential of each row."""
     used: dict[str, tuple[str, ...]] = {}
     names = [] if found is None else [one.name for one in found.rows]
     for arm in arms:
@@ -183,7 +186,7 @@ def _certified(result: CurriculumResult, target: str) -> Certificate:
 
 
 def _entering(result: CurriculumResult, target: str) -> PairPotential:
-    """Return the potential that the first seed of a target began with."""
+    """Return the potential with which the first seed of a target began."""
     curriculum: Curriculum = result.curriculum
     phi: PairPotential
     if known := result.potentials.get(target):

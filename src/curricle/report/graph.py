@@ -11,9 +11,7 @@ import numpy.typing as npt
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import Episodes
 from curricle.learning.result import LearningResult
-from curricle.plotting.scales import minus
-from curricle.report.findings import figures
-from curricle.report.sharing import shared
+from curricle.plotting.scales import minus, rounded
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import bootstrap
 from curricle.tasks.observation_task import is_observation_task
@@ -27,26 +25,25 @@ Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 
 CARD, GAP, FALL = 156, 14, 64
-"""Width of a card, and the space between cards, sideways and down, in CSS pixels."""
+"""Width of a card, and the space between cards, across and down, in CSS pixels."""
 SIDE = 44
-"""Room at the sides for arrows that go round other cards."""
+"""Space at the sides for arrows that go round other cards."""
 CARD_HEIGHT, LINE = 156, 17
 """Height of a card without its returns, and of a line."""
-SPARK, SPARK_HEIGHT = 140.0, 44.0
-"""Size of the curve on a card."""
-SPARK_POINTS = 60
+CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
+"""Size of the curve on a card, and its checkpoints at most."""
 LARGEST_COVERAGE = 5_000_000
 """Target pairs up to which a mapping's coverage is counted."""
 
 
 @dataclass(frozen=True)
-class Spark:
-    """A small learning curve.
+class CardCurve:
+    """A small learning curve on a card.
 
     Attributes
     ----------
     arms : tuple of str
-        Whose it is; the first gives its look.
+        Those that learnt alike; it has the colour of the first.
     line, band : str
         Points of its mean and of its band (empty for a single seed).
     words : str
@@ -60,19 +57,18 @@ class Spark:
 
 
 @dataclass(frozen=True)
-class Node:
-    """A task of the graph.
+class Card:
+    """A task of the graph, as a card.
 
     Attributes
     ----------
     name, kind : str
-        Its name, and what it is.
     left, top, height : int
-        Its card.
-    sparks : tuple of Spark
-        Of the arms, and of the direct learner where it is the target.
+        Its place in CSS pixels.
+    curves : tuple of CardCurve
+        Of the arms, and of the scratch baseline where it is the target.
     steps, reason : str
-        How long the arms learnt it, and why that ended.
+        How many steps the arms trained it, and why that ended.
     """
 
     name: str
@@ -80,7 +76,7 @@ class Node:
     left: int
     top: int
     height: int
-    sparks: tuple[Spark, ...]
+    curves: tuple[CardCurve, ...]
     steps: str
     reason: str
 
@@ -95,7 +91,7 @@ class Edge:
     path : str
         Of its arrow.
     place : (float, float)
-        Of its number.
+        Middle of its number.
     words : tuple of str
         A sentence for each transfer.
     """
@@ -114,7 +110,7 @@ class Graph:
     Attributes
     ----------
     arms : tuple of str
-    nodes : tuple of Node
+    cards : tuple of Card
         In the order of training.
     edges : tuple of Edge
     notes : tuple of str
@@ -124,7 +120,7 @@ class Graph:
     """
 
     arms: tuple[str, ...]
-    nodes: tuple[Node, ...]
+    cards: tuple[Card, ...]
     edges: tuple[Edge, ...]
     notes: tuple[str, ...]
     width: int
@@ -137,9 +133,9 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     Parameters
     ----------
     results : dict of str to CurriculumResult
-        Of each arm; the direct learner's has no graph.
+        Of each arm; the scratch baseline has no graph.
     reasons : dict of (str, str) to sequence of str
-        Why the training of an arm's task ended, for each seed; its budget was spent, by default.
+        Why the training of an arm's task ended, for each seed; by default its budget was spent.
 
     Examples
     --------
@@ -149,12 +145,20 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     >>> plan = Curriculum(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> graph, = graphs({"taught": plan.train()}, {})
-    >>> [node.name for node in graph.nodes], graph.nodes[0].steps, graph.nodes[0].reason
+    >>> graph, = graphs({"corner first": plan.train()}, {})
+    >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
     (['corner', 'maze'], '1,000 steps', 'budget spent')
     """
-    taught = {arm: one.curriculum for arm, one in results.items() if arm != SCRATCH}
-    return tuple(_graph(arms, results, reasons) for arms, _ in shared(taught, _alike))
+    groups = list[list[str]]()
+    for arm, result in results.items():
+        if arm == SCRATCH:
+            continue
+        same = (arms for arms in groups if _alike(results[arms[0]].curriculum, result.curriculum))
+        if (group := next(same, None)) is None:
+            groups.append([arm])
+        else:
+            group.append(arm)
+    return tuple(_graph(arms, results, reasons) for arms in groups)
 
 
 def _alike(one: Curriculum, other: Curriculum) -> bool:
@@ -180,7 +184,7 @@ def _same_transfer(one: Transfer, other: Transfer) -> bool:
 
 
 def _parts(mapping: Any) -> tuple[Any, ...]:
-    """Return what makes a mapping of observations; nothing of other mappings."""
+    """Return the parts that define a mapping of observations; none of other mappings."""
     if not isinstance(mapping, ObservationMapping):
         return ()
     actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
@@ -189,21 +193,21 @@ def _parts(mapping: Any) -> tuple[Any, ...]:
 
 def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons) -> Graph:
     curriculum = results[arms[0]].curriculum
-    sparks = {}
+    curves = {}
     for name in curriculum.order:
         compared = [
             arm for arm in (*arms, SCRATCH) if arm in results and name in results[arm].nodes
         ]
-        sparks[name] = _sparks({arm: results[arm][name] for arm in compared})
-    heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in sparks.items()}
+        curves[name] = _curves({arm: results[arm][name] for arm in compared})
+    heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in curves.items()}
     corners, width, height = _layout(curriculum, heights)
-    nodes = tuple(
-        Node(
+    cards = tuple(
+        Card(
             name,
             _kind(curriculum.tasks[name]),
             *corners[name],
             heights[name],
-            sparks[name],
+            curves[name],
             _steps([results[arm][name] for arm in arms]),
             _ended(name, arms, results, reasons),
         )
@@ -217,20 +221,21 @@ def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons
         words = [_transfer_words(t) for t in curriculum.in_edges(target) if t.source == source]
         edges.append(Edge(source, target, *_arrow(start, end, between), tuple(words)))
     notes = _notes(arms, results)
-    return Graph(tuple(arms), nodes, tuple(edges), notes, width, height)
+    return Graph(tuple(arms), cards, tuple(edges), notes, width, height)
 
 
 def _kind(task: Any) -> str:
     if is_observation_task(task):
         return f"observations, {task.shapes.replace('->', '→')}"
     generative = generative_model(task)
-    return f"{type(task).__name__}, {generative.states.size:,} states × {generative.actions.size:,} actions"
+    states, actions = generative.states.size, generative.actions.size
+    return f"{type(task).__name__}, {states:,} states × {actions:,} actions"
 
 
 def _layout(
     curriculum: Curriculum, heights: Mapping[str, int]
 ) -> tuple[dict[str, tuple[int, int]], int, int]:
-    """Return the corner of each card, and the size of all: sources above what they lead to."""
+    """Return the corner of each card, and the size of the graph: sources above their targets."""
     depth = dict[str, int]()
     for name in curriculum.order:
         depth[name] = max((depth[t.source] + 1 for t in curriculum.in_edges(name)), default=0)
@@ -266,7 +271,7 @@ def _arrow(
 
 
 def mapping_words(transfer: Transfer) -> str:
-    """Return what a transfer's mapping says.
+    """Return the mapping of a transfer in words.
 
     Examples
     --------
@@ -285,7 +290,7 @@ def mapping_words(transfer: Transfer) -> str:
 
 
 def _transfer_words(transfer: Transfer) -> str:
-    """Return a transfer in words: its mapping, how much it reaches, and its size."""
+    """Return a transfer in words: its mapping, coverage, scale and shift."""
     words = [mapping_words(transfer)]
     if _countable(transfer.mapping):
         cover = transfer.mapping.coverage()
@@ -294,7 +299,7 @@ def _transfer_words(transfer: Transfer) -> str:
             words.append(f"{cover.ended:.0%} at the source's end")
         if cover.unmapped:
             value = minus(f"{transfer.mapping.unmapped_value:g}")
-            words.append(f"{cover.unmapped:.0%} unmapped (worth {value})")
+            words.append(f"{cover.unmapped:.0%} unmapped (potential {value})")
     if transfer.scale != 1:
         words.append(f"scaled by {minus(f'{transfer.scale:g}')}")
     if transfer.shift:
@@ -314,52 +319,53 @@ def _countable(mapping: Any) -> bool:
 
 def _notes(arms: Sequence[str], results: Mapping[str, CurriculumResult]) -> tuple[str, ...]:
     """Return how several transfers into a task become one potential."""
-    said: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for arm in arms:
         curriculum = results[arm].curriculum
         for name in curriculum.order:
             if len(curriculum.in_edges(name)) > 1:
                 function = curriculum.setting("aggregate", name)
-                called = getattr(function, "__name__", "a function of its own")
-                words = f"{name} starts from their {called}"
-                said.setdefault(words, []).append(arm)
-    if len(said) == 1:
-        return (f"{next(iter(said))}.",)
-    return tuple(f"{'; '.join(whose)}: {words}." for words, whose in said.items())
+                called = getattr(function, "__name__", "a custom aggregate")
+                words = f"{name} uses the {called} of its transfers"
+                notes.setdefault(words, []).append(arm)
+    if len(notes) == 1:
+        return (f"{next(iter(notes))}.",)
+    return tuple(f"{'; '.join(owners)}: {words}." for words, owners in notes.items())
 
 
-def _sparks(learnt: Mapping[str, LearningResult]) -> tuple[Spark, ...]:
+def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     """Return the curves of one task in one scale; arms that learnt it alike share one."""
-    different = shared(
-        learnt, lambda one, other: np.array_equal(one.greedy_return, other.greedy_return)
-    )
+    alike: dict[bytes, list[str]] = {}
+    for arm, one in trained.items():
+        alike.setdefault(one.greedy_return.tobytes(), []).append(arm)
+    kept = [(tuple(arms), trained[arms[0]]) for arms in alike.values()]
     curves = []
-    for _, one in different:
+    for _, one in kept:
         n = len(one.steps)
-        place = np.unique(np.linspace(0, n - 1, min(n, SPARK_POINTS)).round().astype(int))
+        place = np.unique(np.linspace(0, n - 1, min(n, CURVE_POINTS)).round().astype(int))
         band = bootstrap(one.greedy_return[:, place], resamples=500)
         curves.append((one.steps[place], np.array([band.estimate, band.low, band.high])))
     low = min(float(np.nanmin(values)) for _, values in curves)
     high = max(float(np.nanmax(values)) for _, values in curves)
     last = max(int(steps[-1]) for steps, _ in curves) or 1
-    sparks = []
-    for (arms, one), (steps, values) in zip(different, curves, strict=True):
-        x = steps / last * SPARK
-        mean, lower, upper = (high - values) / ((high - low) or 1.0) * SPARK_HEIGHT
+    found = []
+    for (arms, one), (steps, values) in zip(kept, curves, strict=True):
+        x = steps / last * CURVE
+        mean, lower, upper = (high - values) / ((high - low) or 1.0) * CURVE_HEIGHT
         outline = [*x, *x[::-1]], [*lower, *upper[::-1]]
         ends = one.greedy_return[:, [0, -1]].mean(axis=0)
-        drawn = _points(*outline) if len(one.seeds) > 1 else ""
-        words = f"{figures(ends[0])} → {figures(ends[1])}"
-        sparks.append(Spark(arms, _points(x, mean), drawn, words))
-    return tuple(sparks)
+        band_points = _points(*outline) if len(one.seeds) > 1 else ""
+        words = f"{rounded(ends[0])} → {rounded(ends[1])}"
+        found.append(CardCurve(arms, _points(x, mean), band_points, words))
+    return tuple(found)
 
 
 def _points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
-def _steps(learnt: Sequence[LearningResult]) -> str:
-    spent = np.concatenate([one.steps_used for one in learnt])
+def _steps(trained: Sequence[LearningResult]) -> str:
+    spent = np.concatenate([one.steps_used for one in trained])
     least, most = int(spent.min()), int(spent.max())
     return f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps"
 
@@ -368,16 +374,16 @@ def _ended(
     name: str, arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons
 ) -> str:
     """Return why trainings of a task ended, the most frequent reason first."""
-    said = Counter[str]()
+    counts = Counter[str]()
     for arm in arms:
-        said.update(reasons.get((arm, name)) or default_reasons(results[arm], name))
-    if len(said) == 1:
-        return next(iter(said))
-    return "; ".join(f"{reason} ({n} of {said.total()})" for reason, n in said.most_common())
+        counts.update(reasons.get((arm, name)) or default_reasons(results[arm], name))
+    if len(counts) == 1:
+        return next(iter(counts))
+    return "; ".join(f"{reason} ({n} of {counts.total()})" for reason, n in counts.most_common())
 
 
 def default_reasons(result: CurriculumResult, name: str) -> tuple[str, ...]:
-    """Return why each seed's training of a task ended where nothing was decided while it ran."""
+    """Return why each seed's training of a task ended where no stopping rule decided it."""
     by_episodes = isinstance(result.curriculum.setting("budget", name), Episodes)
     spent = "all episodes done" if by_episodes else "budget spent"
     return tuple("memory full" if full else spent for full in result[name].out_of_memory)

@@ -1,31 +1,138 @@
-"""Stories: what each arm's training of each task looks like, ready to be shown."""
+"""Replays of training: one seed's values and greedy actions, and an episode before and after.
 
-from collections.abc import Mapping
+The page holds three drawn moments of each; its script draws the others from :meth:`Replay.data`.
+"""
+
+import base64
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
+import matplotlib
 import numpy as np
+import numpy.typing as npt
+from matplotlib.colors import to_hex
 
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.learning.snapshots import Snapshots
-from curricle.report.episodes import Episode, before_and_after
-from curricle.report.sharing import shared
-from curricle.report.stage import Stage, stage
-from curricle.report.storyboard import MOST_FRAMES, Storyboard, storyboard
-from curricle.tasks.task import Task, same_task
+from curricle.planning.rollouts import rollout
+from curricle.planning.solution import greedy_policy
+from curricle.plotting.grid_view import GridView
+from curricle.plotting.grids import MOST_NUMBERS
+from curricle.plotting.scales import minus, rounded
+from curricle.plotting.styles import DIVERGING, SEQUENTIAL
+from curricle.report.svg import GridDrawing, move_path, shifted, squares
+from curricle.tasks.labels import action_name
+from curricle.tasks.task import Task, generative_model, has_tables, same_task
 
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Written = tuple[tuple[int, int, str], ...]
+"""Column, row and text of cells."""
 SnapshotsByTask = Mapping[tuple[str, str], Snapshots]
 """(arm, task) -> snapshots."""
 
+MOST_FRAMES = 48
+"""Moments of one training at most."""
 MOST_CELLS = 16_000
-"""Cells of all stories together; each is printed at three moments, under four megabytes."""
+"""Cells of all replays together; each is printed at three moments, under four megabytes."""
 MOST_CELL_FRAMES = 400_000
-"""Cells, times moments, of all stories together: a megabyte and a half."""
+"""Cells times moments of all replays together: a megabyte and a half."""
+LEVELS = 2**16
+"""Values are rounded to so many levels between the lowest and the highest."""
+SHADES = 64
+"""Colours of a map."""
+LONGEST_WORD = 9
+"""Letters of an action's name up to which it is written into a cell."""
+LONGEST_EPISODE = 200
+"""Steps of an episode that are shown."""
+APART = 0.2
+"""Distance of pieces from the middle of a cell, where there are several."""
+LARGEST_TABLE = 20_000_000
+"""Pairs (S x A) of a task up to which its episodes are shown."""
 
 
 @dataclass(frozen=True, eq=False)
-class Story:
-    """One training of one task.
+class Episode:
+    """One greedy episode of n steps on a grid.
+
+    Attributes
+    ----------
+    cells : (n + 1, pieces) int64
+        Where each piece is, as ``row * columns + column``.
+    columns : int
+    returns : (n + 1,) float64
+        Return so far.
+    terminated : bool
+        Whether it ended in a terminal state, not by truncation.
+    """
+
+    cells: IntArray
+    columns: int
+    returns: FloatArray
+    terminated: bool
+
+    @property
+    def words(self) -> str:
+        """How it ended."""
+        how, n = "terminated" if self.terminated else "truncated", len(self.cells) - 1
+        return f"{how} after {n} step{'s' * (n != 1)}, return {rounded(self.returns[-1])}"
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """Column and row of each piece, (n + 1, pieces, 2); several stand apart within a cell."""
+        pieces = self.cells.shape[1]
+        turn = 2 * np.pi * np.arange(pieces) / pieces
+        aside = APART * (pieces > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
+        corner = np.stack([self.cells % self.columns, self.cells // self.columns], axis=-1)
+        return np.asarray((corner + 0.5 + aside).round(2))
+
+    def trail(self, piece: int) -> str:
+        """Return the points of a piece's way."""
+        return " ".join(f"{x:g},{y:g}" for x, y in self.places[:, piece])
+
+    def start(self, piece: int) -> str:
+        """Return where a piece starts, as a CSS translation."""
+        x, y = self.places[0, piece]
+        return f"{x:g}px, {y:g}px"
+
+    def data(self) -> dict[str, Any]:
+        """Return it for the script of the page."""
+        return {
+            "places": self.places.reshape(len(self.cells), -1).tolist(),
+            "returns": [rounded(value) for value in self.returns],
+            "words": self.words,
+        }
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One moment, ready to be drawn.
+
+    Attributes
+    ----------
+    step : int
+    heat : tuple of (str, str)
+        Colour, and the path of all cells that have it.
+    choice : str
+        Path of all arrows; empty where choices are words.
+    texts : tuple of (int, int, str)
+        The word of each choice; empty where choices are arrows.
+    numbers : tuple of (int, int, str)
+        The value of each cell; empty where there are many.
+    """
+
+    step: int
+    heat: tuple[tuple[str, str], ...]
+    choice: str
+    texts: Written
+    numbers: Written
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Values and greedy choices of one seed at F moments of training, in the n cells of a view.
 
     Attributes
     ----------
@@ -33,39 +140,117 @@ class Story:
         Unique in the page.
     task : str
     arms : tuple of str
-        That trained it alike.
-    board : Storyboard
-    before, after : Episode or None
-        None where episodes cannot be shown.
+        Those that trained it alike.
+    view : GridView
+    seed : int
+    steps : (F,) int64
+    cells : tuple of (int, int)
+        Column and row of each of the n states that are not terminal.
+    levels : (F, n) uint16
+        max_a Q(s, a), from `low` (0) to `high` (65,535).
+    choices : (F, n) int64
+        Numbers of `marks`.
+    marks : tuple of str
+        How choices are drawn.
+    low, high : float
+        Return.
+    episodes : dict of str to Episode
+        "before" and "after"; empty where episodes cannot be shown.
     """
 
     key: str
     task: str
     arms: tuple[str, ...]
-    board: Storyboard
-    before: Episode | None
-    after: Episode | None
+    view: GridView
+    seed: int
+    steps: IntArray
+    cells: tuple[tuple[int, int], ...]
+    levels: npt.NDArray[np.uint16]
+    choices: IntArray
+    marks: tuple[str, ...]
+    low: float
+    high: float
+    episodes: Mapping[str, Episode]
+
+    @cached_property
+    def grid(self) -> GridDrawing:
+        """The unchanging parts of the drawing."""
+        return GridDrawing.of(self.view)
+
+    @property
+    def arrows(self) -> bool:
+        """Whether choices are drawn as arrows."""
+        return self.view.directions is not None
+
+    @property
+    def palette(self) -> str:
+        """The colour map: diverging where values have both signs."""
+        return DIVERGING if self.low < 0 < self.high else SEQUENTIAL
+
+    @property
+    def digits(self) -> int | None:
+        """Decimals of the numbers written into cells; None where there are too many cells."""
+        if len(self.cells) > MOST_NUMBERS:
+            return None
+        return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
+
+    def frame(self, place: int) -> Frame:
+        """Return one moment; negative places count from the end."""
+        shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
+        marks = self._placed(self.marks[number] for number in self.choices[place])
+        numbers: Written = ()
+        middle = 0.5
+        if self.digits is not None:
+            values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
+            numbers = self._placed(minus(f"{value:z.{self.digits}f}") for value in values)
+            middle = 0.4
+        cells = np.array(self.cells)
+        paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
+        return Frame(
+            step=int(self.steps[place]),
+            heat=tuple(
+                (colour, squares(cells[shade == one].tolist()))
+                for one, colour in enumerate(shades_of(self.palette))
+                if (shade == one).any()
+            ),
+            choice="".join(paths) if self.arrows else "",
+            texts=() if self.arrows else marks,
+            numbers=numbers,
+        )
+
+    def _placed(self, words: Iterable[str]) -> Written:
+        return tuple((x, y, word) for (x, y), word in zip(self.cells, words, strict=True))
 
     def data(self) -> dict[str, Any]:
-        """Return it for the page's script."""
-        episodes = {}
-        if self.before is not None and self.after is not None:
-            episodes = {"before": self.before.data(), "after": self.after.data()}
-        return {**self.board.data(), "episodes": episodes}
+        """Return all moments for the script of the page."""
+        return {
+            "steps": self.steps.tolist(),
+            "cells": [number for cell in self.cells for number in cell],
+            "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
+            "choices": ["".join(chr(48 + number) for number in row) for row in self.choices],
+            "marks": self.marks,
+            "arrows": self.arrows,
+            "low": self.low,
+            "high": self.high,
+            "digits": self.digits,
+            "palette": self.palette,
+            "episodes": {name: one.data() for name, one in self.episodes.items()},
+        }
 
 
-def stories(
+def replays(
     results: Mapping[str, CurriculumResult], snapshots: SnapshotsByTask
-) -> tuple[tuple[Story, ...], tuple[str, ...]]:
-    """Return the stories, task by task with the last first, and the tasks that cannot be shown.
+) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
+    """Return the replays, task by task with the last first, and the tasks that cannot be shown.
 
-    Arms whose snapshots of a task are equal share a story.
+    Arms whose snapshots of a task are equal share a replay.
 
     Parameters
     ----------
     results : dict of str to CurriculumResult
         Of each arm.
     snapshots : dict of (str, str) to Snapshots
+        (arm, task) -> values during training.
 
     Examples
     --------
@@ -73,58 +258,148 @@ def stories(
     >>> from curricle import Curriculum, GridWorld
     >>> maze = GridWorld("S.T")
     >>> result = Curriculum({"maze": maze}, budget=100).train()
-    >>> snapshots = SimpleNamespace(seed=0, steps=np.array([0, 100]), values=np.zeros((2, 3, 4)))
-    >>> (found,), left_out = stories({"scratch": result}, {("scratch", "maze"): snapshots})
-    >>> found.task, found.arms, found.board.steps
-    ('maze', ('scratch',), array([  0, 100]))
+    >>> values = np.zeros((2, 3, 4))
+    >>> values[1, :2, 1] = 1.0
+    >>> kept = SimpleNamespace(seed=0, steps=np.array([0, 100]), values=values)
+    >>> (found,), left_out = replays({"scratch": result}, {("scratch", "maze"): kept})
+    >>> found.task, found.steps, found.episodes["after"].words
+    ('maze', array([  0, 100]), 'terminated after 2 steps, return 196')
     """
-    shown, left_out, cells = list[tuple[_Own, Stage]](), dict[str, None](), 0
-    for own in reversed(_by_task(results, snapshots)):
-        found = stage(own.task)
-        size = 0 if found is None else len(own.snapshots) * found.board.states.size
-        if found is None or cells + size > MOST_CELLS:
-            left_out[own.name] = None
+    shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
+    for name, task, arms in reversed(_tasks(results, snapshots)):
+        view = GridView.for_replay(task)
+        size = 0 if view is None else len(arms) * view.states.size
+        if view is None or cells + size > MOST_CELLS:
+            left_out[name] = None
         else:
-            shown.append((own, found))
+            shown.append((name, view, arms))
             cells += size
     most = max(3, min(MOST_FRAMES, MOST_CELL_FRAMES // max(1, cells)))
-    told = list[Story]()
-    for own, found in shown:
-        for arms, kept in shared(own.snapshots, _same_film):
-            evaluation = results[arms[0]].curriculum.setting("evaluation", own.name)
-            pair = before_and_after(kept, found, discounted=evaluation.discounted)
-            board = storyboard(kept, found, most)
-            told.append(Story(f"s{len(told)}", own.name, arms, board, *(pair or (None, None))))
-    return tuple(told), tuple(left_out)
+    found = list[Replay]()
+    for name, view, arms in shown:
+        alike: dict[Any, list[str]] = {}
+        for arm in arms:
+            kept = snapshots[arm, name]
+            alike.setdefault((kept.seed, kept.steps.tobytes(), kept.values.tobytes()), []).append(
+                arm
+            )
+        for same in alike.values():
+            evaluation = results[same[0]].curriculum.setting("evaluation", name)
+            kept = snapshots[same[0], name]
+            episodes = before_and_after(kept, view, discounted=evaluation.discounted)
+            named = f"r{len(found)}", name, tuple(same)
+            found.append(Replay(*named, view, **_values(kept, view, most), episodes=episodes))
+    return tuple(found), tuple(left_out)
 
 
-class _Own(NamedTuple):
-    """The snapshots of one task, by arm."""
+def before_and_after(
+    snapshots: Snapshots, view: GridView, *, discounted: bool, seed: int = 0
+) -> dict[str, Episode]:
+    """Return an episode of the first greedy policy ("before") and one of the last ("after").
 
-    name: str
-    task: Task
-    snapshots: dict[str, Snapshots]
+    Both have the same start and random stream; ties are broken uniformly. Empty where the task has
+    no tables or too large ones, or where a state is not in the view.
+
+    Parameters
+    ----------
+    snapshots : Snapshots
+    view : GridView
+        Of its task.
+    discounted : bool
+        Whether returns are.
+    seed : int
+        Of the random stream.
+    """
+    generative = generative_model(view.task)
+    pairs = generative.states.size * generative.actions.size
+    if pairs > LARGEST_TABLE or not has_tables(view.task):
+        return {}
+    weight = generative.discount if discounted else 1.0
+    steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
+    episodes = {}
+    for name, place in (("before", 0), ("after", -1)):
+        policy = greedy_policy(snapshots.values[place])
+        path = rollout(view.task, policy, seed=seed, steps=steps)
+        cells = np.stack([piece.cells[path.states] for piece in view.pieces], axis=1)
+        rewards = path.rewards * weight ** np.arange(len(path))
+        returns = np.concatenate([[0.0], rewards.cumsum()])
+        episodes[name] = Episode(cells, view.shape[1], returns, path.terminated)
+    shown = all((episode.cells >= 0).all() for episode in episodes.values())
+    return episodes if shown else {}
 
 
-def _by_task(results: Mapping[str, CurriculumResult], snapshots: SnapshotsByTask) -> list[_Own]:
-    """Return the snapshots of each task, sources first; arms may call different tasks by one name."""
-    place, tasks = dict[str, int](), dict[tuple[str, str], tuple[str, Task]]()
+def greedy_choices(view: GridView, values: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.bool_]:
+    """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
+    greedy = values == values.max(axis=-1, keepdims=True)
+    options = _options(view)
+    chosen = [greedy[..., options == one].any(axis=-1) for one in np.unique(options)]
+    return np.stack(chosen, axis=-1)
+
+
+def mark_of(view: GridView, chosen: npt.NDArray[np.bool_]) -> str:
+    """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
+    if chosen.all() and len(chosen) > 1:
+        return ""
+    best = np.unique(_options(view))[chosen].tolist()
+    if view.directions is not None:
+        return "".join(move_path(move, alone=len(best) == 1) for move in best)
+    actions = generative_model(view.task).actions
+    names = [(action_name(actions, one).removeprefix("action "), str(one)) for one in best]
+    return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
+
+
+def shades_of(palette: str) -> list[str]:
+    """Return a colour map as 64 colours, ``#rrggbb``, from low to high."""
+    return [to_hex(one) for one in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
+
+
+def _options(view: GridView) -> IntArray:
+    """Return the move of each action, or its number where actions are no moves, (A,)."""
+    n_actions = generative_model(view.task).actions.size
+    return np.arange(n_actions) if view.directions is None else view.directions
+
+
+def _tasks(
+    results: Mapping[str, CurriculumResult], snapshots: SnapshotsByTask
+) -> list[tuple[str, Task, list[str]]]:
+    """Return each task with snapshots and its arms, sources first; equal names need not be one."""
+    depths, found = dict[str, int](), list[tuple[str, Task, list[str]]]()
     for arm, result in results.items():
         for depth, name in enumerate(result.curriculum.order):
-            place[name] = max(depth, place.get(name, 0))
-            if (arm, name) in snapshots:
-                tasks[arm, name] = name, result.curriculum.tasks[name]
-    found = [
-        _Own(name, task, {arm: snapshots[arm, name] for arm, _ in keys})
-        for keys, (name, task) in shared(tasks, _same_task)
-    ]
-    return sorted(found, key=lambda own: place[own.name])
+            depths[name] = max(depth, depths.get(name, 0))
+            if (arm, name) not in snapshots:
+                continue
+            task = result.curriculum.tasks[name]
+            same = (arms for other, one, arms in found if other == name and same_task(one, task))
+            if (arms := next(same, None)) is None:
+                found.append((name, task, [arm]))
+            else:
+                arms.append(arm)
+    return sorted(found, key=lambda one: depths[one[0]])
 
 
-def _same_task(one: tuple[str, Task], other: tuple[str, Task]) -> bool:
-    return one[0] == other[0] and same_task(one[1], other[1])
-
-
-def _same_film(one: Snapshots, other: Snapshots) -> bool:
-    same = one.seed == other.seed and np.array_equal(one.steps, other.steps)
-    return same and np.array_equal(one.values, other.values)
+def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
+    """Return the fields of a replay for `most` moments, the first and the last among them."""
+    n = len(snapshots.steps)
+    moments = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    values = snapshots.values[moments][:, view.states[~view.ended]]
+    best = values.max(axis=-1)
+    low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
+    if low < 0 < high:
+        # Zero is the middle of the colours.
+        high = max(-low, high)
+        low = -high
+    share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
+    levels = (np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16)
+    chosen = greedy_choices(view, values)
+    kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
+    return {
+        "seed": snapshots.seed,
+        "steps": snapshots.steps[moments],
+        "cells": tuple(shifted(view, view.cells[~view.ended])),
+        "levels": levels,
+        "choices": choices.reshape(levels.shape),
+        "marks": tuple(mark_of(view, kind) for kind in kinds),
+        "low": low,
+        "high": high,
+    }

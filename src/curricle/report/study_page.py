@@ -1,62 +1,49 @@
-"""A study as one HTML page that needs nothing but itself: no network, no files beside it."""
+"""A study as one HTML page without a network and without other files."""
 
 import base64
 import hashlib
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import SETTINGS, CurriculumResult
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.plotting.styles import Look, arm_looks
-from curricle.report.findings import (
-    FREE,
-    MEASURES,
-    figures,
-    findings,
-    forest,
-    headline,
-    table,
-    too_few,
-)
-from curricle.report.forecast_section import promises
+from curricle.plotting.styles import ArmStyle, arm_styles
+from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
+from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Reasons, default_reasons, graphs
-from curricle.report.inline import inline_svg
-from curricle.report.replay import SnapshotsByTask, Story, stories
-from curricle.report.sharing import shared
-from curricle.report.storyboard import shades_of
+from curricle.report.pages import asset, render
+from curricle.report.replay import Replay, SnapshotsByTask, replays, shades_of
+from curricle.report.svg import inline_svg
 from curricle.statistics.curves import SCRATCH
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
-"""Inches of the curves on a desk and on a phone."""
+"""Size of the curves on a desktop and on a phone, in inches."""
 
 OF_TARGETS = ("aggregate", "how", "guard")
-"""Settings that mean nothing to a task without sources."""
+"""Settings that do not apply to a task without sources."""
 
 
 @dataclass(frozen=True, eq=False)
 class StudyRecord:
-    """All that a page tells of a study.
+    """The contents of a study's page.
 
     Attributes
     ----------
     name : str
     comparison : Comparison
     results : dict of str to CurriculumResult
-        Arm -> what was trained; the direct learner's is a curriculum of one task. Controls may be
-        left out.
+        Arm -> its training; the scratch baseline is a curriculum of one task. Controls may be left
+        out.
     snapshots : dict of (str, str) to Snapshots
-        (arm, task) -> the values of one seed while it learnt.
+        (arm, task) -> the values of one seed during training.
     decisions : dict of (str, str) to sequence of str
-        (arm, task) -> for each seed why its training ended; its budget was spent, where left out.
+        (arm, task) -> for each seed why its training ended; by default its budget was spent.
     environment : dict of str to str
         Versions, command and the like.
     """
@@ -70,11 +57,11 @@ class StudyRecord:
 
 
 def study_page(study: StudyRecord) -> str:
-    """Return a study as one HTML page, complete in itself.
+    """Return a study as one self-contained HTML page.
 
-    What paid, the curriculum graph, the learning curves on either axis, all measures, the forecast
-    and certificates where the target is small enough, values and episodes while learning went, and
-    what was run. Without scripts, and on paper, the page shows the same without motion.
+    It holds the findings, the curriculum graph, learning curves for weak and strong transfer, all
+    measures, the forecast and certificates where the target is small enough, replays of training,
+    and the settings. Without scripts, and on paper, the replays are still pictures.
 
     Parameters
     ----------
@@ -83,12 +70,12 @@ def study_page(study: StudyRecord) -> str:
     Returns
     -------
     str
-        HTML. It asks for nothing over a network, and forbids itself to.
+        HTML. It requests nothing over a network, and its policy forbids requests.
 
     Raises
     ------
     SettingError
-        When there is no arm besides the direct learner.
+        When there is no arm besides the scratch baseline.
 
     Examples
     --------
@@ -107,103 +94,71 @@ def study_page(study: StudyRecord) -> str:
     """
     comparison = study.comparison
     if len(comparison.arms) < 2:
-        raise SettingError(f"a study to tell of needs an arm besides {SCRATCH!r}: got none")
+        raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     found, drawn = findings(comparison), graphs(study.results, study.decisions)
-    told, not_shown = stories(study.results, study.snapshots)
-    script = _asset("study.js")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return _template().render(
+    shown, not_shown = replays(study.results, study.snapshots)
+    script = asset("study.js")
+    return render(
+        "study.html",
         study=study,
         comparison=comparison,
         headline=headline(comparison),
         too_few=too_few(comparison),
         findings=found,
         forest=forest(found),
-        looks={arm: _Drawn.of(look) for arm, look in arm_looks(comparison).items()},
+        styles={arm: _CssStyle.of(style) for arm, style in arm_styles(comparison).items()},
         graphs=drawn,
         curves=_curves(comparison),
         table=table(comparison),
         measures=MEASURES,
-        free=FREE,
-        promises=promises(study.results, [graph.arms for graph in drawn if graph.edges]),
-        stories=told,
-        menu=_menu(told),
-        first=_first(told, comparison.target),
+        weak=WEAK,
+        sections=forecast_sections(study.results, [graph.arms for graph in drawn if graph.edges]),
+        replays=shown,
+        menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
+        first=_first(shown, comparison.target),
         not_shown=not_shown,
         settings=_settings(study.results),
         reasons=_reasons(study),
         scratch=SCRATCH,
-        style=Markup(_asset("study.css")),
+        style=Markup(asset("study.css")),
         script=Markup(script),
-        script_hash=digest,
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         data={
-            "stories": {one.key: one.data() for one in told},
-            "palettes": {one.board.palette: shades_of(one.board.palette) for one in told},
+            "replays": {one.key: one.data() for one in shown},
+            "palettes": {one.palette: shades_of(one.palette) for one in shown},
         },
     )
 
 
 @dataclass(frozen=True)
-class _Drawn:
-    """An arm's look in CSS's and SVG's words."""
+class _CssStyle:
+    """The style of an arm as CSS and SVG attributes."""
 
     colour: str
     dashes: str
     control: bool
 
     @classmethod
-    def of(cls, look: Look) -> "_Drawn":
-        dashes = "" if look.dashes == "-" else " ".join(f"{2 * part:g}" for part in look.dashes[1])
-        return cls(look.colour, dashes, look.control)
+    def of(cls, one: ArmStyle) -> "_CssStyle":
+        dashes = "" if one.dashes == "-" else " ".join(f"{2 * part:g}" for part in one.dashes[1])
+        return cls(one.colour, dashes, one.control)
 
 
-def _menu(told: Sequence[Story]) -> dict[str, list[Story]]:
-    """Return the stories of each task."""
-    return {one.task: [other for other in told if other.task == one.task] for one in told}
-
-
-def _first(told: Sequence[Story], target: str) -> str:
-    """Return the key of the story to begin with: the first curriculum in the target."""
+def _first(shown: Sequence[Replay], target: str) -> str:
+    """Return the key of the replay to begin with: the first curriculum in the target."""
     return next(
-        (one.key for one in told if one.task == target and one.arms != (SCRATCH,)),
-        told[0].key if told else "",
+        (one.key for one in shown if one.task == target and one.arms != (SCRATCH,)),
+        shown[0].key if shown else "",
     )
-
-
-def _asset(name: str) -> str:
-    return (files("curricle.report") / "assets" / name).read_text("utf-8")
-
-
-def _template() -> Template:
-    rooms = Environment(
-        loader=PackageLoader("curricle.report", "assets"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    rooms.globals.update(shades=shades_of)
-    rooms.filters.update(signs=_signs, figures=figures, listed=_listed)
-    return rooms.get_template("study.html")
-
-
-def _signs(words: str) -> str:
-    """Return a sentence whose negative numbers have a sign that is not a hyphen."""
-    return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names one after the other, told apart where they hold commas themselves."""
-    return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
 def _curves(comparison: Comparison) -> dict[str, dict[str, Markup]]:
-    """Return the drawn learning curves: axis -> width -> SVG."""
-    axes: dict[str, dict[str, Markup]] = {"free": {}, "charged": {}}
+    """Return the drawn learning curves: kind of transfer -> width -> SVG."""
+    axes: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
     for size, (width, height) in WIDTHS.items():
         pair = draw_learning_curves(comparison, width=width, height=height)
         for axis, figure in zip(axes, pair, strict=True):
-            steps = "steps in the target" if axis == "free" else "all steps, sources charged"
+            steps = "target steps" if axis == "weak" else "target and source steps"
             label = f"Greedy return of each arm over {steps}; the table below has the numbers."
             axes[axis][size] = inline_svg(figure, f"{axis}-{size}", label)
     return axes
@@ -212,23 +167,23 @@ def _curves(comparison: Comparison) -> dict[str, dict[str, Markup]]:
 def _settings(
     results: Mapping[str, CurriculumResult],
 ) -> list[tuple[tuple[str, ...], str, dict[str, str]]]:
-    """Return what tasks were trained with: arms that share it, task, settings in words."""
-    found = dict[tuple[str, str], tuple[str, dict[str, str]]]()
+    """Return the settings of each task: arms that share them, task, name -> text."""
+    found: dict[str, tuple[list[str], str, dict[str, str]]] = {}
     for arm, result in results.items():
         for task in result.curriculum.order:
             words = {"task": repr(result.curriculum.tasks[task])}
             for name in SETTINGS:
                 if name in OF_TARGETS and not result.curriculum.in_edges(task):
                     continue
-                words[name] = _said(result.curriculum.setting(name, task))
-            found[arm, task] = task, words
-    return [(tuple(arm for arm, _ in keys), *value) for keys, value in shared(found)]
+                words[name] = _setting_text(result.curriculum.setting(name, task))
+            found.setdefault(repr((task, words)), ([], task, words))[0].append(arm)
+    return [(tuple(arms), task, words) for arms, task, words in found.values()]
 
 
-def _said(value: Any) -> str:
-    """Return a setting: functions by name, numbers with commas."""
+def _setting_text(value: Any) -> str:
+    """Return a setting as text: functions by name, numbers with commas."""
     if value is None:
-        return "by default"
+        return "default"
     if isinstance(value, int):
         return f"{value:,}"
     return getattr(value, "__name__", None) or (value if isinstance(value, str) else repr(value))
@@ -236,9 +191,10 @@ def _said(value: Any) -> str:
 
 def _reasons(study: StudyRecord) -> list[tuple[tuple[str, ...], str, list[tuple[str, int]]]]:
     """Return why trainings ended: arms, task, and each reason with its number of seeds."""
-    found = dict[tuple[str, str], tuple[str, list[tuple[str, int]]]]()
+    found: dict[str, tuple[list[str], str, list[tuple[str, int]]]] = {}
     for arm, result in study.results.items():
         for task in result.nodes:
-            said = study.decisions.get((arm, task)) or default_reasons(result, task)
-            found[arm, task] = task, Counter(said).most_common()
-    return [(tuple(arm for arm, _ in keys), *value) for keys, value in shared(found)]
+            reasons = study.decisions.get((arm, task)) or default_reasons(result, task)
+            counts = Counter(reasons).most_common()
+            found.setdefault(repr((task, counts)), ([], task, counts))[0].append(arm)
+    return [(tuple(arms), task, counts) for arms, task, counts in found.values()]

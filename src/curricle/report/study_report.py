@@ -1,4 +1,4 @@
-"""A study's folder as its report."""
+"""The report of a study's folder."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from curricle.study.runner.unit import seed_words
 
 
 def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
-    """Write the report of what is in a study's folder, and return where it is.
+    """Write the report of a study's folder, and return its path.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
 
 
 def study_record(study: Study) -> StudyRecord:
-    """Return what a report tells of a study: values of the sources that are read, and no others."""
+    """Return the contents of a study's page, with the values of sources that are read only."""
     results = {}
     for arm, curriculum in study.arms.curricula.items():
         read = {transfer.source for transfer in curriculum.transfers}
@@ -71,7 +71,7 @@ def study_record(study: Study) -> StudyRecord:
 
 
 def _readable(node: Node) -> bool:
-    """Return whether what a task's learner values can be read: networks need what they ran on."""
+    """Return whether the values of a task can be read: networks need the library they ran on."""
     if not node.deep:
         return True
     try:

@@ -1,7 +1,7 @@
 "use strict";
 document.documentElement.classList.add("js");
 document.addEventListener("DOMContentLoaded", () => {
-  const { stories, palettes } = JSON.parse(document.getElementById("stories").textContent);
+  const { replays, palettes } = JSON.parse(document.getElementById("replays").textContent);
   const which = document.getElementById("which");
   if (!which) return;
   const at = (id) => document.getElementById(id);
@@ -40,61 +40,61 @@ document.addEventListener("DOMContentLoaded", () => {
     return stop;
   };
 
-  let story, levels, still;
+  let replay, levels, still;
   const drawMoment = () => {
-    const svg = at("map").firstElementChild, f = moment.valueAsNumber, n = story.cells.length / 2;
-    const heat = new Array(SHADES).fill(""), middle = story.digits === null ? 0.5 : 0.4;
+    const svg = at("map").firstElementChild, f = moment.valueAsNumber, n = replay.cells.length / 2;
+    const heat = new Array(SHADES).fill(""), middle = replay.digits === null ? 0.5 : 0.4;
     const words = svg.querySelectorAll(".words text"), numbers = svg.querySelectorAll(".numbers text");
     let choice = "";
     for (let i = 0; i < n; i++) {
-      const [x, y] = [story.cells[2 * i], story.cells[2 * i + 1]], level = levels[f * n + i];
-      const mark = story.marks[story.choices[f].charCodeAt(i) - 48];
+      const [x, y] = [replay.cells[2 * i], replay.cells[2 * i + 1]], level = levels[f * n + i];
+      const mark = replay.marks[replay.choices[f].charCodeAt(i) - 48];
       heat[Math.floor(level * SHADES / LEVELS)] += `M${x} ${y}h1v1h-1z`;
-      if (story.arrows) choice += mark && `M${x}.5 ${y + middle}${mark}`;
+      if (replay.arrows) choice += mark && `M${x}.5 ${y + middle}${mark}`;
       else words[i].textContent = mark;
-      if (story.digits !== null) {
-        const value = story.low + (story.high - story.low) * level / (LEVELS - 1);
-        numbers[i].textContent = written(value, story.digits);
+      if (replay.digits !== null) {
+        const value = replay.low + (replay.high - replay.low) * level / (LEVELS - 1);
+        numbers[i].textContent = written(value, replay.digits);
       }
     }
     svg.querySelectorAll(".heat path").forEach((path, shade) => path.setAttribute("d", heat[shade]));
     svg.querySelector(".choice").setAttribute("d", choice);
-    const now = `Step ${grouped(story.steps[f])} of ${grouped(story.steps.at(-1))}`;
+    const now = `Step ${grouped(replay.steps[f])} of ${grouped(replay.steps.at(-1))}`;
     at("moment-words").textContent = now;
     moment.setAttribute("aria-valuetext", now);
     svg.setAttribute("aria-label", `Values and choices. ${now}`);
   };
   const drawEpisodes = () => {
     for (const name of ["before", "after"]) {
-      const episode = story.episodes[name], last = episode.places.length - 1;
+      const episode = replay.episodes[name], last = episode.places.length - 1;
       const t = Math.min(tick.valueAsNumber, last), holder = at(name);
-      holder.querySelectorAll(".actor").forEach((actor, k) => {
+      holder.querySelectorAll(".piece").forEach((piece, k) => {
         const [x, y] = episode.places[t].slice(2 * k);
-        actor.style.transform = `translate(${x}px, ${y}px)`;
+        piece.style.transform = `translate(${x}px, ${y}px)`;
       });
       holder.querySelectorAll(".trail").forEach((trail, k) => {
         const way = episode.places.slice(0, t + 1).map((place) => place.slice(2 * k, 2 * k + 2));
         trail.setAttribute("points", way.join(" "));
       });
       holder.querySelector(".outcome").textContent =
-        t === last ? episode.words : `step ${t}, return so far ${episode.earned[t]}`;
+        t === last ? episode.words : `step ${t}, return so far ${episode.returns[t]}`;
     }
     tick.setAttribute("aria-valuetext", `Step ${tick.value} of ${tick.max}`);
   };
 
   const stops = [
     player(at("map-play"), moment, () => 180, drawMoment),
-    // Long episodes are told faster: in twenty seconds at most.
+    // Long episodes are played faster: in twenty seconds at most.
     player(at("episode-play"), tick, () => Math.max(60, Math.min(350, 20000 / Number(tick.max))), drawEpisodes),
   ];
   const show = () => {
     stops.forEach((stop) => stop());
-    story = stories[which.value];
-    levels = unpacked(story.levels);
+    replay = replays[which.value];
+    levels = unpacked(replay.levels);
     still = document.querySelector(`.still[data-key="${which.value}"]`);
     const svg = still.querySelector(".frames figure:last-child svg").cloneNode(true);
     const heat = svg.querySelector(".heat");
-    heat.replaceChildren(...palettes[story.palette].map((colour) => {
+    heat.replaceChildren(...palettes[replay.palette].map((colour) => {
       const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
       path.setAttribute("fill", colour);
       return path;
@@ -102,18 +102,18 @@ document.addEventListener("DOMContentLoaded", () => {
     at("map").replaceChildren(svg);
     at("map-words").textContent = still.querySelector(".small").textContent;
     at("scale").replaceChildren(still.querySelector(".scale").cloneNode(true));
-    moment.max = story.steps.length - 1;
+    moment.max = replay.steps.length - 1;
     moment.value = moment.max;
     drawMoment();
-    const told = "before" in story.episodes;
-    at("episodes").hidden = !told;
-    at("no-episodes").hidden = told;
-    if (!told) return;
+    const shown = "before" in replay.episodes;
+    at("episodes").hidden = !shown;
+    at("no-episodes").hidden = shown;
+    if (!shown) return;
     at("pair").className = still.querySelector(".pair").className;
     for (const name of ["before", "after"]) {
       at(name).replaceChildren(still.querySelector(`.episode[data-which="${name}"]`).cloneNode(true));
     }
-    const longest = Math.max(...["before", "after"].map((name) => story.episodes[name].places.length));
+    const longest = Math.max(...["before", "after"].map((name) => replay.episodes[name].places.length));
     tick.max = longest - 1;
     tick.value = 0;
     drawEpisodes();

@@ -1,4 +1,4 @@
-"""The maze experiments that figures 2 and 3 share: a corner as source, the whole maze as target."""
+"""The maze experiments shared by several figures: a corner as source, the maze as target."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,7 +9,7 @@ import numpy.typing as npt
 from curricle import Curriculum, Episodes, GridWorld, QLearning, Transfer, learn, same_position
 from curricle.curriculum import CurriculumResult
 from curricle.learning import LearningResult
-from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED
+from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, stacked
 from curricle.statistics import Curve, Times, midpoint, time_to_threshold
 
 SOURCE_BUDGET = Episodes(250)
@@ -17,8 +17,8 @@ TARGET_BUDGET = Episodes(800)
 EVERY = 100
 WINDOW = 10
 SETTLED = 2_000
-"""Steps before which the lowest value is not looked for: an untrained agent breaks all ties at
-random and falls into pits, which the paper's first-index ties never did."""
+"""Steps before which the lowest value is ignored: an untrained agent that breaks ties at random
+falls into pits; with the paper's first-index ties it never did."""
 
 LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 SETTINGS = {
@@ -26,14 +26,14 @@ SETTINGS = {
     "maze": "10x10, discount 0.99, episodes cut at 200 steps",
     "budget": "250 source and 800 target episodes",
     "evaluation": "greedy return (sum of rewards), exact, every 100 steps, mean of 10 checkpoints",
-    "threshold": "midway between the direct learner's lowest (after 2,000 steps) and highest value",
-    "entering": "Q of the target starts as the source's (Wiewiora 2003)",
+    "threshold": "midway between the lowest (after 2,000 steps) and highest value of scratch",
+    "shaping": "Q of the target starts as the source's (Wiewiora 2003)",
 }
 
 
 @dataclass(frozen=True)
 class Scratch:
-    """The target learnt directly.
+    """The target learnt from scratch.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ class Scratch:
     result : LearningResult
     curve : Curve
     threshold : float
-        Summed reward midway between the curve's lowest and highest.
+        Return midway between the lowest and highest of the curve.
     times : Times
-        Steps to it.
+        Steps to the threshold.
     """
 
     maze: GridWorld
@@ -54,7 +54,7 @@ class Scratch:
 
 
 def scratch(maze: GridWorld, seeds: int, workers: int | None) -> Scratch:
-    """Return the maze learnt without transfer, and the threshold this sets."""
+    """Return the maze learnt from scratch, and the threshold that this sets."""
     result = learn(
         maze,
         LEARNER,
@@ -84,13 +84,13 @@ def transferred(
     *,
     budget: int | Episodes = TARGET_BUDGET,
 ) -> tuple[Curve, CurriculumResult]:
-    """Return the target's curve when its Q starts as the source's, and the whole training."""
+    """Return the curve of a target whose Q starts as the source's, and the whole training."""
     curriculum = Curriculum(
         tasks={"source": source, "target": maze},
         transfers=[Transfer("source", "target", same_position(maze, source))],
         learner=LEARNER,
         budget={"source": SOURCE_BUDGET, "target": budget},
-        eval_freq={"source": 100 * EVERY, "target": EVERY},  # the source's curve is not drawn
+        eval_freq={"source": 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
         evaluation=SUMMED,
     )
     result = curriculum.train(seeds, workers=workers)
@@ -99,15 +99,13 @@ def transferred(
 
 def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
     """Return learning curves as a tidy table: arm, seed, steps, source_steps, greedy_return."""
-    parts: dict[str, list[npt.NDArray[Any]]] = {
-        name: [] for name in ("arm", "seed", "steps", "source_steps", "greedy_return")
-    }
-    for arm, curve in arms.items():
-        n_seeds, n_checkpoints = curve.values.shape
-        parts["arm"].append(np.full(n_seeds * n_checkpoints, arm))
-        parts["seed"].append(np.repeat(np.arange(n_seeds), n_checkpoints))
-        parts["steps"].append(np.tile(curve.steps, n_seeds))
-        source = np.broadcast_to(curve.source_steps, n_seeds)
-        parts["source_steps"].append(np.repeat(source, n_checkpoints))
-        parts["greedy_return"].append(curve.values.ravel())
-    return {name: np.concatenate(columns) for name, columns in parts.items()}
+    return stacked(
+        {
+            "arm": arm,
+            "seed": np.arange(len(curve.values))[:, None],
+            "steps": curve.steps,
+            "source_steps": np.broadcast_to(curve.source_steps, len(curve.values))[:, None],
+            "greedy_return": curve.values,
+        }
+        for arm, curve in arms.items()
+    )

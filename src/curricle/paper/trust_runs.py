@@ -1,4 +1,4 @@
-"""The experiments behind the trust figure: forecast, calibration, controls, guard, attribution."""
+"""The runs of the trust figure: forecast, calibration, controls, guard, attribution."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from curricle import (
 from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult, MappedPotential
-from curricle.paper import transferred_maze as runs
+from curricle.paper import maze_runs as runs
 from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, Tick, maze
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
@@ -38,78 +38,80 @@ SOURCE_STEPS = 400_000
 HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
 """Size -> time limit and target steps; discount 0.95."""
 SWEEP = (1.2, 1.6, 2.0, 2.5)
-"""Scales tried by hand."""
-FORESEEN, LARGE = 2, 10
+"""Scales set by hand."""
+FORECAST_SEEDS, LARGE_SEEDS = 2, 10
 """Seeds of the forecast, and the most of 7x7."""
-GUARDED = 150_000
+MAZE_STEPS = 150_000
 """Target steps in the maze."""
-LOOK = 20_000
-"""Steps after which the maze's choices are looked at."""
+EXAMINED = 20_000
+"""Steps after which the greedy choices in the maze are examined."""
 SIZES = range(3, 11)
 
 
 @dataclass(frozen=True)
-class Trust:
-    """Everything that was run.
+class TrustRuns:
+    """The results of all runs.
 
     Parameters
     ----------
-    foreseen : Forecast
+    forecast : Forecast
         Of 5x5 pursuit.
     compared : Comparison
-        5x5: each aggregate as it is, min and mean calibrated.
+        5x5: each aggregate uncalibrated, min and mean also calibrated.
     controls : Comparison
         5x5: mean, calibrated, with all controls.
     hunts : dict
-        (size, arm) -> training; arms "min", "mean", both ", calibrated", and "mean x c" by hand.
+        (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
     maze : dict of str to LearningResult
-        The maze learnt directly, from the 3x3 corner, and from there with a guard.
-    direct : Direct
-        The direct learner of the paper's budget, which sets the threshold.
-    blamed : Attribution
-        Of the 3x3 corner.
+        The maze from scratch, from the 3x3 corner, and from there with a guard.
+    scratch : Scratch
+        The scratch baseline with the paper's budget, which sets the threshold.
+    attribution : Attribution
+        Of harm to the 3x3 corner.
     refused : dict
         Size of a maze source -> share of seeds whose calibration was refused.
     calibrated : StateActionPotential or MappedPotential
-        Mean, calibrated, of seed 0 of the forecast.
+        Calibrated mean of seed 0 of the forecast.
     """
 
-    rows: Forecast
+    forecast: Forecast
     compared: Comparison
     controls: Comparison
     hunts: Mapping[tuple[int, str], LearningResult]
     maze: Mapping[str, LearningResult]
     scratch: runs.Scratch
-    blamed: Attribution
+    attribution: Attribution
     refused: Mapping[int, float]
     calibrated: StateActionPotential | MappedPotential
 
 
-def run(seeds: int, workers: int | None, tick: Tick) -> Trust:
-    """Return all of it."""
+def run(seeds: int, workers: int | None, tick: Tick) -> TrustRuns:
+    """Return the results of all runs."""
     plans = {name: hunt(5, name) for name in AGGREGATES}
-    rows = forecast(plans["mean"], seeds=FORESEEN, workers=workers)
+    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, workers=workers)
     tick("pursuit 5x5, forecast")
     plans |= {f"{name}, calibrated": hunt(5, name, calibrate=True) for name in ("min", "mean")}
-    compared = compare(plans, seeds=seeds, workers=workers, progress=_said(tick, "5x5"))
+    compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(tick, "5x5"))
     controls = compare(
         {"mean, calibrated": plans["mean, calibrated"]},
         seeds=seeds,
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
         workers=workers,
-        progress=_said(tick, "5x5, controls"),
+        progress=_prefixed(tick, "5x5, controls"),
     )
     hunts = dict[tuple[int, str], LearningResult]()
     for size in HUNTS:
-        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE), workers)
-        tick(f"pursuit {size}x{size}, raw and calibrated")
+        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
+        tick(f"pursuit {size}x{size}, uncalibrated and calibrated")
     scratch = runs.scratch(maze(-5), seeds, workers)
-    mazes, blamed = _mazes(seeds, workers)
+    mazes, attribution = _mazes(seeds, workers)
     tick("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
     tick("maze, calibration")
-    fitted = rows["mean"].calibrations[0].potential
-    return Trust(rows, compared, controls, hunts, mazes, scratch, blamed, refused, fitted)
+    fitted = predicted["mean"].calibrations[0].potential
+    return TrustRuns(
+        predicted, compared, controls, hunts, mazes, scratch, attribution, refused, fitted
+    )
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
@@ -130,12 +132,12 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     )
 
 
-def _said(tick: Tick, where: str) -> Tick:
+def _prefixed(tick: Tick, where: str) -> Tick:
     return lambda words: tick(f"{where}: {words}")
 
 
 def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
-    """Return min and mean, raw and calibrated; on 5x5 also scaled by hand."""
+    """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
     plans = {name: hunt(size, name) for name in ("min", "mean")}
     plans |= {f"{name}, calibrated": hunt(size, name, calibrate=True) for name in ("min", "mean")}
     if size == 5:
@@ -150,14 +152,14 @@ def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], 
 
 
 def corner_plan(size: int) -> Curriculum:
-    """Return the maze learning from its top-right corner of `size` x `size` cells."""
+    """Return the curriculum from the top-right `size` x `size` corner to the maze."""
     arena = maze(-5)
     block = runs.corner(arena, size)
     return Curriculum(
         tasks={"corner": block, "target": arena},
         transfers=[Transfer("corner", "target", same_position(arena, block))],
         learner=runs.LEARNER,
-        budget={"corner": runs.SOURCE_BUDGET, "target": GUARDED},
+        budget={"corner": runs.SOURCE_BUDGET, "target": MAZE_STEPS},
         eval_freq={"corner": 10_000, "target": runs.EVERY},
         evaluation=SUMMED,
     )
@@ -171,7 +173,7 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
         "scratch": learn(
             plan.tasks["target"],
             runs.LEARNER,
-            GUARDED,
+            MAZE_STEPS,
             seeds=seeds,
             eval_freq=runs.EVERY,
             evaluation=SUMMED,
@@ -181,7 +183,7 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     }
     for name, arm in arms.items():
         results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
-    return results, attribute(plan, steps=LOOK, seeds=seeds, trained=sources, workers=workers)
+    return results, attribute(plan, steps=EXAMINED, seeds=seeds, trained=sources, workers=workers)
 
 
 def _refused(size: int, seeds: int, workers: int | None) -> float:

@@ -1,0 +1,65 @@
+"""HTML pages, rendered from the templates in ``assets``."""
+
+import re
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from curricle.plotting.scales import rounded
+from curricle.report.replay import shades_of
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template filled in; text is escaped, ``Markup`` is not.
+
+    Parameters
+    ----------
+    template : str
+        File name in ``assets``.
+    **values
+        What the template names. A missing one raises ``UndefinedError``.
+
+    Examples
+    --------
+    >>> "<h1>A &lt; B</h1>" in render("paper.html", title="A < B", counts={}, sections=[])
+    True
+    """
+    environment = Environment(
+        loader=PackageLoader("curricle.report", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals.update(shades=shades_of)
+    environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
+    return environment.get_template(template).render(values)
+
+
+def asset(name: str) -> str:
+    """Return the text of a file in ``assets``."""
+    return (files("curricle.report") / "assets" / name).read_text("utf-8")
+
+
+def _signs(words: str) -> str:
+    """Return a sentence whose negative numbers have a minus sign in place of the hyphen."""
+    return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names one after the other, separated by semicolons where they contain commas."""
+    return ("; " if any("," in name for name in names) else ", ").join(names)
+
+
+def _evidence(value: Any) -> str:
+    """Return one number, interval or text of a claim's evidence."""
+    if isinstance(value, dict) and "estimate" in value:
+        estimate, low, high = (_number(value[name]) for name in ("estimate", "low", "high"))
+        return f"{estimate} [{low}, {high}]"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
