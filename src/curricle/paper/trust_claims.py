@@ -143,13 +143,8 @@ def _larger(found: TrustRuns) -> Claim:
     )
 
 
-<<<<<<< HEAD
-def _placebo(found: Trust) -> Claim:
-    gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
-=======
 def _placebo(found: TrustRuns) -> Claim:
-    gains = {name: one.gain for name, one in found.controls.contrasts.items()}
->>>>>>> 603c2ee (One grid view, one replay, one page generator; figures, report and paper in the field's words)
+    gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
     main = gains["mean, calibrated"]
     others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
     return Claim(

@@ -41,9 +41,9 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         f"the training episodes, {seeds} seeds (7x7: {min(seeds, LARGE_SEEDS)}), means with 95 % "
         "bootstrap bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
-        "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a guard (weak "
-        "transfer). Bottom right: states whose greedy choice is wrong in more seeds with the "
-        f"source than without it, after {EXAMINED:,} steps.",
+        "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
+        "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
+        f"with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": _table(found)},
         claims=tuple(claims(found)),

@@ -1,0 +1,66 @@
+"""Studies that the tests of the report read."""
+
+from dataclasses import replace
+
+import pytest
+
+import curricle as cr
+from curricle.report.study_page import study_page
+
+from .studies import ODD, chain_plan, hunt_plan, maze_plan, record
+
+
+@pytest.fixture(scope="package")
+def pursuit():
+    plans = {"min": hunt_plan(cr.minimum), "mean": hunt_plan(cr.mean)}
+    return record("Two predators", plans, 8, controls=["placebo"])
+
+
+@pytest.fixture(scope="package")
+def maze():
+    return record("A maze", {"2x2": maze_plan(2), "3x3": maze_plan(3)}, 3)
+
+
+@pytest.fixture(scope="package")
+def odd():
+    study = record(ODD, {f"{ODD} arm": chain_plan()}, 2)
+    reasons = {(f"{ODD} arm", f"{ODD} short"): (f"{ODD} reason", "budget spent")}
+    return replace(study, decisions=reasons, environment={f"{ODD} key": f"{ODD} value"})
+
+
+@pytest.fixture(scope="package")
+def pages(pursuit, maze, odd):
+    return {"pursuit": study_page(pursuit), "maze": study_page(maze), "odd": study_page(odd)}
+
+
+@pytest.fixture(params=["pursuit", "maze", "odd"])
+def page(request, pages):
+    return pages[request.param]
+
+
+@pytest.fixture(scope="package")
+def hunt():
+    return cr.Pursuit(3, 2, discount=0.9, time_limit=30)
+
+
+@pytest.fixture(scope="package")
+def plan(hunt):
+    chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
+    return cr.Curriculum(
+        tasks={"chase": chase, "hunt": hunt},
+        transfers=[
+            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
+            for name in hunt.predator_names
+        ],
+        budget={"chase": 5_000, "hunt": 500},
+    )
+
+
+@pytest.fixture(scope="package")
+def predicted(plan):
+    return cr.forecast(plan, seeds=3)
+
+
+@pytest.fixture(scope="package")
+def trained(plan):
+    return plan.train(2)

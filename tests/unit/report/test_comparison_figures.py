@@ -1,0 +1,283 @@
+"""Figures of comparisons and forecasts: lines, marks, limits, words. No pixels are compared."""
+
+import os
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Comparison
+from curricle.errors import SettingError
+from curricle.plotting.comparison import draw_comparison
+from curricle.plotting.forecast import draw_forecast
+from curricle.plotting.picture import plot, save
+from curricle.plotting.scales import return_scale, steps_scale
+from curricle.plotting.styles import COLOURS
+from curricle.statistics.curves import Curve
+
+from .studies import caption_of, labelled, texts_of
+
+STEPS = np.arange(0, 101, 10)
+
+
+def arm(values, source_steps=0, control=False, seeds=4):
+    """An arm whose seeds lie 0, 1, 2, ... above the given curve."""
+    rows = np.broadcast_to(values, STEPS.shape) + np.arange(seeds)[:, np.newaxis]
+    flat = np.zeros(rows.shape)
+    return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), flat, flat, control)
+
+
+def comparison(seeds=4, **more):
+    arms = {
+        "scratch": arm(0.0, seeds=seeds),
+        "taught": arm(10.0, 20, seeds=seeds),
+        "taught, placebo": arm(-5.0, 20, control=True, seeds=seeds),
+        **more,
+    }
+    return Comparison("hunt", arms, 80, 100, 7.5, 1)
+
+
+def greyness(colour):
+    return 1 - np.ptp(to_rgb(colour))
+
+
+def test_a_curve_begins_where_its_sources_end():
+    axes = draw_comparison(comparison()).axes[0]
+    curves = labelled(axes)
+    assert set(curves) == {"scratch", "taught", "taught, placebo"}
+    assert curves["scratch"].get_xdata()[0] == 0
+    taught = curves["taught"]
+    assert (taught.get_xdata() == np.arange(20, 101, 10)).all()
+    assert (taught.get_ydata() == 11.5).all()  # the mean of seeds 10 to 13
+    lead_in = [line for line in axes.lines if line.get_linestyle() == ":"]
+    assert [list(line.get_xdata()) for line in lead_in] == [[0, 20, 20]] * 2
+    assert sorted(list(line.get_ydata()) for line in lead_in) == [
+        [1.5, 1.5, -3.5],
+        [1.5, 1.5, 11.5],
+    ]
+    circles = [line for line in axes.lines if line.get_marker() == "o"]
+    assert {(*line.get_xdata(), *line.get_ydata()) for line in circles} == {(20, 11.5), (20, -3.5)}
+
+
+def test_the_curves_show_the_threshold_and_all_steps():
+    axes = draw_comparison(comparison()).axes[0]
+    assert axes.get_xlim() == (0, 100)
+    assert axes.get_xlabel() == "target and source steps (strong transfer)"
+    assert "threshold 7.5" in texts_of(axes)
+    assert [7.5, 7.5] in [list(line.get_ydata()) for line in axes.lines]
+    assert len(axes.collections) == 3  # a band each
+    low, high = axes.get_ylim()
+    assert low < -5
+    assert high > 13
+
+
+def test_controls_are_dashed_and_greyer():
+    axes = draw_comparison(comparison()).axes[0]
+    curves = labelled(axes)
+    assert curves["taught"].get_linestyle() == curves["scratch"].get_linestyle() == "-"
+    assert curves["taught, placebo"].get_linestyle() == "--"  # what Matplotlib calls any dashes
+    assert curves["scratch"].get_color() == COLOURS["black"]
+    colours = [curves[name].get_color() for name in ("taught", "taught, placebo")]
+    assert greyness(colours[0]) < greyness(colours[1])
+
+
+def test_a_profile_steps_down_where_a_run_ends():
+    axes = draw_comparison(comparison()).axes[1]
+    line = labelled(axes)["taught"]
+    assert line.get_drawstyle() == "steps-post"
+    share = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
+    assert [share[tau] for tau in (3, 10, 11, 12, 13)] == [1, 0.75, 0.5, 0.25, 0]
+    low, high = axes.get_xlim()
+    assert min(share) == low < -5
+    assert max(share) == high > 13
+
+
+def test_gains_have_a_row_each_with_interval_and_p():
+    found = comparison()
+    axes = draw_comparison(found).axes[2]
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "scratch",
+        "taught",
+        "placebo",
+    ]
+    assert [0, 0] in [list(line.get_xdata()) for line in axes.lines]
+    dots = labelled(axes)
+    for row, name in enumerate(["taught", "taught, placebo"], 1):
+        gain = found.contrasts[name].strong_gain
+        assert (*dots[name].get_xdata(), *dots[name].get_ydata()) == (gain.estimate, row)
+        segment = axes.collections[row - 1].get_segments()[0]
+        assert segment.tolist() == [[gain.low, row], [gain.high, row]]
+        assert f"{found.contrasts[name].adjusted_p:.2g}" in texts_of(axes)
+        assert dots[name].get_markerfacecolor() == "w"  # p is 1/8 at best with 4 seeds
+    assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts_of(axes))
+
+
+def test_significant_gains_are_filled():
+    dots = labelled(draw_comparison(comparison(seeds=8)).axes[2])
+    assert dots["taught"].get_markerfacecolor() == COLOURS["blue"]
+
+
+def test_the_caption_says_seeds_intervals_and_correction():
+    said = caption_of(draw_comparison(comparison()))
+    for part in ("4 seeds", "95 % percentile bootstrap", "2 arms by Holm", "controls"):
+        assert part in said
+    alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "taught")}, 80, 100, 7.5, 1)
+    said = caption_of(draw_comparison(alone))
+    assert "controls" not in said
+    assert "of one arm" in said
+
+
+def test_one_seed_has_no_intervals_and_no_p():
+    figure = draw_comparison(comparison(seeds=1))
+    assert caption_of(figure).startswith("One seed, which allows neither intervals nor tests")
+    assert not figure.axes[0].collections
+    assert not figure.axes[1].collections
+    assert "p (Holm)" not in texts_of(figure.axes[2])
+
+
+def test_twelve_curricula_differ_in_colour_or_dashes(tmp_path):
+    arms = {f"number {i}": arm(float(i), 10) for i in range(12)}
+    figure = draw_comparison(comparison(**arms))
+    curves = labelled(figure.axes[0])
+    looks = {(line.get_color(), repr(line._dash_pattern)) for line in curves.values()}
+    assert len(looks) == len(curves) == 15
+    save(figure, tmp_path / "twelve.png")
+
+
+def test_an_arm_without_sources_has_no_lead_in():
+    axes = draw_comparison(comparison(random_return=arm(2.0))).axes[0]
+    assert len([line for line in axes.lines if line.get_linestyle() == ":"]) == 2
+
+
+def test_seeds_whose_sources_end_at_other_steps_are_charged_one_by_one():
+    late = Curve(STEPS, np.full((4, 11), 8.0), np.array([10, 10, 30, 30]))
+    other = Arm(late, np.zeros((4, 11)), np.zeros((4, 11)), False)
+    line = labelled(draw_comparison(comparison(other=other)).axes[0])["other"]
+    # At 10 and 20 two seeds are at 8 and two at the direct learner's first values, 2 and 3.
+    assert line.get_xdata()[0] == 10
+    assert line.get_ydata()[:3].tolist() == [(8 + 8 + 2 + 3) / 4] * 2 + [8]
+
+
+def test_a_comparison_without_arms_is_refused():
+    alone = Comparison("hunt", {"scratch": arm(0.0)}, 80, 100, 7.5, 1)
+    with pytest.raises(SettingError, match="an arm besides 'scratch'"):
+        draw_comparison(alone)
+
+
+def test_returns_over_decades_are_drawn_on_a_bent_axis():
+    far = {"scratch": arm(-400.0), "taught": arm(-8.0, 20)}
+    curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
+    assert curves.get_yscale() == profile.get_xscale() == "symlog"
+    assert "symlog" in curves.get_ylabel()
+    assert "symlog" in profile.get_xlabel()
+    assert gains.get_xscale() == "linear"
+    assert curves.get_ylim()[0] < -400
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kind"),
+    [
+        (-100, -10, "linear"),
+        (-100, -1, "symlog"),
+        (1, 100, "symlog"),
+        (-100, 0, "symlog"),
+        (-3000, 170, "symlog"),
+        (-170, 170, "linear"),
+        (5, 5, "linear"),
+        (0, 0, "linear"),
+    ],
+)
+def test_an_axis_of_returns_holds_them_all(low, high, kind):
+    axes = Figure().subplots()
+    return_scale(axes.yaxis, low, high)
+    assert axes.get_yscale() == kind
+    bottom, top = axes.get_ylim()
+    assert bottom < low
+    assert high < top
+    assert 2 <= len([tick for tick in axes.get_yticks() if bottom <= tick <= top]) <= 12
+
+
+@pytest.mark.parametrize(
+    ("most", "unit", "written"),
+    [(900, "", "800"), (50_000, "thousands", "0.8"), (9_000_000, "millions", "0.0008")],
+)
+def test_steps_have_a_round_unit(most, unit, written):
+    axes = Figure().subplots()
+    assert steps_scale(axes.xaxis, most) == unit
+    assert axes.xaxis.get_major_formatter()(800) == written
+
+
+def test_a_forecast_has_a_bar_for_each_potential(predicted):
+    figure = draw_forecast(predicted)
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert [name.removesuffix(" (used)") for name in names] == [o.name for o in predicted.rows]
+    assert [name for name in names if name.endswith(" (used)")] == ["mean (used)"]
+    for bar, one in zip(axes.patches, predicted.rows, strict=True):
+        assert bar.get_x() == pytest.approx(predicted.random_return)
+        assert bar.get_x() + bar.get_width() == pytest.approx(one.mean("start"))
+        assert f"{one.mean('optimistic'):.0%}" in texts_of(axes)
+        assert f"× {one.scale:.2g}" in texts_of(axes)
+    assert any(text.startswith("optimum −") for text in texts_of(axes))
+    low, high = axes.get_xlim()
+    assert low < predicted.random_return
+    assert predicted.optimum < high
+    assert "3 seeds of the sources" in caption_of(figure)
+    assert "no intervals" in caption_of(figure)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".PNG"])
+def test_a_picture_is_written_the_same_each_time(tmp_path, predicted, suffix):
+    written = []
+    for name in ("one", "other"):
+        figure = plot(predicted, tmp_path / f"{name}{suffix}")
+        assert isinstance(figure, Figure)
+        written.append((tmp_path / f"{name}{suffix}").read_bytes())
+    assert written[0] == written[1]
+    assert len(written[0]) > 5_000
+
+
+def test_a_comparison_is_plotted_too(tmp_path):
+    assert len(plot(comparison(), str(tmp_path / "hunt.svg")).axes) == 3
+    assert (tmp_path / "hunt.svg").read_text("utf-8").rstrip().endswith("</svg>")
+    assert os.listdir(tmp_path) == ["hunt.svg"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("hunt.bmp", "must end in .png, .svg, .pdf"),
+        ("hunt", "must end in .png, .svg, .pdf"),
+        ("nowhere/hunt.png", "a folder that exists"),
+        ("folder.png", "a folder that exists"),
+    ],
+)
+def test_a_path_is_refused_before_anything_is_drawn(tmp_path, name, said):
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(SettingError, match=said):
+        plot("no subject", tmp_path / name)
+    assert os.listdir(tmp_path) == ["folder.png"]
+
+
+def test_a_subject_is_refused_and_nothing_written(tmp_path):
+    with pytest.raises(SettingError, match="must be a Comparison or a Forecast: got 7"):
+        plot(7, tmp_path / "hunt.png")
+    with pytest.raises(SettingError, match="must be a path: got 7"):
+        plot(comparison(), 7)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_failure_leaves_the_picture_that_was_there(tmp_path, monkeypatch):
+    place = tmp_path / "hunt.png"
+    place.write_bytes(b"before")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(SettingError, match="No space left on device"):
+        plot(comparison(), place)
+    assert os.listdir(tmp_path) == ["hunt.png"]
+    assert place.read_bytes() == b"before"

@@ -1,0 +1,112 @@
+"""Findings and measures of a comparison in words."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Comparison
+from curricle.report.findings import findings, forest, headline, table, too_few
+from curricle.statistics.curves import Curve
+
+from .studies import Reader
+
+
+def line(height, source=0, seeds=8, control=False):
+    """An arm of constant height, the same in all seeds but for a little."""
+    steps = np.arange(0, 101, 10)
+    values = np.full((seeds, 11), float(height)) + 0.01 * np.arange(seeds)[:, None]
+    return Arm(Curve(steps, values, np.full(seeds, source)), values, values, control)
+
+
+def compared(seeds=8, threshold=5.0, **arms):
+    own = {"scratch": line(0, seeds=seeds), **arms}
+    return Comparison("hunt", own, 80, 100, threshold, 1)
+
+
+def test_the_headline_names_what_paid_and_by_how_much():
+    found = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
+    gain = found.contrasts["better"].strong_gain
+    said = headline(found).replace("\xa0", " ")
+    assert said.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
+    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in said
+    assert said.endswith("over 8 seeds.")
+
+
+def test_a_headline_claims_nothing_that_was_not_shown():
+    assert headline(compared(same=line(0))).startswith("No curriculum is shown to differ")
+    both = headline(compared(one=line(-5), two=line(-6)))
+    assert both.startswith("Both curricula cost more than they bring: two most")
+
+
+def test_controls_do_not_count_in_the_headline():
+    found = compared(good=line(10), placebo=line(10, control=True))
+    assert headline(found).startswith("The curriculum pays for itself: +")
+
+
+@pytest.mark.parametrize(("seeds", "arms", "few"), [(1, 1, True), (5, 1, True), (6, 1, False)])
+def test_too_few_seeds_are_said_to_be(seeds, arms, few):
+    found = compared(seeds, **{f"arm {i}": line(10, seeds=seeds) for i in range(arms)})
+    assert bool(too_few(found)) is few
+    if few:
+        assert all(one.tone == "open" for one in findings(found))
+
+
+def test_findings_say_when_the_threshold_was_reached():
+    sentences = {one.arm: one.sentences[2] for one in findings(compared(good=line(10, 20)))}
+    assert sentences["good"] == ("Reaches 5.00 after 20 steps on average; scratch in no seed.")
+    never = findings(compared(low=line(1)))[0].sentences[2]
+    assert never == "Neither it nor scratch reaches 5.00 in any seed."
+
+
+def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
+    cells, rows = table(pursuit.comparison), pursuit.comparison.rows()
+    assert list(cells) == [row["arm"] for row in rows]
+    for row in rows[1:]:
+        for measure in (
+            "strong_gain",
+            "weak_gain",
+            "jumpstart",
+            "asymptotic_gain",
+            "probability_of_improvement",
+            "return",
+        ):
+            shown = cells[row["arm"]][measure]
+            numbers = [shown.text, *shown.below.strip("[]").split(", ")]
+            wanted = [row[measure], row[f"{measure}_low"], row[f"{measure}_high"]]
+            size = max(map(abs, wanted))
+            read = [float(number.replace("−", "-")) for number in numbers]
+            assert read == pytest.approx(wanted, abs=0.006 * size)
+
+
+def test_saved_steps_are_bounds_where_seeds_never_got_there():
+    cells = table(compared(good=line(10, 20), bad=line(1)))
+    assert cells["good"]["strong_steps_saved"].text == "≥ 80.0"
+    assert cells["bad"]["strong_steps_saved"].below == "never reached"
+    reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
+    assert table(reverse)["bad"]["weak_steps_saved"].text.startswith("≤ ")
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
+def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
+    ordered = [sorted(gain) for gain in gains]
+    found = [
+        SimpleNamespace(arm=str(i), gain=SimpleNamespace(low=low, estimate=middle, high=high))
+        for i, (low, middle, high) in enumerate(ordered)
+    ]
+    zero, places = forest(found)
+    flat = [zero, *(place for three in places.values() for place in three)]
+    assert min(flat) >= -1e-9
+    assert max(flat) <= 100 + 1e-9
+    assert all(low <= middle <= high for low, middle, high in places.values())
+
+
+def test_every_arm_and_control_is_on_the_page(pages, pursuit):
+    words = Reader(pages["pursuit"]).words
+    for arm in pursuit.comparison.arms:
+        assert arm in words
+    for contrast in pursuit.comparison.contrasts.values():
+        assert contrast.verdict in words
+    assert "8 seeds; brackets are 95" in words

@@ -1,0 +1,52 @@
+"""Forecasts and certificates next to what was measured."""
+
+from dataclasses import replace
+
+import pytest
+
+import curricle as cr
+from curricle.report import forecast_section
+from curricle.report.forecast_section import forecast_sections
+from curricle.report.study_page import study_page
+
+from .studies import Reader, hunt_plan
+
+
+def test_the_forecast_stands_next_to_the_measured_start(pursuit):
+    (found,) = forecast_sections(pursuit.results, [["min", "mean"]])
+    assert found.used == {"minimum": ("min",), "mean": ("mean",)}
+    for arm, name in (("min", "minimum"), ("mean", "mean")):
+        measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
+        assert found.measured[arm] == measured.mean()
+        assert found.forecast[name].mean("start") == pytest.approx(measured[:3].mean(), abs=0.5)
+    ((arms, certificate),) = found.certificates
+    assert arms == ("min", "mean")
+    assert certificate.holds
+    assert found.left_out == ()
+
+
+def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
+    monkeypatch.setattr(forecast_section, "EFFORT", 10)
+    monkeypatch.setattr(forecast_section, "LARGEST_CERTIFIED", 10)
+    words = Reader(study_page(pursuit)).words
+    why = f"because hunt has {729 * 25:,} state-action pairs"
+    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in words
+    assert "Certificates are left out" in words
+
+
+def test_values_that_were_not_kept_leave_both_out():
+    plan = hunt_plan(cr.minimum)
+    result = plan.train(2)
+    bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
+    (found,) = forecast_sections({"min": replace(result, nodes=bare)}, [["min"]])
+    assert found.forecast is None
+    assert found.certificates == ()
+    assert all("values were not kept" in sentence for sentence in found.left_out)
+
+
+def test_a_potential_that_was_not_kept_is_made_again(pursuit):
+    stored = {arm: replace(one, potentials={}) for arm, one in pursuit.results.items()}
+    kept, again = (
+        forecast_sections(results, [["min"]])[0] for results in (pursuit.results, stored)
+    )
+    assert str(kept.certificates[0][1]) == str(again.certificates[0][1])

@@ -1,0 +1,275 @@
+"""Figures on grids: views, potentials, choices that flip. No pixels are compared."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import curricle as cr
+from curricle.errors import CurriculumError, SettingError
+from curricle.plotting.choice_flips import collapse_figure, draw_flips
+from curricle.plotting.grid_view import GridView
+from curricle.plotting.picture import save
+from curricle.plotting.potentials import draw_potential, draw_sources, shared_limits
+
+from .studies import caption_of, labelled, texts_of
+
+
+def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
+    shown = GridView.of(hunt, {"prey": (1, 2), "predator_1": 4})
+    where = hunt.states.decode(shown.states)
+    assert set(where["prey"]) == {5}
+    assert set(where["predator_1"]) == {4}
+    assert (where["predator_2"] == 3 * shown.cells[:, 0] + shown.cells[:, 1]).all()
+    assert shown.letters == (("P", 1, 2), ("1", 1, 1))
+    assert shown.ended.sum() == 0  # both predators would have to be with the prey
+    both = GridView.of(hunt, {"prey": (1, 2), "predator_1": "(1,2)"})
+    assert both.cells[both.ended].tolist() == [[1, 2]]
+
+
+def test_letters_differ():
+    chase = cr.Pursuit(3, 1)
+    assert GridView.of(chase, {"predator": 0}).letters == (("P", 0, 0),)
+    three = cr.Pursuit(2, 3)
+    at = {"prey": 0, "predator_1": 1, "predator_3": 2}
+    assert [letter for letter, *_ in GridView.of(three, at).letters] == ["P", "1", "3"]
+
+
+@pytest.fixture(scope="module")
+def keyed():
+    """A task whose state is a key, a row from 3 and a column; nothing moves."""
+    states = cr.Space([cr.Component("key", 2), cr.Component("y", 2, low=3), cr.Component("x", 3)])
+    return cr.FiniteMDP.from_outcomes(
+        [[[(1.0, s, 0.0)]] for s in range(12)],
+        states=states,
+        terminal=[False] * 12,
+        start=0,
+        discount=0.9,
+    )
+
+
+def test_a_row_and_a_column_make_a_view(keyed):
+    shown = GridView.of(keyed, {"key": 1})
+    assert shown.states.tolist() == [6, 7, 8, 9, 10, 11]
+    assert (shown.origin, shown.shape, shown.words) == ((3, 0), (2, 3), "key 1")
+
+
+@pytest.mark.parametrize(
+    ("at", "said"),
+    [
+        (None, "leaves prey, predator_1, predator_2"),
+        ({"prey": 0}, "leaves predator_1, predator_2"),
+        ({"prey": 0, "predator_1": 0, "predator_2": 0}, "leaves none"),
+        ({"wolf": 0}, "prey, predator_1, predator_2: got 'wolf'"),
+        ({"prey": 9, "predator_1": 0}, r"prey runs from \(0,0\) to \(2,2\): got 9"),
+        ({"prey": (1, 3), "predator_1": 0}, r"got \(1, 3\)"),
+        ({"prey": "here", "predator_1": 0}, "got 'here'"),
+        ([("prey", 0)], "at must be a Mapping"),
+    ],
+)
+def test_what_makes_no_grid_is_refused(hunt, at, said):
+    with pytest.raises(SettingError, match=said):
+        GridView.of(hunt, at)
+
+
+def test_a_maze_takes_no_at():
+    with pytest.raises(SettingError, match="a maze is drawn whole"):
+        GridView.of(cr.GridWorld("S.T"), {"row": 0})
+
+
+def test_a_maze_s_values_lie_in_their_cells():
+    maze = cr.GridWorld(["S#T", "..."], origin=(2, 1))
+    values = np.array([[1.0, 4.0, 0.0, 2.0], [9.0] * 4, [3.0] * 4, [5.0] * 4, [6.0] * 4])
+    axes = Figure().subplots()
+    image = draw_potential(axes, maze, values, label="φ (return)")
+    drawn = image.get_array().filled(np.nan)
+    # The wall is no state, and at the treasure it is over.
+    assert np.array_equal(drawn, [[4, np.nan, np.nan], [3, 5, 6]], equal_nan=True)
+    assert image.get_clim() == (3, 6)
+    assert image.get_cmap().name == "cividis"
+    assert {"4.0", "3.0", "5.0", "6.0", "T"} == set(texts_of(axes))
+    assert axes.get_title() == "φ (return)"
+    assert any(patch.get_hatch() for patch in axes.patches)
+    assert axes.get_xlim() == (0.5, 3.5)
+    assert axes.get_ylim() == (3.5, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "limits", "colours"),
+    [
+        ([-1.0, 3.0, 0.0], {}, (-3, 3), "PuOr"),
+        ([1.0, 3.0, 0.0], {"difference": True}, (-3, 3), "PuOr"),
+        ([0.0, 0.0, 0.0], {"difference": True}, (-1, 1), "PuOr"),
+        ([1.0, 3.0, 0.0], {"limits": (0.0, 8.0)}, (0, 8), "cividis"),
+        ([1.0, 3.0, 0.0], {"limits": (-2.0, 1.0)}, (-2, 2), "PuOr"),
+        ([2.0, 2.0, 0.0], {}, (1, 3), "cividis"),
+    ],
+)
+def test_colours_diverge_around_zero_only_where_there_are_two_sides(
+    values, options, limits, colours
+):
+    image = draw_potential(
+        Figure().subplots(), cr.GridWorld("S.T"), values, label="", bar=False, **options
+    )
+    assert image.get_clim() == limits
+    assert image.get_cmap().name == colours
+
+
+def test_limits_are_shared_over_what_is_shown(hunt):
+    here, there = {"prey": 0, "predator_1": 1}, {"prey": 8, "predator_1": 1}
+    values = hunt.states.decode()["prey"].astype(float)
+    assert shared_limits(hunt, values, 2 * values + 1, at=there) == (8, 17)
+    assert shared_limits(hunt, values, at=here) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.zeros(4), r"shape \(3,\) or \(3, 4\): got \(4,\)"),
+        ([0.0, np.nan, 0.0], r"entry \(1,\) is nan"),
+        ("no numbers", "must be an array of numbers"),
+    ],
+)
+def test_values_that_are_none_of_the_task_are_refused(values, said):
+    with pytest.raises(SettingError, match=said):
+        draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
+
+
+def test_sources_are_drawn_one_by_one_and_against_the_truth(plan, trained, hunt, tmp_path):
+    at = {"prey": (1, 1), "predator_2": (0, 0)}
+    figure = draw_sources(trained, seed=1, at=at)
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    titles = [axes.get_title() for axes in panels]
+    assert titles == [
+        "φ₁: chase -> hunt [1]",
+        "φ₂: chase -> hunt [2]",
+        "φ: mean",
+        "V* = max Q*",
+        "φ(s, a*) − V*(s)",
+    ]
+    images = [axes.images[0] for axes in panels]
+    assert len({image.get_clim() for image in images[:4]}) == 1
+    shown = GridView.of(hunt, at).states
+    phi, truth = trained.potentials["hunt"][1].values, cr.solve(hunt).values
+    drawn = [image.get_array().filled(np.nan).ravel() for image in images]
+    assert drawn[2] == pytest.approx(phi.max(axis=1)[shown])
+    assert drawn[3] == pytest.approx(truth[shown], abs=1e-5)
+    assert drawn[4] == pytest.approx((phi.max(axis=1) - truth)[shown], abs=1e-5)
+    assert images[4].get_cmap().name == "PuOr"
+    first = plan.potentials("hunt", trained.nodes, transfers=plan.transfers[:1])[1]
+    assert drawn[0] == pytest.approx(first.values.max(axis=1)[shown])
+    assert "Seed 1" in caption_of(figure)
+    assert "Cells: where predator_1 is; P: prey, 2: predator_2." in caption_of(figure)
+    save(figure, tmp_path / "sources.png")
+
+
+def test_a_calibrated_aggregate_says_its_scale(hunt):
+    chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
+    edge = cr.Transfer(
+        "chase", "hunt", cr.project(hunt, chase, predator="predator_1"), calibrate=True
+    )
+    plan = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=5_000)
+    result = plan.train()
+    figure = draw_sources(result, at={"prey": 0, "predator_2": 0})
+    scale = result.calibrations["hunt"][0].scale
+    assert figure.axes[1].get_title() == f"φ: mean, calibrated × {scale:.2g}"
+
+
+def test_sources_of_any_grid_are_drawn(keyed):
+    plan = cr.Curriculum(
+        {"easy": keyed, "hard": keyed},
+        [cr.Transfer("easy", "hard", cr.transfer.identity(keyed))],
+        budget=100,
+    )
+    figure = draw_sources(plan.train(), at={"key": 0})
+    # A single source is its own aggregate.
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert titles == ["φ: easy -> hard", "V* = max Q*", "φ(s, a*) − V*(s)"]
+    assert caption_of(figure).endswith("Key 0.")
+
+
+def test_sources_that_cannot_be_drawn_are_refused(plan, trained, hunt):
+    with pytest.raises(SettingError, match="seed must be one of 0, 1: got 2"):
+        draw_sources(trained, seed=2, at={"prey": 0, "predator_1": 0})
+    with pytest.raises(SettingError, match="leaves prey, predator_1, predator_2"):
+        draw_sources(trained)
+    with pytest.raises(CurriculumError, match="'chase' has none"):
+        draw_sources(trained, "chase")
+
+
+def test_sources_alone_are_drawn_before_the_target_is_learnt(plan):
+    result = plan.train(only=["chase"])
+    figure = draw_sources(result, at={"prey": 0, "predator_1": 4})
+    assert "φ: mean" in [axes.get_title() for axes in figure.axes]
+
+
+def test_flips_are_marked_in_their_cells(hunt):
+    at = {"prey": (1, 1), "predator_2": (0, 0)}
+    turned = np.zeros(hunt.states.size, int)
+    shown = GridView.of(hunt, at)
+    turned[shown.states[[1, 2]]] = 1
+    turned[shown.states[5]] = -1
+    axes = Figure().subplots()
+    draw_flips(axes, hunt, turned, at=at)
+    marks = labelled(axes)
+    assert set(marks) == {"became right: 2", "became wrong: 1"}
+    wrong = marks["became wrong: 1"]
+    assert (wrong.get_xdata().round().tolist(), wrong.get_ydata().round().tolist()) == ([2], [1])
+    assert marks["became right: 2"].get_marker() != wrong.get_marker()
+    assert {"P", "2"} == set(texts_of(axes))
+
+
+@pytest.mark.parametrize("flips", [[1, 0], [2, 0, 0], [0.5, 0, 0], [[1, 0, 0]]])
+def test_flips_of_other_states_are_refused(flips):
+    with pytest.raises(SettingError, match=r"\+1, -1 or 0 for each of 3 states"):
+        draw_flips(Figure().subplots(), cr.GridWorld("S.T"), flips)
+
+
+def test_a_collapse_is_shown_over_time(plan, trained, hunt, tmp_path):
+    phi = trained.potentials["hunt"]
+    learner = cr.QLearning(epsilon=0.2)
+    figure = collapse_figure(hunt, phi, learner, 4_000, [4_000, 100, 1_000], seeds=2, stream="hunt")
+    returns, alike, visited = figure.axes
+    assert set(labelled(returns)) == {"training episodes", "greedy policy"}
+    optimal, alive = cr.solve(hunt, tolerance=1e-6).optimal, ~hunt.mdp.terminal
+    for time, place in ((0, 0), (100, 1), (4_000, 3)):
+        tables = [one.values for one in phi]
+        if time:
+            learning = {"seeds": 2, "potential": phi, "stream": "hunt", "eval_freq": 50}
+            tables = cr.learn(hunt, learner, time, **learning).values
+        greedy = [values == values.max(axis=1, keepdims=True) for values in tables]
+        right = np.array([(optimal | ~each).all(axis=1)[alive].mean() for each in greedy])
+        line = labelled(alike)["right"]
+        assert line.get_xdata().tolist() == [0, 100, 1_000, 4_000]
+        assert line.get_ydata()[place] == pytest.approx(right.mean())
+    for axes in (alike, visited):
+        drawn = {name: line.get_ydata() for name, line in labelled(axes).items()}
+        assert drawn["became wrong"][0] == drawn["became right"][0] == 0
+        balance = drawn["right"][0] + drawn["became right"] - drawn["became wrong"]
+        assert drawn["right"] == pytest.approx(balance)
+        assert len(axes.collections) == 3
+    assert alike.get_ylim() == visited.get_ylim()
+    assert "2 seeds" in caption_of(figure)
+    save(figure, tmp_path / "collapse.pdf")
+
+
+def test_a_learning_in_which_no_episode_ends_is_drawn_too():
+    maze = cr.GridWorld(["S..", "..T"])
+    phi = cr.StateActionPotential(maze, np.zeros((6, 4)))
+    figure = collapse_figure(maze, phi, cr.QLearning(), 2, [1])
+    assert set(labelled(figure.axes[0])) == {"greedy policy"}
+    assert caption_of(figure).startswith("One seed: no intervals")
+
+
+def test_a_collapse_has_a_budget_in_steps():
+    maze = cr.GridWorld("S.T")
+    phi = cr.StateActionPotential(maze, np.zeros((3, 4)))
+    with pytest.raises(SettingError, match="a budget in steps"):
+        collapse_figure(maze, phi, cr.QLearning(), cr.Episodes(5), [1])
+
+
+@pytest.mark.parametrize("times", [[], [0, 5], [11], [2.5]])
+def test_times_outside_the_budget_are_refused(times):
+    maze = cr.GridWorld("S.T")
+    phi = cr.StateActionPotential(maze, np.zeros((3, 4)))
+    with pytest.raises(SettingError, match="times"):
+        collapse_figure(maze, phi, cr.QLearning(), 10, times)

@@ -1,0 +1,146 @@
+"""The page of a study: sound HTML, self-contained, with every arm and caption."""
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+import curricle as cr
+from curricle.errors import SettingError
+from curricle.plotting.learning_curves import draw_learning_curves
+from curricle.report.study_page import StudyRecord, study_page
+from curricle.report.svg import inline_svg
+
+from .studies import ODD, Reader, maze_plan
+
+
+def test_the_page_is_balanced_and_its_references_resolve(page):
+    found = Reader(page)
+    assert found.problems == []
+    assert found.open == []
+    ids = found.values("id")
+    assert len(set(ids)) == len(ids)
+    wanted = [href[1:] for href in found.values("href") if href.startswith("#")]
+    wanted += found.values("for")
+    wanted += re.findall(r"url\(#([\w-]+)\)", page)
+    assert set(wanted) <= set(ids)
+    levels = [int(tag[1]) for tag, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+
+
+def test_the_page_requests_nothing(page):
+    found = Reader(page)
+    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert "https://" not in page
+    addresses = [*found.values("src"), *found.values("href"), *found.values("srcset")]
+    assert all(address.startswith(("#", "data:")) for address in addresses)
+    assert not re.search(r"@import|url\((?!#)", page)
+    assert {tag for tag, _ in found.elements} & {"iframe", "object", "embed", "img"} == set()
+
+
+def test_the_policy_allows_the_page_s_own_script_only(page):
+    found = Reader(page)
+    policy = found.values("content", "meta")[0]
+    assert policy.startswith("default-src 'none';")
+    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert not [name for _, attrs in found.elements for name in attrs if name.startswith("on")]
+
+
+def test_names_are_text_wherever_they_stand(pages):
+    page = pages["odd"]
+    assert "<b>&" not in page
+    found = Reader(page)
+    for name in ("", " arm", " short", " long", " reason", " key", " value"):
+        assert ODD + name in found.words
+    assert page.count("</script>") == 2
+    data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
+    assert set(data["replays"]) == set(found.values("data-key"))
+
+
+def test_the_page_is_small_and_the_same_every_time(pages, maze):
+    assert max(len(page.encode()) for page in pages.values()) < 500_000
+    assert study_page(maze) == pages["maze"]
+
+
+def test_the_sections_stand_in_their_order(page):
+    titles = [id for id in Reader(page).values("id", "section") if id]
+    wanted = ["findings", "curriculum", "curves", "measures", "forecast", "watch", "run"]
+    assert titles == wanted
+
+
+def test_every_control_has_a_label(page):
+    found = Reader(page)
+    controls = [a for tag, a in found.elements if tag in ("select", "input") and a["id"]]
+    labelled = set(found.values("for", "label"))
+    radios = {a["id"] for a in controls if a.get("type") == "radio"}  # their labels hold them
+    assert {a["id"] for a in controls} == (labelled | radios)
+
+
+def test_both_axes_have_one_scale_and_all_arms(pursuit):
+    comparison = pursuit.comparison
+    free, charged = (figure.axes[0] for figure in draw_learning_curves(comparison))
+    assert free.get_ylim() == charged.get_ylim()
+    assert free.get_xlim() == (0, comparison.budget)
+    assert charged.get_xlim() == (0, comparison.total)
+    for axes in (free, charged):
+        curves = {line.get_label(): line for line in axes.lines}
+        assert set(comparison.arms) <= set(curves)
+        assert len(axes.collections) == len(comparison.arms)  # a band each
+    curves = {line.get_label(): line for line in charged.lines}
+    assert curves["min"].get_xdata()[0] >= comparison["min"].curve.source_steps.min()
+    assert curves["scratch"].get_xdata()[0] == 0
+    free_curves = {line.get_label(): line for line in free.lines}
+    mean = comparison["min"].curve.values.mean(axis=0)
+    assert free_curves["min"].get_ydata() == pytest.approx(
+        mean[: len(free_curves["min"].get_ydata())]
+    )
+
+
+def test_captions_name_method_and_seeds(pages):
+    words = Reader(pages["pursuit"]).words
+    assert "mean over 8 seeds; bands: pointwise 95 % percentile bootstrap intervals".replace(
+        "95 %", "95\xa0%"
+    ) in words.replace("95 %", "95\xa0%")
+
+
+def test_svg_of_two_figures_share_no_identifier(pursuit):
+    figures = draw_learning_curves(pursuit.comparison)
+    one, two = (
+        Reader(inline_svg(figure, name, "")).values("id")
+        for figure, name in zip(figures, "ab", strict=True)
+    )
+    assert one
+    assert not set(one) & set(two)
+
+
+def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
+    plan = maze_plan(2)
+    study = StudyRecord("alone", cr.compare({"taught": plan}, seeds=1), {"taught": plan.train(1)})
+    found = Reader(study_page(study))
+    assert found.problems == []
+    assert "One seed allows neither intervals nor tests." in found.words
+    assert "This study kept no snapshots" in found.words
+    assert "nan" not in found.words.lower().split()
+
+
+def test_an_arm_without_transfers_has_no_forecast(maze):
+    plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
+    study = StudyRecord("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)})
+    found = Reader(study_page(study))
+    assert found.problems == []
+    assert "No curriculum is shown to differ" in found.words
+    assert "predicted start" not in found.words
+
+
+def test_a_study_of_scratch_alone_is_refused(maze):
+    comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
+    study = StudyRecord("alone", comparison, {"scratch": maze.results["scratch"]})
+    with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
+        study_page(study)

@@ -1,0 +1,174 @@
+"""Replays of training: grid views, values over time, episodes."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import curricle as cr
+from curricle.planning.solution import greedy_policy
+from curricle.plotting.grid_view import GridView
+from curricle.report import replay as replay_module
+from curricle.report.replay import LEVELS, before_and_after, greedy_choices, mark_of, replays
+from curricle.report.svg import GridDrawing
+
+from .studies import chain
+
+
+def replay_of(shot, task):
+    """The replay of a task's snapshots."""
+    result = cr.Curriculum({"task": task}, budget=10).train()
+    ((found,), _) = replays({"scratch": result}, {("scratch", "task"): shot})
+    return found
+
+
+def test_arrows_are_of_the_agent_that_is_drawn():
+    hunt = GridView.for_replay(cr.Pursuit(3, 2))
+    values = np.zeros(25)
+    values[hunt.task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
+    assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
+    assert GridDrawing.of(hunt).letters == (("P", 1, 1), ("2", 0, 0))
+
+
+def test_ties_are_shown_as_ties():
+    maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
+    east = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 0.0, 0.0])))
+    both = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 1.0, 0.0])))
+    assert mark_of(maze, greedy_choices(maze, np.ones(4))) == ""
+    assert east.count("z") == 1
+    assert both.count("z") == 2
+
+
+@pytest.mark.parametrize("chosen", [(1, 0, 0, 0), (1, 1, 0, 0), (0, 1, 1, 1)])
+def test_the_shapes_of_a_mark_all_begin_in_the_middle_of_the_cell(chosen):
+    maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
+    mark = mark_of(maze, np.array(chosen, bool))
+    shapes = re.findall(r"m(\S+) [^z]*zm(\S+?)(?=m|$)", mark)
+    assert len(shapes) == sum(chosen)
+    # z leads back to where a shape begins, and the move after it to the middle.
+    for begins, home in shapes:
+        there, back = (np.array(point.split(","), float) for point in (begins, home))
+        assert (there + back == 0).all()
+
+
+def test_a_task_without_geometry_is_a_strip_with_words():
+    strip = GridView.for_replay(chain(80))
+    assert not strip.is_map
+    assert len(strip.states) == 60
+    assert strip.words == "cells: states by number, the first 60 of 80"
+    assert mark_of(strip, greedy_choices(strip, np.array([0.0, 1.0]))) == "1"
+    assert strip.pieces[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
+
+
+def test_row_and_column_make_a_map_of_any_task():
+    maze = cr.GridWorld(["S..", "..T"])
+    tables = maze.mdp
+    found = GridView.for_replay(tables)
+    assert found.is_map
+    assert found.directions is not None
+    assert found.shape == (2, 3)
+
+
+def test_a_map_of_too_many_cells_is_not_shown():
+    wide = cr.GridWorld(["S" + "." * 59 + "T"] + ["." * 61] * 50)
+    assert GridView.for_replay(wide) is None
+    result = cr.Curriculum({"wide": wide}, budget=10).train()
+    shape = (2, wide.states.size, 4)
+    short = SimpleNamespace(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
+    assert replays({"scratch": result}, {("scratch", "wide"): short}) == ((), ("wide",))
+
+
+def test_walls_and_ends_cover_what_is_no_state(maze):
+    found = GridDrawing.of(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
+    assert found.walls == "M2 3h1v1h-1z"
+    assert found.ended.count("M") == 3  # two pits and the treasure
+    assert [(letter, ends) for letter, *_, ends in found.objects] == [
+        ("T", True),
+        ("P", True),
+        ("P", True),
+        ("F", False),
+    ]
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e4))
+def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
+    maze = cr.GridWorld(["S..", "..T"])
+    values = np.random.default_rng(seed).normal(0, size, (4, 6, 4)).astype(np.float32)
+    shot = SimpleNamespace(seed=0, steps=np.arange(4) * 10, values=values)
+    found = replay_of(shot, maze)
+    read = found.low + (found.high - found.low) * found.levels / (LEVELS - 1)
+    best = values[:, :5].max(axis=-1)
+    assert np.abs(read - best).max() <= 0.6 * (found.high - found.low) / (LEVELS - 1)
+    policy = greedy_policy(values[2, :5]) > 0
+    for number, row in zip(found.choices[2], policy, strict=True):
+        assert found.marks[number] == mark_of(found.view, row)
+
+
+def test_frames_are_thinned_but_the_ends_are_kept(monkeypatch):
+    maze = cr.GridWorld("S.T")
+    shot = SimpleNamespace(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
+    monkeypatch.setattr(replay_module, "MOST_FRAMES", 7)
+    found = replay_of(shot, maze)
+    assert len(found.steps) == 7
+    assert found.steps[[0, -1]].tolist() == [0, 199]
+
+
+def test_many_cells_get_fewer_frames(maze, monkeypatch):
+    monkeypatch.setattr(replay_module, "MOST_CELL_FRAMES", 1)
+    found, _ = replays(maze.results, maze.snapshots)
+    assert {len(replay.steps) for replay in found} == {3}
+
+
+def test_a_page_has_room_for_so_many_cells_and_targets_come_first(maze, monkeypatch):
+    monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
+    found, left_out = replays(maze.results, maze.snapshots)
+    assert {replay.task for replay in found} == {"maze"}
+    assert left_out == ("corner",)
+
+
+def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
+    found, left_out = replays(pursuit.results, pursuit.snapshots)
+    assert [(replay.task, replay.arms) for replay in found] == [
+        ("hunt", ("scratch",)),
+        ("hunt", ("min",)),
+        ("hunt", ("mean",)),
+        ("chase", ("min", "mean")),
+    ]
+    assert left_out == ()
+    found, _ = replays(maze.results, maze.snapshots)
+    assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
+
+
+def test_both_episodes_start_alike_and_earn_what_the_task_pays(pursuit):
+    hunt = pursuit.results["min"].curriculum.tasks["hunt"]
+    shot = pursuit.snapshots["min", "hunt"]
+    before, after = before_and_after(shot, GridView.for_replay(hunt), discounted=True).values()
+    assert (before.cells[0] == after.cells[0]).all()
+    followed = cr.planning.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
+    assert after.returns[-1] == pytest.approx(followed.discounted_return(0.9))
+    decoded = hunt.states.decode(followed.states)
+    assert (after.cells[:, 1] == decoded["predator_1"]).all()
+    assert after.terminated == followed.terminated
+
+
+def test_tasks_without_tables_have_no_episodes(pursuit, monkeypatch):
+    hunt = pursuit.results["min"].curriculum.tasks["hunt"]
+    monkeypatch.setattr("curricle.report.replay.LARGEST_TABLE", 10)
+    assert (
+        before_and_after(
+            pursuit.snapshots["min", "hunt"], GridView.for_replay(hunt), discounted=True
+        )
+        == {}
+    )
+
+
+def test_a_state_off_the_strip_has_no_episode():
+    long = chain(80)
+    values = np.zeros((2, 80, 2), np.float32)
+    values[:, :, 1] = 1
+    far = replace(long, start=np.eye(80)[70])
+    shot = SimpleNamespace(seed=0, steps=np.array([0, 9]), values=values)
+    assert before_and_after(shot, GridView.for_replay(far), discounted=True) == {}
