@@ -1,4 +1,4 @@
-from .evaluation import GreedyEvaluation as GreedyEvaluation
+from .policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .rollouts import Trajectory as Trajectory, rollout as rollout
 from .solution import (
     PolicyValues as PolicyValues,

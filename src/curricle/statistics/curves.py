@@ -26,8 +26,13 @@ ROUNDING = 1e-7
 class GreedyReturns(Protocol):
     """What :meth:`Curve.of` reads of a :class:`LearningResult`: steps (T,), returns (K, T)."""
 
-    steps: IntArray
-    greedy_return: FloatArray
+    @property
+    def steps(self) -> IntArray:
+        """Checkpoints, in steps."""
+
+    @property
+    def greedy_return(self) -> FloatArray:
+        """Return of the greedy policy at each checkpoint."""
 
 
 @dataclass(frozen=True, eq=False)
