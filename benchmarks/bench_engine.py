@@ -114,7 +114,7 @@ def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE, scale=1.0
         aggregate=aggregate,
         learner=LEARNER,
         budget={"hunt": steps},
-        how="look_ahead",
+        shaping=cr.LookAheadAdvice(),
         eval_freq={"hunt": steps // 100 if evaluation is GLIMPSE else steps},
         evaluation=evaluation,
         storage={"hunt": storage},

@@ -46,25 +46,27 @@ def target():
     return cr.observation_task("CartPole-v1", discount=DISCOUNT)
 
 
-def from_table(how, settings):
+def from_table(shaping, settings):
     cart = target()
     coarse = cr.from_gymnasium("CartPole-v1", encode=BINS, discount=DISCOUNT)
     return plan(
-        coarse, LEARN, cr.transfer.ObservationMapping(cart, coarse, BINS.many), how, settings
+        coarse, LEARN, cr.transfer.ObservationMapping(cart, coarse, BINS.many), shaping, settings
     )
 
 
-def from_network(how, settings):
+def from_network(shaping, settings):
     cart, easier = target(), cr.tasks.ObservationTask(long_pole, DISCOUNT)
-    return plan(easier, learner(DQN), cr.transfer.ObservationMapping(cart, easier), how, settings)
+    return plan(
+        easier, learner(DQN), cr.transfer.ObservationMapping(cart, easier), shaping, settings
+    )
 
 
-def plan(source, source_learner, mapping, how, settings):
+def plan(source, source_learner, mapping, shaping, settings):
     return cr.Curriculum(
         tasks={"source": source, "cart": mapping.target},
         transfers=[cr.Transfer("source", "cart", mapping)],
         learner={"source": source_learner, "cart": learner(settings)},
-        budget={"source": SOURCE, "cart": BUDGET - SOURCE}, how={"cart": how},
+        budget={"source": SOURCE, "cart": BUDGET - SOURCE}, shaping={"cart": shaping},
         eval_freq={"cart": EVERY}, evaluation={"cart": JUDGE},
     )  # fmt: skip
 
@@ -83,13 +85,13 @@ BENCHMARK = Benchmark(
     title="CartPole from a coarse table or a longer pole (DQN)",
     arms={
         "from scratch": from_scratch,
-        "residual on the table": partial(from_table, "initialise", WARM),
-        "residual that sees no phi": partial(from_table, "initialise", BLIND),
-        "shaped by the table": partial(from_table, "state", DQN),
-        "table's policy only": partial(from_table, "policy", DQN),
-        "residual on the network": partial(from_network, "initialise", WARM),
-        "shaped by the network": partial(from_network, "state", DQN),
-        "weights carried over": partial(from_network, "weights", WARM),
+        "residual on the table": partial(from_table, cr.QInitialisation(), WARM),
+        "residual that sees no phi": partial(from_table, cr.QInitialisation(), BLIND),
+        "shaped by the table": partial(from_table, cr.StateShaping(), DQN),
+        "table's policy only": partial(from_table, cr.deep.PolicyReuse(), DQN),
+        "residual on the network": partial(from_network, cr.QInitialisation(), WARM),
+        "shaped by the network": partial(from_network, cr.StateShaping(), DQN),
+        "weights carried over": partial(from_network, cr.deep.WeightTransfer(), WARM),
     },
     threshold=475.0,
 )

@@ -117,7 +117,7 @@ def target():
     return cr.tasks.ObservationTask(partial(Room, LARGE), DISCOUNT, 10 * LARGE**2)
 
 
-def from_table(how, settings):
+def from_table(shaping, settings):
     large = target()
     small = cr.from_gymnasium(
         partial(Room, SMALL), encode=errand, states=ERRANDS, discount=DISCOUNT,
@@ -125,21 +125,21 @@ def from_table(how, settings):
     )  # fmt: skip
     edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(large, small, errands))
     learners = {"small": LEARN, "large": learner(settings)}
-    return plan({"small": small, "large": large}, [edge], learners, how)
+    return plan({"small": small, "large": large}, [edge], learners, shaping)
 
 
-def from_network(how, settings):
+def from_network(shaping, settings):
     large = target()
     small = cr.tasks.ObservationTask(partial(Room, SMALL), DISCOUNT, 10 * SMALL**2)
     edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(large, small))
     learners = {"small": learner(DQN), "large": learner(settings)}
-    return plan({"small": small, "large": large}, [edge], learners, how)
+    return plan({"small": small, "large": large}, [edge], learners, shaping)
 
 
-def plan(tasks, transfers, learners, how):
+def plan(tasks, transfers, learners, shaping):
     return cr.Curriculum(
         tasks=tasks, transfers=transfers, learner=learners,
-        budget={"small": SOURCE, "large": BUDGET - SOURCE}, how={"large": how},
+        budget={"small": SOURCE, "large": BUDGET - SOURCE}, shaping={"large": shaping},
         eval_freq={"large": EVERY}, evaluation={"large": JUDGE},
     )  # fmt: skip
 
@@ -158,12 +158,12 @@ BENCHMARK = Benchmark(
     title="MiniGrid DoorKey 8x8 from 6x6 (DQN)",
     arms={
         "from scratch": from_scratch,
-        "residual on the table": partial(from_table, "initialise", GENTLE),
-        "shaped by the table": partial(from_table, "state", DQN),
-        "table's policy only": partial(from_table, "policy", DQN),
-        "residual on the network": partial(from_network, "initialise", WARM),
-        "shaped by the network": partial(from_network, "state", DQN),
-        "weights carried over": partial(from_network, "weights", WARM),
+        "residual on the table": partial(from_table, cr.QInitialisation(), GENTLE),
+        "shaped by the table": partial(from_table, cr.StateShaping(), DQN),
+        "table's policy only": partial(from_table, cr.deep.PolicyReuse(), DQN),
+        "residual on the network": partial(from_network, cr.QInitialisation(), WARM),
+        "shaped by the network": partial(from_network, cr.StateShaping(), DQN),
+        "weights carried over": partial(from_network, cr.deep.WeightTransfer(), WARM),
     },
     threshold=16.0,
 )

@@ -32,7 +32,7 @@ def learner(settings):
     return cr.deep.DeepLearner("DQN", envs=8, settings=settings)
 
 
-def curriculum(how, settings):
+def curriculum(shaping, settings):
     """Return the plan of learning from one predator, within the budget."""
     hunt = cr.interop.observed_pursuit(HUNT)
     return cr.Curriculum(
@@ -44,7 +44,7 @@ def curriculum(how, settings):
         aggregate=cr.minimum,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        how={"hunt": how}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        shaping={"hunt": shaping}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
     )  # fmt: skip
 
 
@@ -59,9 +59,9 @@ BENCHMARK = Benchmark(
     title="Pursuit, 2 predators on 7x7, from 1 (DQN)",
     arms={
         "from scratch": from_scratch,
-        "residual on phi": partial(curriculum, "initialise", WARM),
-        "shaped by Phi": partial(curriculum, "state", DQN),
-        "policy only": partial(curriculum, "policy", DQN),
+        "residual on phi": partial(curriculum, cr.QInitialisation(), WARM),
+        "shaped by Phi": partial(curriculum, cr.StateShaping(), DQN),
+        "policy only": partial(curriculum, cr.deep.PolicyReuse(), DQN),
     },
     threshold=-10.0,
 )

@@ -65,7 +65,7 @@ def as_if_alone(which, vectors, observations):
     return (down + SMALL - 1) * (2 * SMALL - 1) + right + SMALL - 1
 
 
-def curriculum(how, settings, aggregate=cr.total):
+def curriculum(shaping, settings, aggregate=cr.total):
     """Return the plan of learning from the lone predator, within the budget."""
     hunt, chase = cr.interop.observed_pursuit(HUNT), lone_predator()
     vectors, moves = cr.interop.PursuitVectors(HUNT), HUNT.actions.decode()
@@ -80,7 +80,7 @@ def curriculum(how, settings, aggregate=cr.total):
         aggregate=aggregate,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        how={"hunt": how}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        shaping={"hunt": shaping}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
     )  # fmt: skip
 
 
@@ -100,12 +100,14 @@ BENCHMARK = Benchmark(
     arms={
         "from scratch": partial(from_scratch, GENTLE | {"exploration_initial_eps": 1.0}),
         "from scratch, bold steps": partial(from_scratch, BOLD),
-        "residual on phi": partial(curriculum, "initialise", GENTLE),
-        "residual reading all of phi": partial(curriculum, "initialise", GENTLE | ALL),
-        "residual on the mean": partial(curriculum, "initialise", GENTLE, cr.mean),
-        "on the mean, reading all": partial(curriculum, "initialise", GENTLE | ALL, cr.mean),
-        "shaped by Phi": partial(curriculum, "state", BOLD),
-        "policy only": partial(curriculum, "policy", BOLD),
+        "residual on phi": partial(curriculum, cr.QInitialisation(), GENTLE),
+        "residual reading all of phi": partial(curriculum, cr.QInitialisation(), GENTLE | ALL),
+        "residual on the mean": partial(curriculum, cr.QInitialisation(), GENTLE, cr.mean),
+        "on the mean, reading all": partial(
+            curriculum, cr.QInitialisation(), GENTLE | ALL, cr.mean
+        ),
+        "shaped by Phi": partial(curriculum, cr.StateShaping(), BOLD),
+        "policy only": partial(curriculum, cr.deep.PolicyReuse(), BOLD),
     },
     threshold=-20.0,
 )

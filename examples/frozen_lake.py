@@ -49,7 +49,8 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
         )
 
     arms = {name: curriculum(*arm) for name, arm in ARMS.items()}
-    arms["one for four, guarded"] = replace(arms["one for four"], guard={"lake": cr.Guard()})
+    guarded = cr.QInitialisation(guard=cr.Guard())
+    arms["one for four, guarded"] = replace(arms["one for four"], shaping={"lake": guarded})
     # Half the episodes reach the goal; at best, in 200 steps, 9 in 10 do.
     found = cr.compare(arms, seeds=seeds, threshold=0.5)
     print("Greedy return is the share of episodes that reach the goal.")

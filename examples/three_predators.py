@@ -43,7 +43,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
                 for name in hunt.predator_names
             ],
             aggregate=cr.minimum,
-            how="look_ahead",
+            shaping=cr.LookAheadAdvice(),
             learner={"chase": cr.QLearning(learning_rate=falling, epsilon=0.5), "hunt": LEARNER},
             budget={"chase": source_steps, "hunt": steps},
             eval_freq={"hunt": steps // 16},

@@ -37,6 +37,14 @@ from .learning.potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
+from .learning.shaping import (
+    DecayingAdvice as DecayingAdvice,
+    LookAheadAdvice as LookAheadAdvice,
+    LookBackAdvice as LookBackAdvice,
+    QInitialisation as QInitialisation,
+    RewardBonus as RewardBonus,
+    StateShaping as StateShaping,
+)
 from .learning.stopping import StoppingRule as StoppingRule
 from .learning.storage import Storage as Storage
 from .learning.training import learn as learn

@@ -36,7 +36,9 @@ def snapshots(task, budget, name, phi=None):
     steps = np.array([0, budget // 2, budget])
     first = np.zeros((task.states.size, task.actions.size)) if phi is None else phi.values
     later = [
-        cr.learn(task, None, int(n), potential=phi, eval_freq=int(n), stream=name).values[0]
+        cr.learn(
+            task, None, int(n), shaping=cr.QInitialisation(phi), eval_freq=int(n), stream=name
+        ).values[0]
         for n in steps[1:]
     ]
     return SimpleNamespace(seed=0, steps=steps, values=np.array([first, *later], dtype=np.float32))

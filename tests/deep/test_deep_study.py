@@ -64,7 +64,7 @@ target = "hunt"
 project = { predator = "predator_2" }
 [arms.residual]
 [arms.state]
-how = "state"
+shaping = "StateShaping"
 """
 ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "direct = false\nblock")
 """Of which the units are some of the whole study's."""
@@ -228,7 +228,7 @@ def test_an_actor_critic_cannot_be_initialised_and_is_told_before(tmp_path):
     file = tmp_path / "chain.toml"
     file.write_text(CHAIN)
     changes = ["tasks.hunt.learner={type='deep', algorithm='PPO', settings={n_steps=32}}"]
-    with pytest.raises(ConfigError, match=r"how='state' serves every algorithm"):
+    with pytest.raises(ConfigError, match=r"StateShaping serves every algorithm"):
         run_study(read_study(file, set=changes), tmp_path / "out")
 
 
@@ -259,9 +259,9 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
         target = "cart"
         mapping = "identity"
         [arms.state]
-        how = "state"
+        shaping = "StateShaping"
         [arms.weights]
-        how = "weights"
+        shaping = "WeightTransfer"
         """
     )
     found = run_study(read_study(file), tmp_path / "out")

@@ -68,12 +68,12 @@ def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
 
 
 def test_a_gate_opens_where_its_predicate_says(observed):
-    gate = cr.StoppingRule(most=2000, value=-1e9, evaluations=2)
+    gate = cr.StoppingRule(max_steps=2000, threshold=-1e9, patience=2)
     result = cr.deep.learn_deep(observed, DQN, gate, eval_freq=50)
     assert result.steps_used.tolist() == [50]
     assert result.steps.tolist() == [0, 50]
     with pytest.raises(cr.errors.SettingError, match="give a return instead"):
-        cr.deep.learn_deep(observed, DQN, cr.StoppingRule(most=2000, fraction=0.5))
+        cr.deep.learn_deep(observed, DQN, cr.StoppingRule(max_steps=2000, fraction=0.5))
 
 
 def test_charges_and_preludes_are_on_the_budget(observed):
@@ -161,28 +161,30 @@ def test_weights_and_a_policy_are_carried_over(observed):
     source = cr.deep.learn_deep(observed, DQN, 300).values[0]
     still = {**QUICK, "learning_starts": 10_000}
     learner = cr.deep.DeepLearner("DQN", settings=still)
-    carried = cr.deep.learn_deep(observed, learner, 50, potential=source, how="weights").values[0]
+    carried = cr.deep.learn_deep(
+        observed, learner, 50, shaping=cr.deep.WeightTransfer(source)
+    ).values[0]
     for one, other in zip(parts(source), parts(carried), strict=True):
         assert np.array_equal(one, other)
     critic = cr.deep.learn_deep(observed, PPO, 100).values[0]
-    actor = cr.deep.learn_deep(observed, PPO, 64, potential=critic, how="policy", seeds=[9]).values[
-        0
-    ]
+    actor = cr.deep.learn_deep(
+        observed, PPO, 64, shaping=cr.deep.PolicyReuse(critic), seeds=[9]
+    ).values[0]
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     assert not np.array_equal(actor.v(rows), critic.v(rows))
     smaller = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
     with pytest.raises(cr.errors.SettingError, match="networks of one shape"):
-        cr.deep.learn_deep(observed, smaller, 50, potential=source, how="weights")
+        cr.deep.learn_deep(observed, smaller, 50, shaping=cr.deep.WeightTransfer(source))
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
     with pytest.raises(cr.errors.SettingError, match="one source that is a network"):
-        cr.deep.learn_deep(observed, DQN, 50, potential=table, how="weights")
+        cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.WeightTransfer(table))
 
 
 def test_a_reused_policy_is_acted_on_at_first(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
     lazy = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_starts": 10_000})
     plain, reusing = (
-        cr.deep.learn_deep(observed, lazy, 400, eval_freq=100, potential=given, how="policy")
+        cr.deep.learn_deep(observed, lazy, 400, eval_freq=100, shaping=cr.deep.PolicyReuse(given))
         for given in (None, phi)
     )
     assert reusing.training_return[0, 1] > plain.training_return[0, 1]
@@ -225,7 +227,7 @@ def test_networks_say_what_they_value(observed):
 
 def test_what_shaping_took_off_is_put_back(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    result = cr.deep.learn_deep(observed, DQN, 60, potential=phi, how="state")
+    result = cr.deep.learn_deep(observed, DQN, 60, shaping=cr.StateShaping(phi))
     (values,) = result.values
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     bare = cr.deep.NetworkValues(values.policy)

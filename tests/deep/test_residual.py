@@ -137,7 +137,7 @@ def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
     }  # fmt: skip
     learner = cr.deep.DeepLearner("DQN", settings=settings)
     result = cr.deep.learn_deep(
-        observed, learner, 8000, potential=phi, eval_freq=8000, seeds=[seed],
+        observed, learner, 8000, shaping=cr.QInitialisation(phi), eval_freq=8000, seeds=[seed],
         evaluation=cr.GreedyEvaluation("off"),
     )  # fmt: skip
     chosen = result.values[0].act(np.eye(5, dtype=np.float32))
@@ -265,11 +265,13 @@ def test_what_cannot_be_a_residual_is_refused():
     observed = one_hot(cr.GridWorld("S.T"))
     height = cr.transfer.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
     with pytest.raises(cr.errors.SettingError, match="how='state' does not"):
-        cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, potential=height)
+        cr.deep.learn_deep(
+            observed, cr.deep.DeepLearner("DQN"), 100, shaping=cr.QInitialisation(height)
+        )
     actions = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=4)
     blind = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
     with pytest.raises(cr.errors.SettingError, match="actions, state, nothing: got 'none'"):
-        cr.deep.learn_deep(observed, blind, 100, potential=actions)
+        cr.deep.learn_deep(observed, blind, 100, shaping=cr.QInitialisation(actions))
 
 
 def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):

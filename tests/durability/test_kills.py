@@ -22,14 +22,14 @@ type = "crop"
 of = "maze"
 rows = [1, 3]
 columns = [2, 5]
-budget = { most = 2000, value = 100.0, evaluations = 2 }
+budget = { max_steps = 2000, threshold = 100.0, patience = 2 }
 [[transfers]]
 source = "corner"
 target = "maze"
 mapping = "same_position"
 [arms.initialise]
 [arms.state]
-how = "state"
+shaping = "StateShaping"
 """
 VOLATILE = {"environment.json", ".lock"}
 

@@ -71,9 +71,16 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
 def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_potential):
     task = random_mdp(seed, time_limit=[None, 6][seed % 2])
     phi = random_potential(task, "initialise", seed)
-    guard = Guard(share=0.6, least=0.2, pace=0.3, sure=0.5, memory=7)
+    guard = Guard(share=0.6, min_share=0.2, pace=0.3, standard_errors=0.5, memory=7)
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
-    result = cr.learn(task, learner, 3000, potential=phi, guard=guard, eval_freq=100, seeds=[seed])
+    result = cr.learn(
+        task,
+        learner,
+        3000,
+        shaping=cr.QInitialisation(phi, guard=guard),
+        eval_freq=100,
+        seeds=[seed],
+    )
     tables, ahead, training, guard_share, counts = guarded_naively(
         task, learner, 3000, phi, guard, eval_freq=100, seed=seed
     )
@@ -95,10 +102,9 @@ def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_potent
         budget=2000,
         eval_freq=100,
         seeds=4,
-        potential=random_potential(task, "initialise"),
-        guard=Guard(),
+        shaping=cr.QInitialisation(random_potential(task, "initialise"), guard=Guard()),
     )
     for values, last in zip(result.values, result.greedy_return[:, -1], strict=True):
         phi = cr.StateActionPotential(task, values)
-        again = cr.learn(task, cr.QLearning(learning_rate=0.0), 1, potential=phi)
+        again = cr.learn(task, cr.QLearning(learning_rate=0.0), 1, shaping=cr.QInitialisation(phi))
         assert again.greedy_return[0, 0] == pytest.approx(last, abs=1e-12)

@@ -141,7 +141,13 @@ def test_fast_loop_equals_the_general_one(
 
     def train():
         return [
-            cr.learn(t, learner, 3000, potential=random_potential(t, "initialise"), **settings)
+            cr.learn(
+                t,
+                learner,
+                3000,
+                shaping=cr.QInitialisation(random_potential(t, "initialise")),
+                **settings,
+            )
             for t in tasks
         ]
 
@@ -176,7 +182,7 @@ def test_literal_look_ahead_advice_equals_how_look_ahead(
     task = random_mdp(10 + seed, n_states=5, time_limit=[None, 8][seed % 2])
     phi = random_potential(task, "look_ahead", seed)
     learner = kind(learning_rate=0.1, **exploration)
-    result = cr.learn(task, learner, 3000, potential=phi, how="look_ahead")
+    result = cr.learn(task, learner, 3000, shaping=cr.LookAheadAdvice(phi))
     naive = naive_learn(task, learner, 3000, potential=phi, how="literal_look_ahead")
     np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
@@ -195,7 +201,7 @@ def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, nai
     )
     phi = cr.StateActionPotential(task, rng.integers(-1, 2, size=(4, 2)))
     learner = kind(learning_rate=0.5, epsilon=0.25)
-    result = cr.learn(task, learner, 20, potential=phi, how="look_ahead", seeds=[seed])
+    result = cr.learn(task, learner, 20, shaping=cr.LookAheadAdvice(phi), seeds=[seed])
     naive = naive_learn(task, learner, 20, potential=phi, how="literal_look_ahead", seed=seed)
     np.testing.assert_array_equal(result.values[0], naive.values)
 
@@ -230,7 +236,7 @@ def test_exact_greedy_return_equals_propagation(seed, discounted, random_mdp):
     table = np.random.default_rng(seed).integers(0, 2, size=(8, 3))
     result = cr.learn(
         task, cr.QLearning(learning_rate=0.0), 10, evaluation=evaluation,
-        potential=cr.StateActionPotential(task, table),
+        shaping=cr.QInitialisation(cr.StateActionPotential(task, table)),
     )  # fmt: skip
     expected = propagate(task, table, task.time_limit, discounted=discounted)
     np.testing.assert_allclose(result.greedy_return[0], expected, rtol=1e-9, atol=1e-8)

@@ -111,7 +111,9 @@ def test_a_guard(pair):
     for task in (live, mdp):
         potential = cr.StateActionPotential(task, phi)
         settings = {"eval_freq": EVERY, "evaluation": ROLLED, "guard": cr.Guard()}
-        found.append(cr.learn(task, budget=STEPS, potential=potential, **settings))
+        found.append(
+            cr.learn(task, budget=STEPS, shaping=cr.QInitialisation(potential), **settings)
+        )
     assert_same(*found, mdp.terminal)
 
 
@@ -192,7 +194,9 @@ def test_live_learning_equals_a_loop_in_python(seed, limit):
     phi = np.random.default_rng(seed).normal(size=(16, 4))
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
     potential = cr.StateActionPotential(task, phi)
-    found = cr.learn(task, learner, 2000, seeds=[seed], potential=potential, eval_freq=2000)
+    found = cr.learn(
+        task, learner, 2000, seeds=[seed], shaping=cr.QInitialisation(potential), eval_freq=2000
+    )
     q = phi.copy()
     settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
     returns = q_learning(lake(), q, 2000, seed=seed, **settings)

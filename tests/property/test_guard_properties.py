@@ -77,9 +77,9 @@ def guards(draw):
     least = draw(st.floats(0.01, 0.5))
     return cr.Guard(
         share=draw(st.floats(least, 1 - least)),
-        least=least,
+        min_share=least,
         pace=draw(st.sampled_from([0.0, 0.01, 0.5, 1.0])),
-        sure=draw(st.sampled_from([0.0, 0.5, 2.0])),
+        standard_errors=draw(st.sampled_from([0.0, 0.5, 2.0])),
         memory=draw(st.integers(5, 50)),
     )
 
@@ -90,8 +90,7 @@ def learnt(problem, potential, guard=None, seed=0):
         LEARNER,
         STEPS,
         seeds=[seed],
-        potential=potential,
-        guard=guard,
+        shaping=cr.QInitialisation(potential, guard=guard),
         eval_freq=STEPS // 50,
         workers=1,
     )
@@ -113,7 +112,12 @@ def test_trust_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, da
     """Checked after each step; within one, an episode ends at most once."""
     phi = data.draw(potentials(problem))
     guard_share = cr.learn(
-        problem.task, LEARNER, 400, potential=phi, guard=guard, eval_freq=1, workers=1
+        problem.task,
+        LEARNER,
+        400,
+        shaping=cr.QInitialisation(phi, guard=guard),
+        eval_freq=1,
+        workers=1,
     ).guard_share[0]
     before, after = guard_share[:-1], guard_share[1:]
     up = before + guard.pace * (1 - guard.least - before)

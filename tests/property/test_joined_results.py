@@ -15,7 +15,7 @@ SEEDS = (0, 1, 3, 7, 8)
 BUDGETS = {
     "steps": 230,
     "episodes": Episodes(12),
-    "gate": StoppingRule(400, value=185.0, evaluations=2),
+    "gate": StoppingRule(400, threshold=185.0, patience=2),
 }
 STORAGES = {
     "dense": Storage(kind="dense"),

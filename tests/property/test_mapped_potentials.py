@@ -111,7 +111,9 @@ def test_learning_with_either_is_the_same(transfers, function, seed):
         make(task, edges, values, function) for make in (mapped_potential, array_potential)
     ]
     learnt = [
-        cr.learn(task, budget=300, potential=phi, eval_freq=50, evaluation=evaluation)
+        cr.learn(
+            task, budget=300, shaping=cr.QInitialisation(phi), eval_freq=50, evaluation=evaluation
+        )
         for phi in potentials
     ]
     np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
@@ -212,7 +214,9 @@ def test_a_curriculum_learns_the_same_as_with_arrays():
             )
             for k in range(2)
         ]
-        again = cr.learn(hunt, budget=2000, seeds=2, potential=arrays, stream="hunt")
+        again = cr.learn(
+            hunt, budget=2000, seeds=2, shaping=cr.QInitialisation(arrays), stream="hunt"
+        )
         np.testing.assert_array_equal(result["hunt"].values, again.values)
         np.testing.assert_array_equal(result["hunt"].greedy_return, again.greedy_return)
         np.testing.assert_array_equal(result["hunt"].training_return, again.training_return)

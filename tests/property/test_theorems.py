@@ -309,11 +309,15 @@ def test_state_shaping_learns_exactly_what_initialisation_does(kind, mdp, data):
     as_pairs = np.repeat(phi[:, None], mdp.shape[1], axis=1)
     learner, settings = kind(learning_rate=0.5, epsilon=0.25), {"seeds": 4, "workers": 1}
     shaped = cr.learn(
-        task, learner, 15, potential=cr.StatePotential(task, phi), how="state", **settings
+        task, learner, 15, shaping=cr.StateShaping(cr.StatePotential(task, phi)), **settings
     )
     with mock.patch.object(Run, "plain", False):  # the fast loop draws among ties at other times
         warm = cr.learn(
-            task, learner, 15, potential=cr.StateActionPotential(task, as_pairs), **settings
+            task,
+            learner,
+            15,
+            shaping=cr.QInitialisation(cr.StateActionPotential(task, as_pairs)),
+            **settings,
         )
     np.testing.assert_array_equal(shaped.values, warm.values)
     np.testing.assert_array_equal(shaped.training_return, warm.training_return)
@@ -325,7 +329,7 @@ def test_initialisation_at_the_optimum_is_optimal_before_the_first_step(mdp, dat
     solution = cr.solve(task)
     result = cr.learn(
         task, cr.QLearning(learning_rate=0.0), 1, workers=1,
-        potential=cr.StateActionPotential(task, np.where(solution.optimal, 1.0, 0.0)),
+        shaping=cr.QInitialisation(cr.StateActionPotential(task, np.where(solution.optimal, 1.0, 0.0))),
         evaluation=cr.GreedyEvaluation(method="exact"),
     )  # fmt: skip
     assert result.greedy_return[0, 0] == pytest.approx(solution.start_value, abs=1e-6)

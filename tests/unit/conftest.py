@@ -39,7 +39,7 @@ of = "maze"
 rows = [1, 3]
 columns = [2, 5]
 eval_freq = 20
-budget = { most = 300, value = 194.5, evaluations = 3 }
+budget = { max_steps = 300, threshold = 194.5, patience = 3 }
 [[transfers]]
 source = "corner"
 target = "easy"
@@ -50,7 +50,7 @@ target = "maze"
 mapping = "same_position"
 [arms.chain]
 [arms.state]
-how = "state"
+shaping = "StateShaping"
 [arms.calibrated]
 transfers = [
   { source = "easy", target = "maze", mapping = "same_position", calibrate = { episodes = 5 } },

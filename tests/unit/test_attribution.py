@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.paper.settings import SUMMED, maze
 from curricle.paper.maze_runs import LEARNER, SOURCE_BUDGET, corner
+from curricle.paper.settings import SUMMED, maze
 
 LINE = cr.GridWorld("S....T", time_limit=50)
 WRONG_WAY = cr.GridWorld("T....S", time_limit=50)  # as long, but the treasure is in the west
@@ -72,7 +72,9 @@ def test_the_differences_are_those_of_runs_with_and_without():
 
     def runs(transfers):
         phi = both.potentials("line", sources, transfers=transfers)
-        return cr.learn(LINE, budget=60, seeds=4, potential=phi, stream="line", eval_freq=60)
+        return cr.learn(
+            LINE, budget=60, seeds=4, shaping=cr.QInitialisation(phi), stream="line", eval_freq=60
+        )
 
     def wrong(result):
         q = result.values

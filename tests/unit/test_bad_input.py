@@ -340,29 +340,40 @@ SETTINGS = {
         "half_life must be positive: got -1",
     ),
     "half": (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
-    "unknown how": (lambda: ask(how="magic"), "initialise, .*advice: got 'magic'"),
+    "no shaping": (lambda: ask(shaping=PHI), "shaping must be a Shaping: got StateActionPot"),
     "look-back with Q-learning": (
-        lambda: ask(how="look_back", potential=PHI),
+        lambda: ask(shaping=cr.LookBackAdvice(PHI)),
         "on-policy SARSA .*got QLearning",
     ),
     "look-back without discount": (
-        lambda: learn(GridWorld("S.T", discount=0), SARSA(), 10, how="look_back"),
-        "positive discount only: got SARSA at discount 0",
+        lambda: learn(GridWorld("S.T", discount=0), SARSA(), 10, shaping=cr.LookBackAdvice()),
+        "the task's discount, which must be positive: got 0",
     ),
-    "pairs for states": (
-        lambda: ask(how="state", potential=PHI),
-        "StatePotential: got a StateAction",
+    "states for pairs": (
+        lambda: ask(shaping=cr.QInitialisation(PHI.to_state())),
+        r"QInitialisation takes a potential phi\(s, a\): got a StatePotential",
     ),
-    "states for pairs": (lambda: ask(potential=PHI.to_state()), "takes a StateActionPotential"),
-    "plain array": (lambda: ask(potential=np.ones((3, 4))), "got a ndarray"),
-    "too many potentials": (lambda: ask(potential=[PHI, PHI], seeds=3), "means 3 of them: got 2"),
+    "a plain array of another shape": (
+        lambda: ask(shaping=cr.QInitialisation(np.ones((4, 3)))),
+        r"must have shape \(3, 4\): got \(4, 3\)",
+    ),
+    "too many potentials": (
+        lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3),
+        "means 3 of them: got 2",
+    ),
     "another task's potential": (
-        lambda: ask(potential=StateActionPotential(GridWorld("T.S"), np.ones((3, 4)))),
+        lambda: ask(
+            shaping=cr.QInitialisation(StateActionPotential(GridWorld("T.S"), np.ones((3, 4))))
+        ),
         "made for the task it shapes",
     ),
-    "weight without time": (
-        lambda: ask(potential=StateActionPotential(LINE, np.ones((3, 4)), weight=0.5)),
-        "only state and advice .*how='initialise'",
+    "a guard without a potential": (
+        lambda: ask(shaping=cr.QInitialisation(guard=cr.Guard())),
+        "a guard needs a potential to watch",
+    ),
+    "a guard of SARSA": (
+        lambda: learn(LINE, SARSA(), 10, shaping=cr.QInitialisation(PHI, guard=cr.Guard())),
+        "a guard needs the learner QLearning: got SARSA",
     ),
     "no tolerance": (lambda: solve(LINE, tolerance=0), "tolerance must be positive: got 0"),
     "tolerance below rounding": (lambda: solve(LINE, tolerance=1e-30), "at least .*got 1e-30"),
@@ -596,9 +607,11 @@ def test_refused_arrays_are_as_they_were_and_still_writable():
 
 def test_a_refused_learning_runs_nothing_and_leaves_the_potential():
     before = PHI.values.copy()
-    for wrong in ({"eval_freq": 0}, {"seeds": []}, {"how": "magic"}, {"workers": 0}):
+    for wrong in ({"eval_freq": 0}, {"seeds": []}, {"shaping": "magic"}, {"workers": 0}):
         with pytest.raises(SettingError):
-            ask(potential=PHI, **({"budget": 2**40} | wrong))  # would take weeks if it ran
+            ask(
+                **({"shaping": cr.QInitialisation(PHI), "budget": 2**40} | wrong)
+            )  # would take weeks if it ran
     assert (PHI.values == before).all()
 
 

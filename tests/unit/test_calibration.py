@@ -64,7 +64,7 @@ def test_a_mapped_potential_has_the_rollouts_of_its_array(aggregate):
 
 def test_the_greedy_start_is_the_first_checkpoint_of_learning():
     phi = mapped()
-    first = cr.learn(HUNT, budget=1, potential=phi).greedy_return[0, 0]
+    first = cr.learn(HUNT, budget=1, shaping=cr.QInitialisation(phi)).greedy_return[0, 0]
     assert greedy_start(phi, GreedyEvaluation()) == first
 
 
@@ -282,8 +282,10 @@ def test_learning_starts_after_the_warm_up(learner, guard):
         pytest.skip("guards are for Q-learning")
     phi, options = mapped(), {"eval_freq": 50, "guard": guard, "seeds": [3]}
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
-    late = cr.learn(HUNT, learner, 1130, potential=phi, warm_up=[warm_up], **options)
-    plain = cr.learn(HUNT, learner, 1000, potential=phi, **options)
+    late = cr.learn(
+        HUNT, learner, 1130, shaping=cr.QInitialisation(phi), warm_up=[warm_up], **options
+    )
+    plain = cr.learn(HUNT, learner, 1000, shaping=cr.QInitialisation(phi), **options)
     np.testing.assert_array_equal(late.values, plain.values)
     assert late.episodes_used[0] == plain.episodes_used[0] + 3
     assert late.episodes[0, :3].tolist() == [0, 1, 2]
@@ -338,4 +340,9 @@ def test_a_guard_needs_dense_tables():
     with pytest.raises(
         cr.errors.SettingError, match=r"without a guard: got QLearning.* and a guard"
     ):
-        cr.learn(HUNT, budget=100, potential=mapped(), guard=cr.Guard(), storage=storage)
+        cr.learn(
+            HUNT,
+            budget=100,
+            shaping=cr.QInitialisation(mapped(), guard=cr.Guard()),
+            storage=storage,
+        )

@@ -122,12 +122,12 @@ def test_the_schema_is_json(curricle):
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, command):
     file = tmp_path / "wrong.toml"
-    text = study_file.read_text().replace('how = "state"', 'hwo = "state"')
+    text = study_file.read_text().replace('shaping = "StateShaping"', 'shapign = "StateShaping"')
     file.write_text(text)
     line = 1 + text[: text.index("hwo")].count("\n")
     words = f"curricle: {file}, line {line}: arms.state.hwo"
     refused(1, words, command, file)
-    refused(1, "how", command, file)  # what was meant
+    refused(1, "shaping", command, file)  # what was meant
     assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
 
 
@@ -244,7 +244,7 @@ def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study
     (tmp_path / "rules.py").write_text(
         "def mean(values):\n    raise LookupError('a rule of the thesis is not met')\n"
     )
-    text = study_file.read_text().replace('how = "state"', 'aggregate = "rules:mean"')
+    text = study_file.read_text().replace('shaping = "StateShaping"', 'aggregate = "rules:mean"')
     (tmp_path / "chain.toml").write_text(text)
     code, out, complaint = curricle("run", "chain.toml", "--workers", "1")
     assert code == 3

@@ -334,7 +334,7 @@ def test_settings_are_those_described(read):
         ],
     )
     curriculum = only(study)
-    assert curriculum.setting("guard", "hunt") == Guard(least=0.2)
+    assert curriculum.setting("guard", "hunt") == Guard(min_share=0.2)
     assert curriculum.setting("evaluation", "hunt") == GreedyEvaluation("rollouts", 7, False)
     assert curriculum.setting("storage", "hunt") == Storage("dense", "float32", "1 GiB")
     assert curriculum.setting("budget", "chase") == Episodes(8)
@@ -785,7 +785,7 @@ def test_a_gate_is_one_more_budget(read):
 
 def test_a_gate_is_built():
     made = pytest.importorskip("curricle.learning.stopping").StoppingRule
-    gate = settings.GateTable(most=5000, value=-3.5)
+    gate = settings.GateTable(max_steps=5000, threshold=-3.5)
     assert gate.build() == made(5000, value=-3.5)
     assert own_fields(settings.GateTable) == set(parameters(made))
 

@@ -118,7 +118,11 @@ def test_a_target_starts_from_its_source_seed_by_seed():
         expected = edge.mapping.read(result["near"].values[k])
         assert (result.potentials["far"][k].values == expected).all()
     by_hand = learn(
-        TASKS["far"], budget=300, seeds=[4, 2], potential=result.potentials["far"], stream="far"
+        TASKS["far"],
+        budget=300,
+        seeds=[4, 2],
+        shaping=cr.QInitialisation(result.potentials["far"]),
+        stream="far",
     )
     assert same(by_hand, result["far"])
 
@@ -225,7 +229,7 @@ def test_each_task_may_have_its_own_settings():
     assert result["left"].steps.tolist() == [0, 25, 50]
     assert result["far"].steps.tolist() == [0, 50_000, 100_000]
     by_hand = learn(
-        TASKS["left"], SARSA(learning_rate=0.5), 50, potential=result.potentials["left"], eval_freq=25,
+        TASKS["left"], SARSA(learning_rate=0.5), 50, shaping=cr.QInitialisation(result.potentials["left"]), eval_freq=25,
         evaluation=GreedyEvaluation(discounted=False), stream="left",
     )  # fmt: skip
     assert same(by_hand, result["left"])
@@ -237,7 +241,7 @@ def test_how_state_uses_the_largest_action_value_of_a_state():
     assert isinstance(phi, StateActionPotential)
     state = phi.to_state()
     assert (state.values[0] == phi.values.max(axis=1)).all()
-    by_hand = learn(MAZE, budget=300, potential=state, how="state", stream="far")
+    by_hand = learn(MAZE, budget=300, shaping=cr.StateShaping(state), stream="far")
     assert same(by_hand, result["far"])
     assert not same(build([("near", "far")]).train()["far"], result["far"])
 
@@ -245,7 +249,7 @@ def test_how_state_uses_the_largest_action_value_of_a_state():
 def test_how_look_back_shapes_the_target_and_leaves_the_source_alone():
     result = build([("near", "far")], learner=SARSA(), how="look_back").train()
     by_hand = learn(
-        MAZE, SARSA(), 300, potential=result.potentials["far"], how="look_back", stream="far"
+        MAZE, SARSA(), 300, shaping=cr.LookBackAdvice(result.potentials["far"]), stream="far"
     )
     assert same(by_hand, result["far"])
     assert same(result["near"], learn(TASKS["near"], SARSA(), 300, stream="near"))

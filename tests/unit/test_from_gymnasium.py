@@ -594,7 +594,9 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     task = cr.from_gymnasium(Stay, discount=0.5, terminated=False, time_limit=50)
     phi = cr.StateActionPotential(task, [[0.0]])
     rate = cr.QLearning(learning_rate=1.0)
-    found = cr.learn(task, rate, 100, potential=phi, guard=cr.Guard(), evaluation=OFF)
+    found = cr.learn(
+        task, rate, 100, shaping=cr.QInitialisation(phi, guard=cr.Guard()), evaluation=OFF
+    )
     assert found.episodes_used[0] == 100
     assert found.values[0, 0, 0] == pytest.approx(2.0)
     episode = cr.planning.rollout(task, [0])
@@ -670,7 +672,11 @@ def test_a_guarded_run_stops_too():
     phi = cr.StateActionPotential(task, np.ones((2, 2)))
     with pytest.raises(Trouble):
         cr.learn(
-            task, budget=10**9, eval_freq=10**6, potential=phi, guard=cr.Guard(), evaluation=OFF
+            task,
+            budget=10**9,
+            eval_freq=10**6,
+            shaping=cr.QInitialisation(phi, guard=cr.Guard()),
+            evaluation=OFF,
         )
 
 

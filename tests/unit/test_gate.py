@@ -9,9 +9,10 @@ from curricle import (
     Curriculum,
     GridWorld,
     Guard,
+    QInitialisation,
     QLearning,
-    StateActionPotential,
     StatePotential,
+    StateShaping,
     StoppingRule,
     learn,
 )
@@ -52,7 +53,7 @@ def oracle(gate: StoppingRule, greedy: list[float], checkpoint: int, step: int) 
 )
 def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
     gate = StoppingRule(
-        100, least=least, value=value, plateau=plateau, evaluations=evaluations, when=when
+        100, min_steps=least, threshold=value, plateau=plateau, patience=evaluations, when=when
     )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
@@ -63,14 +64,13 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
 
 @pytest.mark.parametrize(("learner", "guard"), LEARNERS)
 def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
-    settings = {"eval_freq": 50, "seeds": 4, "guard": guard}
-    potential = None
+    settings = {"eval_freq": 50, "seeds": 4}
     if guard:
-        ends = ~MAZE.mdp.terminal[:, None]
-        potential = StateActionPotential(MAZE, 5.0 * ends * np.ones(MAZE.mdp.outcome_row.shape))
-    whole = learn(MAZE, learner, 4000, potential=potential, **settings)
-    gate = StoppingRule(4000, value=150.0, evaluations=3)
-    gated = learn(MAZE, learner, gate, potential=potential, **settings)
+        phi = np.full(MAZE.mdp.outcome_row.shape, 5.0)
+        settings["shaping"] = QInitialisation(phi, guard=guard)
+    whole = learn(MAZE, learner, 4000, **settings)
+    gate = StoppingRule(4000, threshold=150.0, patience=3)
+    gated = learn(MAZE, learner, gate, **settings)
     ended = False
     for k in range(4):
         steps = int(gated.steps_used[k])
@@ -83,27 +83,29 @@ def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
         assert decisions[-1].ends or steps == 4000
         assert not gated.out_of_memory[k]
         ended |= decisions[-1].ends
-        shorter = learn(MAZE, learner, steps, potential=potential, **{**settings, "seeds": [k]})
+        shorter = learn(
+            MAZE, learner, steps, **{**settings, "seeds": [k]}
+        )
         np.testing.assert_array_equal(shorter.values[0], gated.values[k])
     assert ended
 
 
 def test_fraction_stands_for_a_return_between_random_and_optimal():
     whole = learn(
-        MAZE, budget=StoppingRule(20_000, fraction=0.9, evaluations=2), eval_freq=100, seeds=3
+        MAZE, budget=StoppingRule(20_000, fraction=0.9, patience=2), eval_freq=100, seeds=3
     )
     assert (whole.steps_used < 20_000).all()
     last = whole.greedy_return[:, -1]
     optimum = learn(MAZE, budget=40_000, eval_freq=40_000).greedy_return[0, -1]
     assert (last > 0.8 * optimum).all()
     with pytest.raises(SettingError, match="not both"):
-        StoppingRule(10, value=1.0, fraction=0.5)
+        StoppingRule(10, threshold=1.0, fraction=0.5)
 
 
 def test_least_and_most_bound_a_gate():
-    easy = StoppingRule(1000, least=600, value=-1e9, evaluations=1)
+    easy = StoppingRule(1000, min_steps=600, threshold=-1e9, patience=1)
     assert learn(MAZE, budget=easy, eval_freq=100).steps_used[0] == 600
-    never = StoppingRule(1000, value=1e9)
+    never = StoppingRule(1000, threshold=1e9)
     result = learn(MAZE, budget=never, eval_freq=100)
     assert result.steps_used[0] == 1000
     told = never.decisions(result.steps, result.greedy_return[0])
@@ -133,7 +135,7 @@ def test_a_gate_that_makes_no_sense_is_refused(wrong, words):
 def test_a_curriculum_charges_each_seed_what_its_gate_let_it_spend():
     plan = Curriculum(
         {"maze": MAZE},
-        budget={"maze": StoppingRule(5000, value=150.0, evaluations=1)},
+        budget={"maze": StoppingRule(5000, threshold=150.0, patience=1)},
         eval_freq=50,
     )
     result = plan.train(seeds=5)
@@ -153,8 +155,8 @@ def test_films_hold_the_policy_at_their_steps():
 
 def test_films_of_gated_and_shaped_runs_end_with_what_was_learnt():
     phi = StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
-    gate = StoppingRule(5000, value=150.0, evaluations=1)
-    result = learn(MAZE, budget=gate, eval_freq=50, snapshots=6, potential=phi, how="state")
+    gate = StoppingRule(5000, threshold=150.0, patience=1)
+    result = learn(MAZE, budget=gate, eval_freq=50, snapshots=6, shaping=StateShaping(phi))
     assert result.snapshots.steps[-1] == result.steps_used[0]
     np.testing.assert_allclose(result.snapshots.values[-1], result.values[0], rtol=1e-6)
     assert learn(MAZE, budget=100).snapshots is None

@@ -12,9 +12,12 @@ from curricle import (
     GreedyEvaluation,
     GridWorld,
     Pursuit,
+    QInitialisation,
     QLearning,
+    RewardBonus,
     StateActionPotential,
     StatePotential,
+    StateShaping,
     evaluate,
     learn,
     solve,
@@ -96,12 +99,12 @@ def test_a_time_limit_ends_an_episode_and_pays_for_it():
 
 def test_the_training_return_is_unshaped_and_undiscounted():
     bonus = StateActionPotential(LINE, np.full((4, 4), 1000.0))
-    shaped = learn(LINE, budget=500, eval_freq=50, potential=bonus, how="bonus")
+    shaped = learn(LINE, budget=500, eval_freq=50, shaping=RewardBonus(bonus))
     assert np.nanmax(shaped.training_return) <= 197
     one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
     phi = StatePotential(one_way, [-100, 0])
     assert (
-        learn(one_way, budget=5, eval_freq=5, potential=phi, how="state").training_return[0, 1] == 4
+        learn(one_way, budget=5, eval_freq=5, shaping=StateShaping(phi)).training_return[0, 1] == 4
     )
 
 
@@ -145,7 +148,7 @@ def test_every_learner_repeats_itself(learner):
 
 def test_checkpoint_0_judges_the_initial_values():
     optimal = StateActionPotential(LINE, solve(LINE).action_values)
-    result = learn(LINE, budget=10, potential=optimal)
+    result = learn(LINE, budget=10, shaping=QInitialisation(optimal))
     assert result.greedy_return[0, 0] == pytest.approx(solve(LINE).start_value)
     assert learn(LINE, budget=10).greedy_return[0, 0] < 150  # all tie: a random walk
 
@@ -153,7 +156,9 @@ def test_checkpoint_0_judges_the_initial_values():
 def test_exact_evaluation_is_the_value_of_the_tie_breaking_greedy_policy():
     task = Pursuit(size=2, predators=1, time_limit=2000)
     phi = StateActionPotential(task, np.random.default_rng(0).integers(-2, 2, size=(16, 5)))
-    result = learn(task, budget=1, potential=phi, evaluation=GreedyEvaluation("exact"))
+    result = learn(
+        task, budget=1, shaping=QInitialisation(phi), evaluation=GreedyEvaluation("exact")
+    )
     expected = evaluate(task, greedy_policy(phi.values)).start_value
     assert result.greedy_return[0, 0] == pytest.approx(expected, abs=1e-6)
 
@@ -161,7 +166,7 @@ def test_exact_evaluation_is_the_value_of_the_tie_breaking_greedy_policy():
 def test_exact_evaluation_stops_at_the_time_limit():
     cut = GridWorld("S..T", ends=(), time_limit=3, discount=0.5)
     stay = StateActionPotential(cut, np.eye(4)[[3] * 4])  # west for ever
-    result = learn(cut, budget=1, potential=stay)
+    result = learn(cut, budget=1, shaping=QInitialisation(stay))
     assert result.greedy_return[0, 0] == -1 - 0.5 - 0.25
 
 
@@ -170,7 +175,9 @@ def test_returns_are_discounted_unless_asked_otherwise():
     for method in ("exact", "rollouts"):
         for discounted, value in ((True, -1 - 0.5 + 199 / 4), (False, 197)):
             judge = GreedyEvaluation(method, episodes=3, discounted=discounted)
-            result = learn(optimal.task, budget=1, potential=optimal, evaluation=judge)
+            result = learn(
+                optimal.task, budget=1, shaping=QInitialisation(optimal), evaluation=judge
+            )
             assert result.greedy_return[0, 0] == pytest.approx(value)
 
 
@@ -213,8 +220,12 @@ def test_initial_values_do_not_touch_terminal_rows():
 def test_each_seed_may_have_its_own_potential():
     one, two = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
     frozen = QLearning(learning_rate=0)
-    assert learn(LINE, frozen, 10, seeds=2, potential=[one, two]).values[:, 0, 0].tolist() == [1, 2]
-    assert learn(LINE, frozen, 10, seeds=2, potential=one).values[:, 0, 0].tolist() == [1, 1]
+    assert learn(LINE, frozen, 10, seeds=2, shaping=QInitialisation([one, two])).values[
+        :, 0, 0
+    ].tolist() == [1, 2]
+    assert learn(LINE, frozen, 10, seeds=2, shaping=QInitialisation(one)).values[
+        :, 0, 0
+    ].tolist() == [1, 1]
 
 
 @pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "advice"])
@@ -228,7 +239,7 @@ def test_values_speak_of_what_the_policy_acts_on(how):
 def test_learning_leaves_the_potential_as_it_was():
     phi = StateActionPotential(LINE, np.full((4, 4), 5.0))
     before = phi.values.copy()
-    learn(LINE, budget=500, potential=phi)
+    learn(LINE, budget=500, shaping=QInitialisation(phi))
     assert (phi.values == before).all()
 
 

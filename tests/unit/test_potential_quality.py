@@ -240,7 +240,13 @@ def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):
         phi = random_potential(task, seed)
-        learnt = cr.learn(task, budget=1, seeds=[seed], potential=phi, evaluation=target.evaluation)
+        learnt = cr.learn(
+            task,
+            budget=1,
+            seeds=[seed],
+            shaping=cr.QInitialisation(phi),
+            evaluation=target.evaluation,
+        )
         assert potential_quality(phi, target, seed=seed).start == learnt.greedy_return[0, 0]
 
 

@@ -54,7 +54,7 @@ def test_a_cut_episode_keeps_the_potential_of_its_last_state():
         [[[(1.0, 0, 1.0)]]], terminal=[False], start=0, discount=0.99, time_limit=10
     )
     phi = cr.StatePotential(task, [40.0])
-    result = cr.learn(task, cr.QLearning(learning_rate=0.5), 20_000, potential=phi, how="state")
+    result = cr.learn(task, cr.QLearning(learning_rate=0.5), 20_000, shaping=cr.StateShaping(phi))
     assert result.values[0, 0, 0] == pytest.approx(100.0)
 
 
@@ -164,7 +164,9 @@ def test_training_the_target_leaves_the_source_as_it_was():
 def test_a_second_run_starts_from_the_initial_table_again():
     maze, learner = small_maze(), cr.QLearning(initial_value=3.0)
     phi = cr.StateActionPotential(maze, np.arange(36.0).reshape(9, 4))
-    first, second = (cr.learn(maze, learner, 500, potential=phi, seeds=2) for _ in range(2))
+    first, second = (
+        cr.learn(maze, learner, 500, shaping=cr.QInitialisation(phi), seeds=2) for _ in range(2)
+    )
     np.testing.assert_array_equal(first.values, second.values)
 
 

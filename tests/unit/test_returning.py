@@ -26,8 +26,8 @@ def plan(back, **settings):
     )
 
 
-ALWAYS = Return(lost=0.0, again=400, most=2, evaluations=1)
-NEVER = Return(lost=1e9, again=400)
+ALWAYS = Return(drop=0.0, steps=400, times=2, patience=1)
+NEVER = Return(drop=1e9, steps=400)
 
 
 def test_a_target_that_never_loses_anything_is_trained_as_without():
@@ -84,7 +84,7 @@ def test_episodes_go_on_being_counted():
 
 def test_going_back_takes_what_the_source_knows_by_then():
     """A source that hardly learnt before catches up: the target ends better than without."""
-    back = Return(lost=1.0, again=20_000, most=1)
+    back = Return(drop=1.0, steps=20_000, times=1)
     budget = {"chase": 500, "hunt": 60_000}
     found, without = (plan(one, budget=budget).train(seeds=4, charge=True) for one in (back, None))
     went = found.retrained["hunt"].extra > 0

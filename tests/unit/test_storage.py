@@ -71,7 +71,9 @@ def test_so_they_do_from_a_potential(name, aggregate, dtype):
 
 def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
     phi, asleep = potential(FAR), QLearning(learning_rate=0, initial_value=0.25)
-    met = cr.learn(FAR, asleep, 500, potential=phi, storage=Storage("sparse")).values[0]
+    met = cr.learn(
+        FAR, asleep, 500, shaping=cr.QInitialisation(phi), storage=Storage("sparse")
+    ).values[0]
     np.testing.assert_array_equal(met.values, phi.values[met.states] + 0.25)
     assert {-7.0 + 0.25, -5.0 + 0.25} & set(met.values.ravel().tolist())  # some are unmapped
 
@@ -136,7 +138,12 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     phi = potential(HUNT)
     short = limited(rows, potential=phi, evaluation=ROLLED)
     whole = cr.learn(
-        HUNT, QLearning(epsilon=0.5), 20_000, eval_freq=20, potential=phi, evaluation=ROLLED
+        HUNT,
+        QLearning(epsilon=0.5),
+        20_000,
+        eval_freq=20,
+        shaping=cr.QInitialisation(phi),
+        evaluation=ROLLED,
     )
     assert short.out_of_memory.all()
     assert not whole.out_of_memory.any()
@@ -150,7 +157,13 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     # The values, too, are those of a run of just as many steps.
     used = int(short.steps_used[0])
     if used:
-        again = cr.learn(HUNT, QLearning(epsilon=0.5), used, eval_freq=min(20, used), potential=phi)
+        again = cr.learn(
+            HUNT,
+            QLearning(epsilon=0.5),
+            used,
+            eval_freq=min(20, used),
+            shaping=cr.QInitialisation(phi),
+        )
         met = short.values[0]
         np.testing.assert_array_equal(again.values[0][met.states], met.values)
         assert again.episodes_used[0] == short.episodes_used[0]

@@ -34,7 +34,7 @@ def reduced(path):
     changes = []
     for name, task in study["tasks"].items():
         gate = "most" in task["budget"] if isinstance(task.get("budget"), dict) else False
-        short = f"{{ most = {STEPS}, least = 0 }}" if gate else STEPS
+        short = f"{{ max_steps = {STEPS}, min_steps = 0 }}" if gate else STEPS
         changes.append(f"tasks.{name}.budget={short}")
         changes += [f"tasks.{name}.eval_freq={STEPS}"] if "eval_freq" in task else []
     for arm, patch in arms.items():

@@ -60,7 +60,7 @@ def refused(contents):
     [
         ("tasks.maze.budget=700", "budget is 600 there and 700 here"),
         ("tasks.maze.rewards.step=-2", r"rewards\.step is -1\.0 there and -2\.0 here"),
-        ("arms.state.how=look_ahead", 'how is "state" there and "look_ahead" here'),
+        ("arms.state.shaping=LookAheadAdvice", "shaping.type is"),
         ("scratch=false", "direct is true there and false here"),
         ("transfers.0.scale=2", "transfers"),
     ],

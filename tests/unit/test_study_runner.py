@@ -250,7 +250,10 @@ def test_the_comparison_is_that_of_compare(study_file, finished):
 def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
     path = tmp_path / "alone.toml"
     path.write_text(study_file.read_text().partition("[arms.chain]")[0])
-    changes = ["scratch=false", "tasks.maze.budget={ most = 400, value = 180.0, evaluations = 1 }"]
+    changes = [
+        "scratch=false",
+        "tasks.maze.budget={ max_steps = 400, threshold = 180.0, patience = 1 }",
+    ]
     study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
     plan = read_study(path, set=changes).curriculum("transfer")
     assert study.arms.total is None
@@ -300,7 +303,9 @@ def mean(values):
 def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, finished, tmp_path):
     (tmp_path / "rules.py").write_text(FAILING)
     (tmp_path / "broken").touch()
-    text = study_file.read_text().replace('how = "state"', 'how = "state"\naggregate="rules:mean"')
+    text = study_file.read_text().replace(
+        'shaping = "StateShaping"', 'shaping = "StateShaping"\naggregate="rules:mean"'
+    )
     (tmp_path / "chain.toml").write_text(text)
     study, pool, stored = read_study(tmp_path / "chain.toml"), Inline(), []
     with pytest.raises(StudyError, match="state: easy, seeds 0-1 failed") as caught:

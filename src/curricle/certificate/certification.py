@@ -1,6 +1,6 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or looked into by sample."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,13 @@ from curricle.certificate.diagnosis import (
     second_discount_named,
     two_ways_in,
 )
-from curricle.certificate.given import Given, Way, checked
+from curricle.certificate.given import Given, ShapingReward, checked
 from curricle.certificate.sampled import in_time, sampled
 from curricle.certificate.shaped import ActedOn, Comparison, Reached
 from curricle.certificate.verdict import Certificate, Counterexample
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
+from curricle.learning.shaping import Shaping
 from curricle.planning.solution import Solution
 from curricle.tasks.labels import action_name, state_name, values_of
 from curricle.tasks.mdp import FiniteMDP
@@ -33,8 +34,7 @@ LARGEST_EXACT = 20_000_000
 
 def certify(
     task: Task,
-    potential: Any,
-    how: Way = "initialise",
+    shaping: Shaping | ShapingReward,
     *,
     shaping_discount: float | None = None,
     tolerance: float | None = None,
@@ -47,17 +47,17 @@ def certify(
     Both problems are solved and the actions optimal in one or the other compared in every state
     that can be reached, allowing for the proven error of both solutions: what is *acted on*,
 
-    - ``"state"``: Q* for rewards r + F, F = gamma Phi(s') - Phi(s), which is Q* - Phi (Ng, Harada,
+    - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s), which is Q* - Phi (Ng, Harada,
       Russell 1999);
-    - ``"initialise"``, ``"look_ahead"``: Q + phi, the fixed point of Q-learning's expected update
+    - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's expected update
       with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi, which is Q* (Wiewiora 2003;
       Wiewiora, Cottrell, Elkan 2003);
-    - ``"look_back"``: Q* for r + phi(s, a) - phi(before) / gamma, where each state is entered in
-      ways of one phi; elsewhere it cannot be promised, and such a state is named;
-    - ``"advice"``: Q* + xi phi with what the weight xi goes to in the long run (Behboudian et al.
+    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, where each state is entered in
+      ways of one phi; elsewhere this is not proven, and such a state is named;
+    - :class:`DecayingAdvice`: Q* + xi phi with what the weight xi goes to in the long run (Behboudian et al.
       2020);
-    - ``"bonus"``: Q* for r + phi(s, a), which need not be safe;
-    - ``"reward"``: Q* for r + F(s, a, s').
+    - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
+    - :class:`ShapingReward`: Q* for r + F(s, a, s').
 
     F of the last two is taken apart: a potential is behind it, a potential with a second discount
     or with ends that are not 0 (Grzes 2017), or none, and then a place says so.
@@ -65,15 +65,11 @@ def certify(
     Parameters
     ----------
     task : Task
-    potential : StatePotential, StateActionPotential, MappedPotential, array or callable
-        The library's potentials as :func:`learn` takes them; a state potential that changes is
-        compared as it ends up, and its F checked step by step in time (Devlin, Kudenko 2012).
-        Of another tool an array: Phi(s), (S,), for ``"state"``, phi(s, a), (S, A), for the rest.
-        It is *not* set to 0 at the ends: what it says there is paid as that tool would pay it.
-        For ``"reward"`` a function F(s, a, s') of three (E,) int64 arrays that returns (E,)
-        floats; it is asked about transitions that can happen only.
-    how : str
-        How it enters learning, as above.
+    shaping : Shaping or ShapingReward
+        One of the above. A state potential that changes is compared as it ends up, and its F
+        checked step by step in time (Devlin, Kudenko 2012). A potential of another tool is given
+        as an array: (S,) for :class:`StateShaping`, (S, A) for the rest. Unlike in :func:`learn`
+        it is *not* set to 0 at the ends: what it says there is paid as that tool would pay it.
     shaping_discount : float, optional
         The discount of that tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
         default. For ``"state"``.
@@ -98,7 +94,7 @@ def certify(
     PotentialError
         When a potential has the wrong shape or a value that is not finite, a NaN for example.
     SettingError
-        When `potential` and `how` do not go together, the potential is another task's, or the
+        When a shaping does not take such a potential, the potential is another task's, or the
         tolerance is below what can be proven.
     TaskError
         When ``method="exact"`` asks for tables that there are not.
@@ -112,19 +108,19 @@ def certify(
 
     Examples
     --------
-    >>> from curricle import GridWorld, Rewards
+    >>> from curricle import GridWorld, Rewards, StateShaping
     >>> maze = GridWorld("S..T", rewards=Rewards(treasure=20), discount=0.9)
-    >>> print(certify(maze, [0.0, 1.0, 2.0, 3.0], "state"))
+    >>> print(certify(maze, StateShaping([0.0, 1.0, 2.0, 3.0])))
     Safe: in all 3 reachable states the optimal actions of the shaped task are those of the task
     (values proven to ...). Terminal state 3 (row 0, column 3) has Phi = 3, must be 0.
 
     Pay for walking into a wall, and the treasure waits for ever:
 
-    >>> certificate = certify(maze, lambda s, a, after: 5.0 * (after == s), "reward")
+    >>> certificate = certify(maze, ShapingReward(lambda s, a, after: 5.0 * (after == s)))
     >>> bool(certificate), certificate.counterexample.place
     (False, 'state 2 (row 0, column 2)')
     """
-    given = checked(task, potential, how, shaping_discount)
+    given = checked(task, shaping, shaping_discount)
     one_of("method", method, ("auto", "exact", "sampled"), SettingError)
     if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance:g}")
@@ -164,11 +160,11 @@ def _compared(given: Given, tolerance: float | None, seed: int) -> Certificate:
     mdp = tables(given.task)
     met = shaped.reached(mdp)
     findings = _flags(given, met.ends)
-    if given.how == "look_back" and (two := _two_ways(given, met)) is not None:
-        return Certificate(None, given.how, "exact", findings=(*findings, two))
+    if given.claim == "one_way_in" and (two := _two_ways(given, met)) is not None:
+        return Certificate(None, given.name, "exact", findings=(*findings, two))
     own = shaped.solved(given.task, shaped.closeness(mdp))
     phi = None
-    if given.how in ("bonus", "reward"):
+    if given.claim == "added_rewards":
         acted, phi, said = _with_bonus(given, own, met)
         findings += said
     else:
@@ -181,7 +177,7 @@ def _compared(given: Given, tolerance: float | None, seed: int) -> Certificate:
         findings, holds = findings + contradictions, holds and (None if contradictions else True)
     return Certificate(
         holds,
-        given.how,
+        given.name,
         "exact",
         states=len(met.states),
         loss=found.loss,
@@ -198,12 +194,12 @@ def _compared(given: Given, tolerance: float | None, seed: int) -> Certificate:
 def _with_potential(given: Given, own: Solution, met: Reached) -> ActedOn:
     """Return what a policy acts on under a potential."""
     phi = given.final()
-    if given.how == "state":
+    if given.claim == "telescoping":
         f = met.paid(lambda s, a, after: given.discount * phi[after] - phi[s])
         return shaped.with_reward(own, met, f, phi[met.states])
-    if given.how == "advice":
+    if given.claim == "added_values":
         return shaped.with_advice(own, met, phi)
-    if given.how == "look_back":
+    if given.claim == "one_way_in":
         return shaped.with_look_back(own, met, phi)
     return shaped.with_look_ahead(own, met, phi)
 
@@ -271,11 +267,11 @@ def _flags(given: Given, ends: npt.NDArray[np.int64]) -> tuple[str, ...]:
     own = generative_model(given.task).discount
     if given.discount != own:
         said.append(second_discount_named(given.discount, own))
-    if given.raw and given.how in ("state", "initialise", "look_ahead"):
+    if given.raw and given.claim in ("telescoping", "fixed_point"):
         phi = given.ending()[ends]
         if phi.any():
             said.append(open_ends_named(given.task, ends[phi != 0], phi[phi != 0]))
-    if given.how == "advice":
+    if given.claim == "added_values":
         share = "" if given.share == 1 else f"{given.share:g} "
         acts = f"Q + {share}phi" if given.share else "Q alone"
         said.append(f"in the long run the policy acts on {acts}")
@@ -290,13 +286,13 @@ def _sampled(given: Given, steps: int, seed: int, reason: str) -> Certificate:
     terminal = generative_model(given.task).terminal
     ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
     findings = _flags(given, ends)
-    if given.how == "advice":
+    if given.claim == "added_values":
         holds = True if given.share == 0 else None
-        return Certificate(holds, given.how, "sampled", findings=findings)
+        return Certificate(holds, given.name, "sampled", findings=findings)
     found = sampled(given, steps, seed)
     sample = f"{found.steps:,} sampled steps ({reason})"
     said = (*found.contradictions, f"this is by {sample}")
     findings = (*(said if found.contradictions else (f"no contradiction in {sample}",)), *findings)
     return Certificate(
-        None, given.how, "sampled", steps=found.steps, residual=found.residual, findings=findings
+        None, given.name, "sampled", steps=found.steps, residual=found.residual, findings=findings
     )

@@ -1,32 +1,50 @@
-"""A shaping as a user gives it: the library's potential, an array or a function; checked."""
+"""A shaping to be certified: checked, with its potential as the user gave it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import number, numbers, one_of
-from curricle.errors import PotentialError, SettingError
-from curricle.learning.potential import (
-    MappedPotential,
-    StateActionPotential,
-    StatePotential,
-    finite,
-)
+from curricle.checks import number
+from curricle.errors import SettingError
+from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
-from curricle.learning.training import check_potential
-from curricle.learning.ways import How
+from curricle.learning.shaping import Claim, DecayingAdvice, Shaping
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Way = How | Literal["reward"]
-"""The ways of :func:`learn`, and a shaping reward of one's own."""
 READ = 10_000
 """States whose phi is read from the sources at once."""
+
+
+@dataclass(frozen=True)
+class ShapingReward:
+    """A shaping reward of one's own, F(s, a, s'), for :func:`certify`.
+
+    Parameters
+    ----------
+    function : callable
+        Takes three (E,) int64 arrays, states, actions and next states, and returns (E,) floats. It
+        is asked only about transitions that can happen.
+
+    Examples
+    --------
+    >>> ShapingReward(lambda state, action, after: 5.0 * (after == state)).claim
+    'added_rewards'
+    """
+
+    function: Callable[[IntArray, IntArray, IntArray], Any]
+
+    claim: ClassVar[Claim] = "added_rewards"
+    name: ClassVar[str] = "ShapingReward"
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise SettingError(f"ShapingReward takes a function F(s, a, s'): got {self.function!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +54,33 @@ class Given:
     Attributes
     ----------
     task : Task
-    how : str
-    potential : StatePotential, StateActionPotential, MappedPotential, array or callable
+    shaping : Shaping or ShapingReward
+    potential : StatePotential, StateActionPotential, MappedPotential, array or None
         An array is frozen, (S,) or (S, A), and keeps what it says of ends.
     discount : float
         What the shaping discounts with: the task's, or another tool's.
 
     Examples
     --------
-    >>> from curricle import GridWorld
-    >>> checked(GridWorld("S.T"), [0.0, 1.0, 5.0], "state").ending()
+    >>> from curricle import GridWorld, StateShaping
+    >>> checked(GridWorld("S.T"), StateShaping([0.0, 1.0, 5.0])).ending()
     array([0., 1., 5.])
     """
 
     task: Task
-    how: str
+    shaping: Shaping | ShapingReward
     potential: Any
     discount: float
+
+    @property
+    def name(self) -> str:
+        """The name of the shaping."""
+        return self.shaping.name
+
+    @property
+    def claim(self) -> Claim:
+        """What is to be checked."""
+        return self.shaping.claim
 
     @property
     def raw(self) -> bool:
@@ -69,15 +97,19 @@ class Given:
 
     @property
     def share(self) -> float:
-        """What the weight goes to in the long run; 1 for arrays."""
-        return 1.0 if self.raw else float(self.potential.weight.last)
+        """The weight of the potential in the long run."""
+        if isinstance(self.shaping, DecayingAdvice):
+            return float(self.shaping.weight.last)
+        return (
+            float(self.potential.weight.last) if isinstance(self.potential, StatePotential) else 1.0
+        )
 
     def final(self) -> FloatArray:
         """Return the potential as it is in the long run, (S,) or (S, A)."""
-        if self.raw:
-            return np.asarray(self.potential)
-        values = self.potential.values
-        return np.asarray(self.share * (values[-1] if self.how == "state" else values))
+        values = self.potential if self.raw else self.potential.values
+        if isinstance(self.potential, StatePotential):
+            values = values[-1]
+        return np.asarray(self.share * values)
 
     def ending(self) -> FloatArray:
         """Return Phi(s), or max_a phi(s, a), (S,), as an end would pay it."""
@@ -98,47 +130,36 @@ class Given:
 
     def bonus(self) -> Callable[[IntArray, IntArray, IntArray], Any]:
         """Return F(s, a, s') of a bonus or of a reward of one's own."""
-        function: Callable[[IntArray, IntArray, IntArray], Any] = self.potential
-        if self.how == "reward":
-            return function
+        if isinstance(self.shaping, ShapingReward):
+            return self.shaping.function
         return lambda state, action, after: self.at_pairs(state, action)
 
 
-def checked(task: Task, potential: Any, how: str, shaping_discount: float | None = None) -> Given:
+def checked(task: Task, shaping: Any, shaping_discount: float | None = None) -> Given:
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
-    generative = generative_model(task)
-    one_of("how", how, (*get_args(How), "reward"), SettingError)
-    discount = generative.discount
+    discount = generative_model(task).discount
+    if not isinstance(shaping, Shaping | ShapingReward):
+        raise SettingError(
+            "what is certified must be a shaping, such as StateShaping(potential), or a "
+            f"ShapingReward(function): got {shaping!r}"
+        )
+    if isinstance(shaping, Shaping) and not (shaping.for_tables and shaping.potential is not None):
+        raise SettingError(
+            f"a shaping to be certified must be for tables and have a potential: got {shaping!r}"
+        )
     if shaping_discount is not None:
-        if how != "state":
+        if shaping.claim != "telescoping":
             raise SettingError(
                 "shaping_discount is the discount of F = gamma Phi(s') - Phi(s) and goes with "
-                f"how='state': got how={how!r}"
+                f"StateShaping: got {shaping.name}"
             )
         discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
-    if how == "look_back" and generative.discount == 0:
-        raise SettingError("look_back divides by the discount, which must be positive: got 0")
-    if how == "reward" or callable(potential):
-        if how != "reward" or not callable(potential):
-            raise SettingError(
-                "a function F(s, a, s') goes with how='reward', and only it: got "
-                f"how={how!r} with a {type(potential).__name__}"
-            )
-        return Given(task, how, potential, discount)
-    own = isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
-    if own:
-        check_potential(potential, task, how)
-    return Given(task, how, potential if own else _array(task, potential, how), discount)
-
-
-def _array(task: Task, given: Any, how: str) -> FloatArray:
-    generative = generative_model(task)
-    values = numbers("a potential", given, PotentialError)
-    shape: tuple[int, ...] = (generative.states.size, generative.actions.size)[
-        : 1 + (how != "state")
-    ]
-    if values.shape != shape:
-        raise PotentialError(
-            f"a potential for how={how!r} must have the task's shape {shape}: got {values.shape}"
-        )
-    return frozen(finite(values, "a potential"))
+    if isinstance(shaping, ShapingReward):
+        return Given(task, shaping, None, discount)
+    fitting = shaping.for_task(task).potential
+    if isinstance(shaping.potential, Potential):
+        return Given(task, shaping, fitting, discount)
+    ends_kept = np.array(shaping.potential, dtype=np.float64)
+    if isinstance(fitting, StatePotential) and ends_kept.ndim == 2:
+        ends_kept = ends_kept.max(axis=1)
+    return Given(task, shaping, frozen(ends_kept), discount)

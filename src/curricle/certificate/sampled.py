@@ -62,22 +62,22 @@ def sampled(given: Given, steps: int, seed: int) -> Sampled:
     Examples
     --------
     >>> from curricle import Pursuit
-    >>> from curricle.certificate.given import checked
-    >>> hunt = Pursuit(size=10, predators=3)
-    >>> found = sampled(checked(hunt, lambda s, a, after: a % 5 == 0, "reward"), 10_000, seed=0)
+    >>> from curricle.certificate.given import ShapingReward, checked
+    >>> pay = ShapingReward(lambda state, action, after: action % 5 == 0)
+    >>> found = sampled(checked(Pursuit(size=10, predators=3), pay), 10_000, seed=0)
     >>> print(found.contradictions[0])
     not potential-based: from ...; a potential is blind to actions
     """
-    if given.how in ("bonus", "reward"):
+    if given.claim == "added_rewards":
         return _reward(given, steps, seed)
     if given.changing:
         return in_time(given, seed)
     limit = generative_model(given.task).time_limit
     length = max(2, min(steps, LONGEST, LONGEST if limit is None else limit))
     walks = random_rollouts(given.task, episodes=max(1, steps // length), length=length, seed=seed)
-    if given.how == "look_back":
+    if given.claim == "one_way_in":
         return _look_back(given, walks)
-    here, paid, taken = (_of_states if given.how == "state" else _of_pairs)(given, walks)
+    here, paid, taken = (_of_states if given.claim == "telescoping" else _of_pairs)(given, walks)
     return _telescoping(given, walks, here, paid, taken)
 
 

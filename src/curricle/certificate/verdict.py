@@ -34,9 +34,10 @@ class Counterexample:
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> from curricle.certificate.certification import certify
+    >>> from curricle.certificate import ShapingReward, certify
     >>> maze = GridWorld("S.T")
-    >>> found = certify(maze, lambda s, a, after: 300 * (after == s), "reward").counterexample
+    >>> pay = ShapingReward(lambda state, action, after: 300 * (after == state))
+    >>> found = certify(maze, pay).counterexample
     >>> found.components, found.actions
     ({'row': 0, 'column': 1}, ('east', 'north'))
     """
@@ -71,7 +72,8 @@ class Certificate:
     holds : bool or None
         True: the optimal actions are proven to be the same in every state that can be reached.
         False: a state is known in which they are not. None: neither is known.
-    how : str
+    shaping : str
+        Name of its class.
     method : {"exact", "sampled"}
     states : int
         States that can be reached and were compared, ends left out.
@@ -98,16 +100,15 @@ class Certificate:
 
     Examples
     --------
-    >>> from curricle import GridWorld, StatePotential
-    >>> from curricle.certificate.certification import certify
+    >>> from curricle import GridWorld, StateShaping, certify
     >>> maze = GridWorld("S.T")
-    >>> certificate = certify(maze, StatePotential(maze, [0.0, 1.0, 0.0]), "state")
+    >>> certificate = certify(maze, StateShaping([0.0, 1.0, 0.0]))
     >>> bool(certificate), certificate.states, certificate.loss
     (True, 2, 0.0)
     """
 
     holds: bool | None
-    how: str
+    shaping: str
     method: Literal["exact", "sampled"]
     states: int = 0
     steps: int = 0

@@ -277,10 +277,10 @@ def most_source_steps(curriculum: Curriculum) -> int:
     """Return an upper bound of the steps that a curriculum's sources take."""
     most = 0
     for name in curriculum.ancestors(curriculum.target):
-        back = curriculum.setting("back", name)
+        retrain = curriculum.setting("retrain", name)
         sources = {edge.source for edge in curriculum.in_edges(name)}
         most += curriculum.node(name).most_steps
-        most += 0 if back is None else back.most * back.again * len(sources)
+        most += 0 if retrain is None else retrain.times * retrain.steps * len(sources)
     return most
 
 

@@ -25,7 +25,6 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
-from curricle.learning.ways import OF_NETWORKS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.tasks.task import Task, tables
@@ -71,17 +70,17 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
 
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     name = curriculum.target
-    how = curriculum.setting("how", name)
+    shaping = curriculum.setting("shaping", name)
     for control in controls:
         if control in ("random_start", "placebo"):
             raise CurriculumError(
                 f"a control {control!r} needs numbered states: {name!r}, the target of arm "
                 f"{arm!r}, is seen through observations"
             )
-        if control != "pretraining" and how in OF_NETWORKS:
+        if control != "pretraining" and not shaping.reads_values:
             raise CurriculumError(
-                f"a control {control!r} changes what a potential promises: the target of arm "
-                f"{arm!r} is taught with how={how!r}, which reads no promises"
+                f"a control {control!r} changes the values of a potential: the target of arm "
+                f"{arm!r} has the shaping {shaping.name}, which does not read them"
             )
 
 
@@ -115,8 +114,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     return Curriculum(
         tasks={SOURCE: source, name: task},
         transfers=[Transfer(SOURCE, name, _onto_itself(task, source))],
-        how={name: curriculum.setting("how", name)},
-        guard={name: curriculum.setting("guard", name)},
+        shaping={name: curriculum.setting("shaping", name)},
         budget={SOURCE: steps, name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
         storage={SOURCE: replace(storage, save_values=True), name: storage},

@@ -283,7 +283,7 @@ def _foresee(
 def _verdict(one: ForecastRow, place: Place, optimum: float, random_return: float) -> str:
     """Return in plain words what to expect, and what to do."""
     if np.isnan(one.mean("start")):
-        return "tells no actions apart, so no policy of it can be followed: for how = 'state' alone"
+        return "tells no actions apart, so no policy of it can be followed: for the shaping StateShaping alone"
     start, excess = one.mean("start"), one.mean("excess") / max(one.mean("size"), 1e-12)
     words = [f"starts at {start:.3g}"]
     # Where the optimum is unknown any better start is a good one.

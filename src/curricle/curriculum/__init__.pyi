@@ -1,3 +1,3 @@
 from .curriculum import Curriculum as Curriculum, CurriculumResult as CurriculumResult
 from .node import Node as Node
-from .retraining import Return as Return
+from .retraining import RetrainSources as RetrainSources

@@ -12,18 +12,17 @@ import numpy.typing as npt
 from curricle.checks import instance, one_of
 from curricle.curriculum.node import Node
 from curricle.curriculum.potentials import calibrated, source_potentials, warn_of_refusals
-from curricle.curriculum.retraining import RetrainedResult, Return, with_retraining
+from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
 from curricle.learning.budget import Budget, seed_tuple
-from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import Decision
 from curricle.learning.storage import Storage
-from curricle.learning.ways import How
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate, mean
@@ -36,9 +35,8 @@ SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "learner": QLearning(),
     "budget": DEFAULT_BUDGET,
-    "how": "initialise",
-    "guard": None,
-    "back": None,
+    "shaping": QInitialisation(),
+    "retrain": None,
     "eval_freq": None,
     "evaluation": GreedyEvaluation(),
     "storage": Storage(),
@@ -65,13 +63,11 @@ class Curriculum(TaskGraph):
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
         Steps, episodes, or steps until learning is good enough; default 100,000 steps.
-    how : str or dict
-        How potentials enter learning, see :func:`learn`; default ``"initialise"``. For
-        ``"state"`` the potential is Phi(s) = max_a phi(s, a).
-    guard : Guard or dict, optional
-        Watch over the potentials, and trust them less where they do harm; of tasks with sources.
-    back : Return or dict, optional
-        Go back to the sources where a task has lost what they gave it; of tasks with sources.
+    shaping : Shaping or dict
+        How potentials enter learning; default :class:`QInitialisation`. It is given without a
+        potential: that of each seed's sources is filled in.
+    retrain : RetrainSources or dict, optional
+        Train the sources further where the return of a task drops below its start.
     eval_freq : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -101,9 +97,8 @@ class Curriculum(TaskGraph):
     aggregate: Aggregate | Mapping[str, Aggregate] = mean
     learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
     budget: Budget | Mapping[str, Budget] = DEFAULT_BUDGET
-    how: How | Mapping[str, How] = "initialise"
-    guard: Guard | Mapping[str, Guard | None] | None = None
-    back: Return | Mapping[str, Return | None] | None = None
+    shaping: Shaping | Mapping[str, Shaping] = field(default_factory=QInitialisation)
+    retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = None
     eval_freq: int | Mapping[str, int | None] | None = None
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
         default_factory=GreedyEvaluation
@@ -119,24 +114,24 @@ class Curriculum(TaskGraph):
         for name in self.tasks:
             node, calibration = self.node(name), self.calibration(name)
             if self.in_edges(name):
-                node.check_guard()
-            self._check_back(node, calibration)
+                node.shaping.check(node.learner)
+            self._check_retraining(node, calibration)
 
-    def _check_back(self, node: Node, calibration: Calibrate | None) -> None:
-        back = self.setting("back", node.name)
-        if back is None:
+    def _check_retraining(self, node: Node, calibration: Calibrate | None) -> None:
+        retrain = self.setting("retrain", node.name)
+        if retrain is None:
             return
-        instance(f"back of {node.name}", back, Return, CurriculumError)
+        instance(f"retrain of {node.name}", retrain, RetrainSources, CurriculumError)
         if node.deep:
             raise CurriculumError(
-                f"a return to the sources changes tables: {node.name!r} is learnt by a network"
+                f"RetrainSources changes tables: {node.name!r} is learnt by a network"
             )
         if self.in_edges(node.name):
-            back.watched(node)
+            retrain.watched(node)
         if calibration is not None:
             raise CurriculumError(
-                "a return to the sources changes a potential that was calibrated: choose one for "
-                f"{node.name!r}"
+                "RetrainSources changes the potential, which must then not be calibrated: "
+                f"{node.name!r} has both"
             )
 
     def calibration(self, name: str) -> Calibrate | None:
@@ -157,7 +152,7 @@ class Curriculum(TaskGraph):
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
         one_of("a task", name, self.tasks, CurriculumError)
-        settings = {which: self.setting(which, name) for which in SETTINGS if which != "back"}
+        settings = {which: self.setting(which, name) for which in SETTINGS if which != "retrain"}
         return Node.of(name, self.tasks[name], **settings)
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
@@ -195,7 +190,7 @@ class Curriculum(TaskGraph):
             Tasks learnt before, for the same seeds; they are taken as they are.
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
-        frames : int
+        snapshots : int
             Tables of the first seed to keep on the way, in each task (:class:`Snapshots`).
         workers : int, optional
             Threads over seeds.
@@ -231,9 +226,9 @@ class Curriculum(TaskGraph):
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
             spent = self._spent(name, results, retrained) if name == paying else None
-            node, back = self.node(name), self.setting("back", name)
-            goes_back = back is not None and bool(potentials[name])
-            results[name] = (back.watched(node) if goes_back else node).train(
+            node, retrain = self.node(name), self.setting("retrain", name)
+            retraining = retrain is not None and bool(potentials[name])
+            results[name] = (retrain.watched(node) if retraining else node).train(
                 numbers,
                 potentials[name],
                 warm_ups=[one.warm_up for one in fitted],
@@ -242,7 +237,7 @@ class Curriculum(TaskGraph):
                 workers=workers,
                 saves=None if saves is None else Path(saves) / file_name(name),
             )
-            if goes_back:
+            if retraining:
                 retrained[name] = self._course(name, results, spent)
                 results[name] = retrained[name].result
             if progress is not None:
@@ -254,9 +249,9 @@ class Curriculum(TaskGraph):
     ) -> RetrainedResult:
         """Return a task's training with its returns, once each seed has come as far as it could."""
         sources = {t.source: (self.node(t.source), results[t.source]) for t in self.in_edges(name)}
-        back: Return = self.setting("back", name)
+        retrain: RetrainSources = self.setting("retrain", name)
         known = partial(self._potential, name)
-        return with_retraining(back, self.node(name), sources, known, results[name], spent)
+        return with_retraining(retrain, self.node(name), sources, known, results[name], spent)
 
     def _potential(self, name: str, results: Mapping[str, LearningResult]) -> PairPotential:
         """Return the potential that one seed's sources give a task."""

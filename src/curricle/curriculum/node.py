@@ -3,24 +3,23 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, one_of
+from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
-from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.run import WarmUp
+from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import Decision, StoppingRule, stopping_level
 from curricle.learning.storage import Storage
-from curricle.learning.training import check_guard, learn
-from curricle.learning.ways import How
+from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
@@ -38,7 +37,7 @@ class Node:
         Also names the random stream, so that a result does not depend on which other tasks are
         there.
     task : Task
-    aggregate, learner, budget, how, guard, every, evaluation, storage
+    aggregate, learner, budget, shaping, eval_freq, evaluation, storage
         As in :class:`Curriculum`, for this task.
 
     Examples
@@ -56,18 +55,16 @@ class Node:
     aggregate: Aggregate
     learner: Any
     budget: Budget
-    how: How
-    guard: Guard | None
+    shaping: Shaping
     eval_freq: int
     evaluation: GreedyEvaluation
     storage: Storage
 
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
-        """Return a node, checked; `every` None means a hundredth of the budget."""
+        """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
         limits(settings["budget"])
         eval_freq = spacing(eval_freq, settings["budget"])
-        one_of(f"how of {name}", settings["how"], get_args(How), SettingError)
         deep = is_observation_task(task)
         instance(
             f"learner of {name}",
@@ -77,6 +74,11 @@ class Node:
         )
         for which, kind in _KINDS.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
+        if settings["shaping"].potential is not None:
+            raise CurriculumError(
+                "the shaping of a curriculum's task must have no potential of its own, its sources "
+                f"give it one: that of {name} has"
+            )
         if not callable(settings["aggregate"]):
             raise CurriculumError(
                 f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
@@ -87,10 +89,6 @@ class Node:
     def replace(self, **settings: Any) -> Self:
         """Return the node with other settings."""
         return replace(self, **settings)
-
-    def check_guard(self) -> None:
-        """Raise SettingError if there is a guard, but none that this learner can have."""
-        check_guard(self.guard, self.learner, self.how, guarded=True)
 
     @property
     def most_steps(self) -> int:
@@ -120,7 +118,7 @@ class Node:
         ----------
         seeds : sequence of K int
         potentials : sequence of K potentials
-            What each seed knows before; of pairs, whatever `how` makes of them. Or none.
+            What each seed's shaping takes. Or none.
         warm_ups : sequence of K WarmUp
             What each seed spent on the task's account already. Or none.
         charged, frames, workers
@@ -128,14 +126,14 @@ class Node:
         saves : Path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
+        shaping: Any = [self.shaping.with_potential(phi) for phi in potentials]
         if self.deep:
             found = learn_deep(
                 self.task,
                 self.learner,
                 self.budget,
                 seeds=seeds,
-                potential=list(potentials) or None,
-                how=self.how,
+                shaping=shaping or None,
                 eval_freq=self.eval_freq,
                 evaluation=self.evaluation,
                 stream=self.name,
@@ -144,15 +142,14 @@ class Node:
                 saves=saves,
             )
             return found if self.storage.save_values else replace(found, values=None)
-        known = [p.to_state() for p in potentials] if self.how == "state" else list(potentials)
+        # Without sources a guard has nothing to watch.
+        alone = self.shaping.without_guard()
         return learn(
             self.task,
             self.learner,
             self.budget,
             seeds=seeds,
-            potential=known or None,
-            how=self.how,
-            guard=self.guard if known else None,
+            shaping=shaping or alone,
             eval_freq=self.eval_freq,
             evaluation=self.evaluation,
             storage=self.storage,
@@ -175,6 +172,7 @@ class Node:
 
 
 _KINDS: dict[str, type] = {
+    "shaping": Shaping,
     "evaluation": GreedyEvaluation,
     "storage": Storage,
 }

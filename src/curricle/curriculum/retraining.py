@@ -13,7 +13,8 @@ from curricle.errors import SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult, joined_results, one_seed
-from curricle.learning.run import AS_VALUES, WarmUp
+from curricle.learning.run import WarmUp
+from curricle.learning.shaping import QInitialisation
 from curricle.learning.snapshots import Snapshots
 from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
@@ -23,7 +24,7 @@ Potential = Callable[[Mapping[str, LearningResult]], PairPotential]
 
 
 @dataclass(frozen=True)
-class Return:
+class RetrainSources:
     """When a target goes back to its sources, and for how long.
 
     Knowledge that was too hopeful, or not learnt well enough, can leave a target worse off than it
@@ -34,15 +35,15 @@ class Return:
 
     Parameters
     ----------
-    lost : float
-        Return: it goes back when each of its last evaluations lies more than this below where it
-        started (or started again).
-    again : int
-        Steps that each source is trained on for; they are source steps like those before.
-    most : int
+    drop : float
+        Sources are retrained when each of the last evaluations lies more than this return below
+        the one at which the target started (or started again).
+    steps : int
+        Further steps of each source; they are source steps like those before.
+    times : int
         How often at most.
-    evaluations : int
-        How many "the last" are; a gate's own number, where the budget is a gate.
+    patience : int
+        How many "the last" are; that of the stopping rule, where the budget is one.
 
     Raises
     ------
@@ -51,19 +52,19 @@ class Return:
 
     Examples
     --------
-    >>> Return(lost=5.0, again=20_000)
-    Return(lost=5.0, again=20000, most=3, evaluations=5)
+    >>> RetrainSources(drop=5.0, steps=20_000)
+    RetrainSources(drop=5.0, steps=20000, times=3, patience=5)
     """
 
-    lost: float
-    again: int
-    most: int = 3
-    evaluations: int = 5
+    drop: float
+    steps: int
+    times: int = 3
+    patience: int = 5
 
     def __post_init__(self) -> None:
-        number("lost of a return", self.lost, SettingError, 0.0)
-        for name in ("again", "most", "evaluations"):
-            whole = whole_number(f"{name} of a return", getattr(self, name), 1, SettingError)
+        number("drop of RetrainSources", self.drop, SettingError, 0.0)
+        for name in ("steps", "times", "patience"):
+            whole = whole_number(f"{name} of RetrainSources", getattr(self, name), 1, SettingError)
             object.__setattr__(self, name, whole)
 
     def watched(self, node: Node) -> Node:
@@ -72,23 +73,24 @@ class Return:
         Raises
         ------
         SettingError
-            Where Q - phi + phi' makes no sense: other ways than initialise and look_ahead, a
+            Where Q - phi + phi' makes no sense: a shaping that does not start Q at the potential, a
             guard, or a budget in episodes.
         """
-        if node.how not in AS_VALUES or node.guard is not None:
+        shaping = node.shaping
+        if not shaping.starts_at_potential or shaping.guard is not None:
             raise SettingError(
-                "a return to the sources needs how 'initialise' or 'look_ahead' and no guard: "
-                f"{node.name!r} has how {node.how!r} and {'a' if node.guard else 'no'} guard"
+                "RetrainSources needs the shaping QInitialisation or LookAheadAdvice without a "
+                f"guard: {node.name!r} has {shaping}"
             )
         budget = node.budget
         if isinstance(budget, int):
-            budget = StoppingRule(budget, evaluations=self.evaluations)
+            budget = StoppingRule(budget, patience=self.patience)
         if not isinstance(budget, StoppingRule):
             raise SettingError(
-                f"a return to the sources needs a budget in steps or a gate: {node.name!r} has "
+                f"RetrainSources needs a budget in steps or a StoppingRule: {node.name!r} has "
                 f"{budget}"
             )
-        return node.replace(budget=replace(budget, lost=self.lost))
+        return node.replace(budget=replace(budget, drop=self.drop))
 
 
 class RetrainedResult(NamedTuple):
@@ -102,7 +104,7 @@ class RetrainedResult(NamedTuple):
 
 
 def with_retraining(
-    back: Return,
+    back: RetrainSources,
     node: Node,
     sources: Mapping[str, tuple[Node, LearningResult]],
     potential_of: Potential,
@@ -113,7 +115,7 @@ def with_retraining(
 
     Parameters
     ----------
-    back : Return
+    back : RetrainSources
     node : Node
         The target.
     sources : dict of str to (Node, LearningResult)
@@ -137,7 +139,7 @@ def with_retraining(
 
 
 def _course(
-    back: Return,
+    back: RetrainSources,
     node: Node,
     sources: Mapping[str, tuple[Node, LearningResult]],
     potential_of: Potential,
@@ -153,16 +155,16 @@ def _course(
         if isinstance(node.budget, StoppingRule)
         else node.replace(budget=StoppingRule(node.most_steps))
     )
-    decisions, cost, extra, turn = _told(watched, result, charged), back.again * len(known), 0, 0
-    while decisions[-1].lost:
+    decisions, cost, extra, turn = _told(watched, result, charged), back.steps * len(known), 0, 0
+    while decisions[-1].dropped:
         step, turn = int(result.steps_used[0]), turn + 1
         spent = 0 if charged is None else charged + extra
         left, start = node.most_steps - spent - step, result.values[0]
         if left == 0:
             break
-        goes_back = turn <= back.most and (charged is None or left > cost)
+        goes_back = turn <= back.times and (charged is None or left > cost)
         if goes_back:
-            known = {name: _longer(nodes[name], known[name], back.again, turn) for name in known}
+            known = {name: _longer(nodes[name], known[name], back.steps, turn) for name in known}
             better = potential_of(known)
             start, phi, extra = start - phi.values + better.values, better, extra + cost
             spent += 0 if charged is None else cost
@@ -179,8 +181,8 @@ def _told(node: Node, result: LearningResult, charged: int | None) -> list[Decis
     """Return the decisions of one seed, of whose budget so many steps were spent elsewhere."""
     gate = node.budget
     assert isinstance(gate, StoppingRule)
-    most = gate.most - (charged or 0)
-    left = replace(gate, most=most, least=min(gate.least, most))
+    most = gate.max_steps - (charged or 0)
+    left = replace(gate, max_steps=most, min_steps=min(gate.min_steps, most))
     return node.replace(budget=left).decisions(result)[0]
 
 
@@ -190,8 +192,7 @@ def _longer(node: Node, result: LearningResult, steps: int, turn: int) -> Learni
         name=f"{node.name}/return {turn}",
         budget=steps,
         eval_freq=steps,
-        how="initialise",
-        guard=None,
+        shaping=QInitialisation(),
     )
     return on.train(result.seeds, [_initial(on, result.values[0])], workers=1)
 
@@ -200,8 +201,8 @@ def _later(node: Node, step: int) -> Node:
     """Return a target that is judged by what it does from a step on."""
     gate = node.budget
     assert isinstance(gate, StoppingRule)
-    least = min(step + gate.evaluations * node.eval_freq, gate.most)
-    return node.replace(budget=replace(gate, least=max(gate.least, least)))
+    least = min(step + gate.patience * node.eval_freq, gate.max_steps)
+    return node.replace(budget=replace(gate, min_steps=max(gate.min_steps, least)))
 
 
 def _gone_on(
@@ -244,7 +245,7 @@ def _followed_by(first: LearningResult, second: LearningResult) -> LearningResul
         second,
         training_return=curve("training_return"),
         greedy_return=curve("greedy_return"),
-        guard_share=curve("trust"),
+        guard_share=curve("guard_share"),
         episodes=frozen(episodes),
         episodes_used=first.episodes_used + second.episodes_used - 1,
         snapshots=snapshots,

@@ -7,21 +7,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.checks import instance, one_of
+from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import WarmUp
+from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingRule
-from curricle.learning.training import charges, warm_ups
-from curricle.learning.ways import BY_NETWORKS, RESIDUAL, How
+from curricle.learning.training import charges, one_a_seed, warm_ups
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import longest_episode
-from curricle.transfer.value_sources import ValueSource
 
 
 def learn_deep(
@@ -30,8 +29,7 @@ def learn_deep(
     budget: Budget = 100_000,
     *,
     seeds: int | Sequence[int] = 1,
-    potential: ValueSource | Sequence[ValueSource] | None = None,
-    how: How = "initialise",
+    shaping: Shaping | Sequence[Shaping] | None = None,
     eval_freq: int | None = None,
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
@@ -52,15 +50,15 @@ def learn_deep(
     seeds : int or sequence of int
         As in :func:`learn`: a seed's result depends on nothing but it, the stream and the settings
         (and on torch's version and the machine, whose sums are rounded differently).
-    potential : ObservationPotential or other ValueSource, or K of them, optional
-    how : str
-        - ``"initialise"``, ``"look_ahead"``: Q(s, a) = phi(s, a) + residual(s, a), in all that a
-          network of DQN or QR-DQN is asked; the residual starts at 0 (Wiewiora 2003).
-        - ``"state"``: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
-        - ``"weights"``: the one source's network is where learning starts; no potential.
-        - ``"policy"``: what the sources would do, and not what they value. An off-policy learner
-          of numbered actions acts on it with a probability that falls from 1 to 0 over the first
-          half of the budget (Fernandez, Veloso 2006); others start with the source's actor.
+    shaping : Shaping or sequence of K Shaping, optional
+        One for all seeds or one for each, of an :class:`ObservationPotential` or another
+        ``ValueSource``:
+
+        - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
+          wherever DQN or QR-DQN reads its network; the residual starts at 0 (Wiewiora 2003).
+        - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
+        - :class:`WeightTransfer`: learning starts with the one source's network.
+        - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
     eval_freq : int, optional
         Steps between checkpoints of the curves; a hundredth of the budget by default.
     evaluation : GreedyEvaluation, optional
@@ -103,51 +101,50 @@ def learn_deep(
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     longest = longest_run(task.longest, budget, eval_freq)
     learner.algorithm_class()
-    phis = _potentials(task, potential, how, len(numbers))
+    each_shaping = _shapings(task, learner, shaping, len(numbers))
     spent = charges(charged, len(numbers), steps)
     acted = warm_ups(warm_up, spent, steps, episodes)
     gate = NEVER_STOPS
     if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
-        gate = budget.rule()
+        gate = budget.kernel()
     if evaluation.method != "off":
         longest_episode(task, discounted=evaluation.discounted)
     from curricle.deep.training import DeepRun
 
-    run = DeepRun(task, learner, how, steps, episodes, eval_freq, longest, evaluation, gate, stream)
+    run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, gate, stream)
     done = []
     for k, seed in enumerate(numbers):
         place = None if saves is None else Path(saves) / f"seed-{seed}.checkpoint"
-        done.append(run.train(seed, phis[k], acted[k], spent[k], place))
+        done.append(run.train(seed, each_shaping[k], acted[k], spent[k], place))
         if progress is not None:
             progress(seed)
     values = tuple(outcome.values for outcome in done)
     return learning_result(task, learner, numbers, values, done, eval_freq)  # type: ignore[arg-type]
 
 
-def _potentials(
-    task: ObservationTask, given: Any, how: How, n_seeds: int
-) -> list[ObservationPotential | None]:
-    """Return the potential of each seed, checked against the task and the way."""
-    one_of("how of a deep learner", how, BY_NETWORKS, SettingError)
-    if given is None:
-        return [None] * n_seeds
-    each = list(given) if isinstance(given, Sequence) else [given] * n_seeds
-    if len(each) != n_seeds:
-        raise SettingError(f"one potential a seed means {n_seeds} of them: got {len(each)}")
-    found = list[ObservationPotential | None]()
-    for one in each:
-        if not isinstance(one, ObservationPotential):
-            one = ObservationPotential.of(task, one)
-        if one.task != task:
-            raise SettingError(
-                f"a potential must be made for the task it shapes: it belongs to {one.task}"
-            )
-        if how in RESIDUAL and not one.of_actions:
-            raise SettingError(
-                f"how={how!r} needs a potential that tells numbered actions apart; "
-                "how='state' does not"
-            )
-        found.append(one)
-    return found
+def _shapings(
+    task: ObservationTask, learner: DeepLearner, given: Any, n_seeds: int
+) -> list[Shaping | None]:
+    """Return the shaping of each seed, its potential one of the task's observations."""
+    return [
+        one if one is None or one.potential is None else _of_observations(task, one)
+        for one in one_a_seed(learner, given, n_seeds)
+    ]
+
+
+def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:
+    potential = shaping.potential
+    if not isinstance(potential, ObservationPotential):
+        potential = ObservationPotential.of(task, potential)
+    if potential.task != task:
+        raise SettingError(
+            f"a potential must be made for the task it shapes: it belongs to {potential.task}"
+        )
+    if shaping.starts_at_potential and not potential.of_actions:
+        raise SettingError(
+            f"{shaping.name} needs a potential that tells numbered actions apart; StateShaping "
+            "does not"
+        )
+    return shaping.with_potential(potential)

@@ -15,8 +15,9 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
 from curricle.deep.reuse import reusing
 from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.shaping import PolicyReuse, WeightTransfer
 from curricle.errors import SettingError
-from curricle.learning.ways import OF_NETWORKS, RESIDUAL, How
+from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
 
@@ -27,8 +28,7 @@ VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 def model_for(
     task: ObservationTask,
     learner: DeepLearner,
-    how: How = "initialise",
-    potential: ObservationPotential | None = None,
+    shaping: Shaping | None = None,
     *,
     seed: int = 0,
     steps: int | None = None,
@@ -39,9 +39,8 @@ def model_for(
     ----------
     task : ObservationTask
     learner : DeepLearner
-    how : str
-        As :func:`learn_deep` says.
-    potential : ObservationPotential, optional
+    shaping : Shaping, optional
+        Of an :class:`ObservationPotential`, as :func:`learn_deep` says.
     seed : int
         Below 2^32.
     steps : int, optional
@@ -66,29 +65,32 @@ def model_for(
         whole = settings.get("buffer_size", 1_000_000)
         settings["buffer_size"] = max(min(whole, steps), learner.envs)
     guided = False
-    if potential is not None and how in RESIDUAL:
+    potential = None if shaping is None else shaping.potential
+    if shaping is not None and shaping.starts_at_potential and potential is not None:
         policy = residual_policy(algorithm, learner.policy)
         given = settings.get("policy_kwargs") or {}
         settings["policy_kwargs"] = {**given, "potential": potential}
-    elif potential is not None and how == "policy" and "buffer_size" in settings:
+    elif potential is not None and isinstance(shaping, PolicyReuse) and "buffer_size" in settings:
         guided = potential.of_actions
         algorithm = reusing(algorithm) if guided else algorithm
     venv: VecEnv = DummyVecEnv([lambda: Monitor(task.environment())] * learner.envs)
-    if potential is not None and how == "state":
-        venv = ShapedVecEnv(venv, potential)
+    if (phi := subtracted(shaping)) is not None:
+        venv = ShapedVecEnv(venv, phi)
     model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     if guided:
         model.guide = potential
-    elif potential is not None and how in OF_NETWORKS:
-        _carry_over(model, potential, everything=how == "weights")
+    elif potential is not None and isinstance(shaping, WeightTransfer | PolicyReuse):
+        _carry_over(model, potential, everything=isinstance(shaping, WeightTransfer))
     return model
 
 
-def check_learner(learner: DeepLearner, how: How | None = None) -> None:
-    """Raise SettingError unless there is such an algorithm, with these settings, and `how` fits it.
+def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
+    """Return Phi where rewards are shaped by it, so that Q is learnt as Q* - Phi; else None."""
+    return shaping.potential if isinstance(shaping, StateShaping) else None
 
-    `how` is the way of a potential into it; None if there is none.
-    """
+
+def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
+    """Raise SettingError unless the algorithm exists, takes these settings and this shaping."""
     algorithm = learner.algorithm_class()
     known = inspect.signature(algorithm).parameters
     for name in learner.settings:
@@ -98,23 +100,22 @@ def check_learner(learner: DeepLearner, how: How | None = None) -> None:
                 f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
                 + (f", did you mean {meant[0]!r}?" if meant else "")
             )
-    if how in RESIDUAL:
+    if shaping is not None and shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
 
 
 def network_values(
     task: ObservationTask,
     learner: DeepLearner,
-    how: How,
-    potential: ObservationPotential | None,
+    shaping: Shaping | None,
     parameters: Mapping[str, npt.NDArray[Any]],
 ) -> NetworkValues:
     """Return what a network valued that was trained before, from its parameters alone.
 
     Parameters
     ----------
-    task, learner, how, potential
-        As it was trained; of ways that carry over a network the potential may be left out.
+    task, learner, shaping
+        As it was trained.
     parameters : dict of str to array
         As :meth:`NetworkValues.parameters` returned them.
 
@@ -124,17 +125,17 @@ def network_values(
     >>> from curricle.deep import learn_deep
     >>> cart, dqn = observation_task("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
     >>> trained = learn_deep(cart, dqn, 100).values[0]
-    >>> again = network_values(cart, dqn, "initialise", None, trained.parameters())
+    >>> again = network_values(cart, dqn, None, trained.parameters())
     >>> import numpy as np
     >>> poles = np.zeros((3, 4), dtype=np.float32)
     >>> bool((again.v(poles) == trained.v(poles)).all())
     True
     """
-    known = None if how in OF_NETWORKS else potential
+    known = shaping if shaping is not None and shaping.reads_values else None
     with apart(learner.threads):
-        model = model_for(task, learner, how, known, steps=1)
+        model = model_for(task, learner, known, steps=1)
     model.env.close()
-    values = NetworkValues(model.policy, known if how == "state" else None)
+    values = NetworkValues(model.policy, subtracted(known))
     values.load(parameters)
     return values
 

@@ -52,5 +52,5 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     known = ", ".join(f"{name} with {policy}" for name, policy in POLICIES)
     raise SettingError(
         f"initialising a network needs one of {known}: got {algorithm.__name__} with {policy}; "
-        "how='state' serves every algorithm"
+        "StateShaping serves every algorithm"
     )

@@ -10,17 +10,16 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from curricle.deep import checkpoint
 from curricle.deep.learner import SAVES, DeepLearner
-from curricle.deep.models import model_for
+from curricle.deep.models import model_for, subtracted
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.learning.general_loop import Record
 from curricle.learning.run import NO_WARM_UP, Outcome, WarmUp
+from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, opens
-from curricle.learning.ways import How
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
 
 
@@ -29,7 +28,6 @@ class DeepRun(NamedTuple):
 
     task: ObservationTask
     learner: DeepLearner
-    how: How
     steps: int
     episodes: int
     eval_freq: int
@@ -41,26 +39,25 @@ class DeepRun(NamedTuple):
     def train(
         self,
         seed: int,
-        potential: ObservationPotential | None,
+        shaping: Shaping | None,
         before: WarmUp = NO_WARM_UP,
         charged: int = 0,
         saves: Path | None = None,
     ) -> Outcome:
         """Return what one seed learns; a file `saves` is resumed from, and kept up to date."""
         start = stream_start(seed, self.stream)
-        words = f"{self.task}, {self.learner}, {self.how}, {self.steps} steps, {start:x}"
+        entering = None if shaping is None else shaping.name
+        words = f"{self.task}, {self.learner}, {entering}, {self.steps} steps, {start:x}"
         left = self.steps - charged - before.steps
         with checkpoint.apart(self.learner.threads):
             saved = None if saves is None else checkpoint.load(saves, words)
             if saved is None:
                 small = splitmix64_number(start) >> 33
-                model = model_for(
-                    self.task, self.learner, self.how, potential, seed=small, steps=left
-                )
+                model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
                 progress = Progress.begun(self, before)
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
-            values = NetworkValues(model.policy, potential if self.how == "state" else None)
+            values = NetworkValues(model.policy, subtracted(shaping))
             scribe = Scribe(self, progress, values, self.steps - charged, start)
             if saves is not None:
                 scribe.keep(saves, words)

@@ -22,8 +22,16 @@ from .schedules import (
     harmonic as harmonic,
     linear as linear,
 )
+from .shaping import (
+    DecayingAdvice as DecayingAdvice,
+    LookAheadAdvice as LookAheadAdvice,
+    LookBackAdvice as LookBackAdvice,
+    QInitialisation as QInitialisation,
+    RewardBonus as RewardBonus,
+    Shaping as Shaping,
+    StateShaping as StateShaping,
+)
 from .snapshots import Snapshots as Snapshots
 from .stopping import Decision as Decision, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .training import learn as learn
-from .ways import How as How

@@ -48,7 +48,7 @@ def limits(budget: Budget) -> tuple[int, int]:
     if isinstance(budget, Episodes):
         return int(NO_LIMIT), budget.number
     if isinstance(budget, StoppingRule):
-        return budget.most, int(NO_LIMIT)
+        return budget.max_steps, int(NO_LIMIT)
     return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
 
 

@@ -26,8 +26,8 @@ PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
 
 
-class Shaping(NamedTuple):
-    """What a potential adds while learning; `initialise` and `look_ahead` need none of it."""
+class ShapingKernel(NamedTuple):
+    """What a :class:`Shaping` adds while learning, as compiled loops read it."""
 
     way: int
     weight: Schedule

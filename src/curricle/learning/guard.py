@@ -32,7 +32,7 @@ class Guard:
 
     Two Q-learners share one experience: one starts as phi, the other as if there were none. Every
     step teaches both, every episode is acted by one of them. The one whose last episodes returned
-    more is evaluated and handed on; where it is ahead by `sure` standard errors, it gets a larger
+    more is evaluated and handed on; where it is ahead by `standard_errors` standard errors, it gets a larger
     share of the steps from episode to episode. Each is Q-learning on plain rewards from an initial
     value of its own, so both converge to Q* under the usual conditions, whatever phi is and however
     the shares move: nothing has to be corrected when trust in phi changes.
@@ -41,11 +41,11 @@ class Guard:
     ----------
     share : float
         Share of the steps that phi's learner gets at first, in (0, 1).
-    least : float
+    min_share : float
         Share that either keeps, in (0, 0.5].
     pace : float
         Part of the way to its largest share that the better one gains an episode, in (0, 1].
-    sure : float
+    standard_errors : float
         Standard errors by which it has to be better.
     memory : int
         Episodes over which returns are averaged, exponentially.
@@ -57,44 +57,46 @@ class Guard:
 
     Examples
     --------
-    >>> Guard(least=0.2)
-    Guard(share=0.5, least=0.2, pace=0.003, sure=3.0, memory=20)
+    >>> Guard(min_share=0.2)
+    Guard(share=0.5, min_share=0.2, pace=0.003, standard_errors=3.0, memory=20)
     """
 
     share: float = 0.5
-    least: float = 0.1
+    min_share: float = 0.1
     pace: float = 0.003
-    sure: float = 3.0
+    standard_errors: float = 3.0
     memory: int = 20
 
     def __post_init__(self) -> None:
-        least = number("least of a guard", self.least, SettingError, 0.0, 0.5)
-        if least == 0.0:
-            raise SettingError("least of a guard must be above 0: without it nobody looks: got 0")
-        number("share of a guard", self.share, SettingError, least, 1 - least)
+        min_share = number("min_share of a guard", self.min_share, SettingError, 0.0, 0.5)
+        if min_share == 0.0:
+            raise SettingError(
+                "min_share of a guard must be above 0, or one learner would never act: got 0"
+            )
+        number("share of a guard", self.share, SettingError, min_share, 1 - min_share)
         number("pace of a guard", self.pace, SettingError, 0.0, 1.0)
-        number("sure of a guard", self.sure, SettingError, 0.0)
+        number("standard_errors of a guard", self.standard_errors, SettingError, 0.0)
         whole_number("memory of a guard", self.memory, FEWEST, SettingError)
 
     @property
-    def rule(self) -> "GuardRule":
+    def kernel(self) -> "GuardKernel":
         """The guard as the compiled loop reads it."""
-        return GuardRule(
+        return GuardKernel(
             float(self.share),
-            float(self.least),
+            float(self.min_share),
             float(self.pace),
-            float(self.sure),
+            float(self.standard_errors),
             1.0 / self.memory,
         )
 
 
-class GuardRule(NamedTuple):
+class GuardKernel(NamedTuple):
     """A guard, for the compiled loop."""
 
     share: float
-    least: float
+    min_share: float
     pace: float
-    sure: float
+    standard_errors: float
     forgetting: float
 
 
@@ -115,8 +117,14 @@ def judged(guard, mean, variance, episodes, ahead, share):
         return ahead, share
     gap = mean[1] - mean[0]
     ahead = 1 if gap >= 0.0 else 0
-    if gap * gap > guard.sure * guard.sure * (variance[0] + variance[1]) * guard.forgetting:
-        goal = 1.0 - guard.least if ahead == 1 else guard.least
+    if (
+        gap * gap
+        > guard.standard_errors
+        * guard.standard_errors
+        * (variance[0] + variance[1])
+        * guard.forgetting
+    ):
+        goal = 1.0 - guard.min_share if ahead == 1 else guard.min_share
         share += guard.pace * (goal - share)
     return ahead, share
 

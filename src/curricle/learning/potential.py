@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError
-from curricle.learning.schedules import Schedule, constant, schedule
+from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_table
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
@@ -101,8 +101,6 @@ class StateActionPotential:
         The task to be shaped.
     values : (S, A) float array
         phi. Values at terminal states are replaced by 0.
-    weight : float or Schedule
-        Factor xi(t) of explicit decaying advice (``how="advice"``); 1 for all other ways.
 
     Raises
     ------
@@ -122,7 +120,6 @@ class StateActionPotential:
 
     task: Task
     values: FloatArray
-    weight: Any = 1.0
 
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
@@ -134,7 +131,6 @@ class StateActionPotential:
             )
         ends = None if generative.terminal is None else generative.terminal[:, None]
         _freeze(self, values=_zero_at_end(ends, values))
-        object.__setattr__(self, "weight", schedule(self.weight))
 
     @property
     def highest(self) -> float:
@@ -147,7 +143,7 @@ class StateActionPotential:
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""
-        return StatePotential(self.task, self.values.max(axis=1), weight=self.weight)
+        return StatePotential(self.task, self.values.max(axis=1))
 
     def look_ahead(
         self,
@@ -193,11 +189,6 @@ class MappedPotential:
     task: Task
     lookup: ValueLookup
 
-    @property
-    def weight(self) -> Schedule:
-        """1, always."""
-        return constant(1.0)
-
     @cached_property
     def values(self) -> FloatArray:
         """Phi as an array after all, (S, A) float64; 0 at terminal states."""
@@ -236,6 +227,9 @@ class MappedPotential:
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""
         return StatePotential(self.task, self.values.max(axis=1))
+
+
+Potential = StatePotential | StateActionPotential | MappedPotential
 
 
 def _zero_at_end(ends: Any, values: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ class LearningResult:
     training_return : (K, T) float64
         Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
         NaN where none did.
-    trust : (K, T) float64
+    guard_share : (K, T) float64
         Share of the steps that a guarded potential's learner got (:class:`Guard`); NaN without.
     greedy_return : (K, T) float64
         Expected return of the greedy policy (:class:`GreedyEvaluation`). After a seed's budget
@@ -172,7 +172,7 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
             "training_return",
             "greedy_return",
             "episodes",
-            "trust",
+            "guard_share",
             "steps_used",
             "episodes_used",
             "out_of_memory",
@@ -236,7 +236,7 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         training_return=silent("training_return"),
         greedy_return=held("greedy_return"),
         episodes=held("episodes"),
-        guard_share=held("trust"),
+        guard_share=held("guard_share"),
         steps_used=joined("steps_used"),
         episodes_used=joined("episodes_used"),
         out_of_memory=joined("out_of_memory"),

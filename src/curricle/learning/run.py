@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from curricle.errors import SettingError
 from curricle.learning import general_loop
-from curricle.learning.guard import Guard, train_guarded
+from curricle.learning.guard import train_guarded
 from curricle.learning.learners import Learner
-from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
-from curricle.learning.schedules import constant
+from curricle.learning.shaping import NOTHING_ADDED, Shaping
 from curricle.learning.snapshots import frame_checkpoints
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, opens
 from curricle.learning.storage import SparseValues, Storage
@@ -29,19 +29,11 @@ from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel
 
 FloatTable = npt.NDArray[np.floating[Any]]
-Potential = StatePotential | StateActionPotential | MappedPotential
 
-WAYS = {
-    "look_back": general_loop.LOOK_BACK,
-    "bonus": general_loop.BONUS,
-    "advice": general_loop.ADVICE,
-}
 NEAR = 32_768
 """Bytes of a table that stays in the processor's nearest cache."""
 UNROLLED = 64
 """Actions up to which a loop is compiled for their number: an eighth faster."""
-AS_VALUES = ("initialise", "look_ahead")
-"""Ways that write the potential into the table, after which learning is plain."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +92,16 @@ class _Seed(NamedTuple):
 
     start: int
     steps: int
-    potential: Any
+    shaping: Shaping | None
     out: FloatTable | None
     record: general_loop.Record
     spent: general_loop.Spent
+
+    @property
+    def initial(self) -> Any:
+        """The potential that Q starts at; None for the learner's initial value."""
+        shaped = self.shaping
+        return shaped.potential if shaped is not None and shaped.starts_at_potential else None
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,6 @@ class Run:
 
     task: GenerativeModel
     learner: Learner
-    how: str
     steps: int
     episodes: int
     eval_freq: int
@@ -124,13 +121,12 @@ class Run:
     evaluation: EvaluationKernel
     storage: Storage
     rows: int
-    guard: Guard | None = None
     gate: StoppingKernel = NEVER_STOPS
 
     def train(
         self,
         start: int,
-        potential: Potential | None,
+        shaping: Shaping | None = None,
         out: FloatTable | None = None,
         warm_up: WarmUp = NO_WARM_UP,
         charged: int = 0,
@@ -150,25 +146,25 @@ class Run:
             returns, greedy, guard_share, np.zeros(size, int), frame_at, pictures
         )
         spent = warm_up.note(record, self.eval_freq)
-        seed = _Seed(start, self.steps - charged, potential, out, record, spent)
-        if self.guard is not None:
-            return self._train_guarded(self.guard, seed)
-        return self._train_plainly(seed) if self.plain else self._train_shaped(seed)
+        seed = _Seed(start, self.steps - charged, shaping, out, record, spent)
+        if shaping is not None and shaping.guard is not None:
+            return self._train_guarded(seed)
+        return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
 
-    @property
-    def plain(self) -> bool:
-        """Whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        q_learning = self.learner.update == general_loop.Q_LEARNING and self.how in AS_VALUES
-        return q_learning and self.guard is None
+    def plain(self, shaping: Shaping | None) -> bool:
+        """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
+        if self.learner.update != general_loop.Q_LEARNING:
+            return False
+        return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
     def _train_plainly(self, seed: _Seed) -> Outcome:
         key = np.uint64(splitmix64_number(seed.start))
         table: Dense | Sparse
         if self.rows:
-            table = self._sparse(seed.potential, key)
+            table = self._sparse(seed.initial, key)
         else:
             q = self._empty() if seed.out is None else seed.out
-            self._fill(q, seed.potential)
+            self._fill(q, seed.initial)
             table = self._dense(q, key)
         steps, episodes = self._loop(train_q_learning, len(table.q), seed, table)
         values: FloatTable | SparseValues | None = seed.out
@@ -188,25 +184,26 @@ class Run:
         return not beyond and bool(opens(self.gate, seed.record.greedy_return, checkpoint, steps))
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
-        potential = seed.potential
-        if isinstance(potential, MappedPotential) and self.how not in AS_VALUES:
-            potential = StateActionPotential(potential.task, potential.values)
+        shaping = seed.shaping
         q = np.stack([self._empty() for _ in range(self.learner.tables)])
         for table in q:
-            self._fill(table, potential if self.how in AS_VALUES else None)
-        shaped = shaping(potential, self.how)
-        steps, episodes = self._loop(general_loop.train, q.shape[1], seed, shaped, q)
+            self._fill(table, seed.initial)
+        kernel = NOTHING_ADDED if shaping is None else shaping.kernel()
+        steps, episodes = self._loop(general_loop.train, q.shape[1], seed, kernel, q)
+        offset = (lambda step: 0.0) if shaping is None else shaping.offset
         for checkpoint, frame in zip(seed.record.frame_at, seed.record.frames, strict=True):
-            frame += values_offset(potential, self.how, checkpoint * self.eval_freq)
+            frame += offset(checkpoint * self.eval_freq)
         if seed.out is not None:
-            seed.out[...] = q.mean(axis=0) + values_offset(potential, self.how, steps)
+            seed.out[...] = q.mean(axis=0) + offset(steps)
         return Outcome(seed.record, seed.out, steps, episodes, False)
 
-    def _train_guarded(self, guard: Guard, seed: _Seed) -> Outcome:
+    def _train_guarded(self, seed: _Seed) -> Outcome:
+        guard = seed.shaping.guard if seed.shaping is not None else None
+        assert guard is not None
         q = np.stack([self._empty(), self._empty()])
-        for table, knowledge in zip(q, (None, seed.potential), strict=True):
+        for table, knowledge in zip(q, (None, seed.initial), strict=True):
             self._fill(table, knowledge)
-        steps, episodes, ahead = self._loop(train_guarded, q.shape[1], seed, guard.rule, q)
+        steps, episodes, ahead = self._loop(train_guarded, q.shape[1], seed, guard.kernel, q)
         if seed.out is not None:
             seed.out[...] = q[ahead]
         return Outcome(seed.record, seed.out, steps, episodes, False)
@@ -285,34 +282,6 @@ def number(n: int) -> Number:
     return (None,) * n
 
 
-def shaping(potential: Potential | None, how: str) -> general_loop.Shaping:
-    """Return what the general loop is to add; nothing where phi is written into the table."""
-    # Read-only like every potential: another kind of array would be another compilation.
-    none = frozen(np.zeros((1, 1)))
-    nothing_added = general_loop.Shaping(
-        general_loop.PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), none, none
-    )
-    if isinstance(potential, StatePotential):
-        return nothing_added._replace(
-            way=general_loop.STATE,
-            weight=potential.weight,
-            frame_steps=potential.frame_steps,
-            state_values=potential.values,
-        )
-    if potential is None or how not in WAYS:
-        return nothing_added
-    return nothing_added._replace(
-        way=WAYS[how], weight=potential.weight, pair_values=potential.values
-    )
-
-
-def values_offset(potential: Potential | None, how: str, step: int) -> Any:
-    """Return what to add to Q so that it speaks of unshaped rewards and of the policy acted on."""
-    if isinstance(potential, StatePotential):
-        return potential.at(step)[:, None]
-    if potential is not None and how == "advice":
-        return potential.weight(step) * potential.values
-    return 0.0
 
 
 def rows_allowed(

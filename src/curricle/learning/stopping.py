@@ -25,35 +25,34 @@ class StoppingRule:
 
     Parameters
     ----------
-    most : int
+    max_steps : int
         Steps at which learning ends whatever has been reached.
-    least : int
+    min_steps : int
         Steps before which it does not end.
-    value : float, optional
+    threshold : float, optional
         Ends when each of the last evaluations returned at least this.
     fraction : float, optional
-        The same with worst + fraction (optimum - worst), in [0, 1]: how far from a policy that
-        acts at random to an optimal one. The task must be small enough to be solved.
+        The same with worst + fraction (optimum - worst), in [0, 1], worst the uniform random
+        policy's return. The task must be small enough to be solved.
     plateau : float, optional
         Ends when the mean of the last evaluations exceeds the mean of as many before them by less
         than this return.
-    lost : float, optional
-        Ends, too, when each of the last evaluations lies more than this below the first: when what
-        the task was started with has been lost.
-    evaluations : int
+    drop : float, optional
+        Ends, too, when each of the last evaluations lies more than this below the first.
+    patience : int
         How many "the last" are.
     when : {"any", "all"}
-        Whether one of value (or fraction) and plateau is enough, or both must hold.
+        Whether one of threshold (or fraction) and plateau is enough, or both must hold.
 
     Raises
     ------
     SettingError
-        When a number is out of range, or value and fraction are both given.
+        When a number is out of range, or threshold and fraction are both given.
 
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> gate = StoppingRule(most=50_000, value=190.0, evaluations=2)
+    >>> gate = StoppingRule(max_steps=50_000, threshold=190.0, patience=2)
     >>> print(gate)
     50,000 steps, until a greedy return of 190.0 over 2 evaluations
     >>> result = learn(GridWorld("S..T"), budget=gate, eval_freq=100)
@@ -63,43 +62,45 @@ class StoppingRule:
     ends; greedy 193 >= 190 over 2 evaluations; 200 of at most 50,000 steps used
     """
 
-    most: int
-    least: int = 0
-    value: float | None = None
+    max_steps: int
+    min_steps: int = 0
+    threshold: float | None = None
     fraction: float | None = None
     plateau: float | None = None
-    lost: float | None = None
-    evaluations: int = 5
+    drop: float | None = None
+    patience: int = 5
     when: Literal["any", "all"] = "any"
 
     def __post_init__(self) -> None:
-        for name, low in (("most", 1), ("least", 0), ("evaluations", 1)):
-            whole = whole_number(f"{name} of a gate", getattr(self, name), low, SettingError)
-            object.__setattr__(self, name, whole)
-        if self.least > self.most:
-            raise SettingError(
-                f"least of a gate must not exceed most: got {self.least:,} and {self.most:,} steps"
+        for name, low in (("max_steps", 1), ("min_steps", 0), ("patience", 1)):
+            whole = whole_number(
+                f"{name} of a stopping rule", getattr(self, name), low, SettingError
             )
-        if self.value is not None:
-            number("value of a gate", self.value, SettingError)
+            object.__setattr__(self, name, whole)
+        if self.min_steps > self.max_steps:
+            raise SettingError(
+                f"min_steps of a stopping rule must not exceed max_steps: got {self.min_steps:,} and {self.max_steps:,} steps"
+            )
+        if self.threshold is not None:
+            number("threshold of a stopping rule", self.threshold, SettingError)
         if self.fraction is not None:
-            number("fraction of a gate", self.fraction, SettingError, 0.0, 1.0)
-            if self.value is not None:
+            number("fraction of a stopping rule", self.fraction, SettingError, 0.0, 1.0)
+            if self.threshold is not None:
                 raise SettingError(
-                    "a gate takes a value or a fraction of the optimum, not both: got "
-                    f"{self.value:g} and {self.fraction:g}"
+                    "a stopping rule takes a threshold or a fraction of the optimum, not both: got "
+                    f"{self.threshold:g} and {self.fraction:g}"
                 )
-        for name in ("plateau", "lost"):
+        for name in ("plateau", "drop"):
             if getattr(self, name) is not None:
-                number(f"{name} of a gate", getattr(self, name), SettingError, 0.0)
-        one_of("when of a gate", self.when, ("any", "all"), SettingError)
+                number(f"{name} of a stopping rule", getattr(self, name), SettingError, 0.0)
+        one_of("when of a stopping rule", self.when, ("any", "all"), SettingError)
 
     def __str__(self) -> str:
-        n = self.evaluations
+        n = self.patience
         asked = [
             words
             for given, words in (
-                (self.value, f"a greedy return of {self.value}"),
+                (self.threshold, f"a greedy return of {self.threshold}"),
                 (self.fraction, f"{self.fraction} of the way to the optimum"),
                 (self.plateau, f"a rise below {self.plateau}"),
             )
@@ -108,24 +109,24 @@ class StoppingRule:
         until = f", until {f' {_JOINED[self.when]} '.join(asked)} over {n} evaluations" * bool(
             asked
         )
-        least = f"{self.least:,} to " if self.least else ""
-        return f"{least}{self.most:,} steps{until}"
+        least = f"{self.min_steps:,} to " if self.min_steps else ""
+        return f"{least}{self.max_steps:,} steps{until}"
 
-    def rule(self, level: float | None = None) -> "StoppingKernel":
-        """Return the gate as compiled loops read it.
+    def kernel(self, level: float | None = None) -> "StoppingKernel":
+        """Return the rule as compiled loops read it.
 
         Parameters
         ----------
         level : float, optional
             The return that a fraction stands for (:meth:`Target.level`).
         """
-        value = self.value if self.fraction is None else level
+        value = self.threshold if self.fraction is None else level
         return StoppingKernel(
-            self.least,
-            self.evaluations,
+            self.min_steps,
+            self.patience,
             math.nan if value is None else float(value),
             math.nan if self.plateau is None else float(self.plateau),
-            math.nan if self.lost is None else float(self.lost),
+            math.nan if self.drop is None else float(self.drop),
             self.when == "all",
         )
 
@@ -149,16 +150,16 @@ class StoppingRule:
         used : int, optional
             Steps the seed spent in all; later checkpoints repeat its last value.
         """
-        rule, greedy = self.rule(level), np.asarray(greedy_return, dtype=np.float64)
+        kernel, greedy = self.kernel(level), np.asarray(greedy_return, dtype=np.float64)
         found = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
-            ends = bool(opens(rule, greedy, checkpoint, step))
-            lowest, highest, rise = (float(part(rule, greedy, checkpoint)) for part in _PARTS)
+            ends = bool(opens(kernel, greedy, checkpoint, step))
+            lowest, highest, rise = (float(part(kernel, greedy, checkpoint)) for part in _PARTS)
             start = float(greedy[0])
-            found.append(Decision(self, rule, step, ends, start, lowest, highest, rise))
-            if found[-1].ends or step >= self.most:
+            found.append(Decision(self, kernel, step, ends, start, lowest, highest, rise))
+            if found[-1].ends or step >= self.max_steps:
                 break
         return found
 
@@ -169,11 +170,11 @@ _JOINED = {"any": "or", "all": "and"}
 class StoppingKernel(NamedTuple):
     """A gate, for the compiled loops; NaN where a condition is not set."""
 
-    least: int
-    evaluations: int
+    min_steps: int
+    patience: int
     level: float
     plateau: float
-    lost: float
+    drop: float
     both: bool
 
 
@@ -182,10 +183,10 @@ NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, False)
 
 def lowest_of_last(rule, greedy, checkpoint):
     """Return the lowest of the last evaluations up to a checkpoint; NaN if there are too few."""
-    if checkpoint + 1 < rule.evaluations:
+    if checkpoint + 1 < rule.patience:
         return np.nan
     lowest = np.inf
-    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+    for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
         if not greedy[i] >= lowest:  # NaN is the lowest of all
             lowest = greedy[i]
     return lowest
@@ -193,10 +194,10 @@ def lowest_of_last(rule, greedy, checkpoint):
 
 def highest_of_last(rule, greedy, checkpoint):
     """Return the highest of the last evaluations after the first one; NaN if there are too few."""
-    if checkpoint < rule.evaluations:
+    if checkpoint < rule.patience:
         return np.nan
     highest = -np.inf
-    for i in range(checkpoint + 1 - rule.evaluations, checkpoint + 1):
+    for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
         if not greedy[i] <= highest:
             highest = greedy[i]
     return highest
@@ -204,7 +205,7 @@ def highest_of_last(rule, greedy, checkpoint):
 
 def rise_of_last(rule, greedy, checkpoint):
     """Return the mean of the last evaluations less that of as many before; NaN if too few."""
-    n = rule.evaluations
+    n = rule.patience
     if checkpoint + 1 < 2 * n:
         return np.nan
     rise = 0.0
@@ -217,9 +218,9 @@ def _judge(lowest_of, highest_of, rise_of):
     """Return the gate's one predicate, made of compiled pieces or of plain functions."""
 
     def opens(rule, greedy, checkpoint, step):
-        if step == 0 or step < rule.least:
+        if step == 0 or step < rule.min_steps:
             return False
-        if highest_of(rule, greedy, checkpoint) < greedy[0] - rule.lost:
+        if highest_of(rule, greedy, checkpoint) < greedy[0] - rule.drop:
             return True
         asks_level, asks_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
         reached = asks_level and lowest_of(rule, greedy, checkpoint) >= rule.level
@@ -242,8 +243,8 @@ class Decision:
 
     Attributes
     ----------
-    gate : StoppingRule
-    rule : StoppingKernel
+    rule : StoppingRule
+    kernel : StoppingKernel
     step : int
     ends : bool
         Whether the gate opened.
@@ -257,8 +258,8 @@ class Decision:
         What was done where that is more than to stay or to end.
     """
 
-    gate: StoppingRule
-    rule: StoppingKernel
+    rule: StoppingRule
+    kernel: StoppingKernel
     step: int
     ends: bool
     start: float
@@ -268,45 +269,47 @@ class Decision:
     then: str = ""
 
     @property
-    def lost(self) -> bool:
-        """Whether what the task was started with has been lost."""
-        early = self.step == 0 or self.step < self.gate.least
-        return not early and self.highest < self.start - self.rule.lost
+    def dropped(self) -> bool:
+        """Whether the return dropped too far below where it started."""
+        early = self.step == 0 or self.step < self.rule.min_steps
+        return not early and self.highest < self.start - self.kernel.drop
 
     @property
     def spent(self) -> bool:
         """Whether all steps were used."""
-        return self.step >= self.gate.most
+        return self.step >= self.rule.max_steps
 
     @property
     def reasons(self) -> Sequence[str]:
         """Each condition with the number it was held against."""
-        found, n = list[str](), self.gate.evaluations
+        found, n = list[str](), self.rule.patience
         over = f"over {n} evaluation{'s' * (n > 1)}"
-        if not math.isnan(self.rule.level):
-            sign = ">=" if self.lowest >= self.rule.level else "<"
+        if not math.isnan(self.kernel.level):
+            sign = ">=" if self.lowest >= self.kernel.level else "<"
             found.append(
                 f"too few evaluations for a value over {n}"
                 if math.isnan(self.lowest)
-                else f"greedy {self.lowest:.4g} {sign} {self.rule.level:.4g} {over}"
+                else f"greedy {self.lowest:.4g} {sign} {self.kernel.level:.4g} {over}"
             )
-        if not math.isnan(self.rule.plateau):
-            sign = "<" if self.rise < self.rule.plateau else ">="
+        if not math.isnan(self.kernel.plateau):
+            sign = "<" if self.rise < self.kernel.plateau else ">="
             found.append(
                 f"too few evaluations for a plateau over {n} and {n} before"
                 if math.isnan(self.rise)
-                else f"rise {self.rise:.3g} {sign} {self.rule.plateau:.3g} {over}"
+                else f"rise {self.rise:.3g} {sign} {self.kernel.plateau:.3g} {over}"
             )
-        if self.lost:
+        if self.dropped:
             found.append(
-                f"lost: greedy {self.highest:.4g} < {self.start:.4g} - {self.rule.lost:.4g}, where "
+                f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, where "
                 f"it started, {over}"
             )
         return found
 
     def __str__(self) -> str:
-        used = f"{self.step:,} of at most {self.gate.most:,} steps used"
-        early = [f"at least {self.gate.least:,} steps first"] * (self.step < self.gate.least)
+        used = f"{self.step:,} of at most {self.rule.max_steps:,} steps used"
+        early = [f"at least {self.rule.min_steps:,} steps first"] * (
+            self.step < self.rule.min_steps
+        )
         verdict = self.then or ("ends" if self.ends or self.spent else "stays")
         return "; ".join([verdict, *self.reasons, *early, used])
 

@@ -1,11 +1,9 @@
 """Reward hacking, which the paper describes: a bonus that makes the agent loop for ever."""
 
-from typing import Any
-
 import numpy as np
 
 from curricle import GridWorld, QLearning, Rewards, StateActionPotential, learn
-from curricle.learning import How
+from curricle.learning import RewardBonus, Shaping, StateShaping
 from curricle.paper.maze_runs import curve_table
 from curricle.paper.settings import (
     EPSILON,
@@ -43,20 +41,19 @@ def nearness() -> StateActionPotential:
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     """Return the figure of reward hacking."""
     hint = nearness()
-    arms: dict[str, tuple[Any, How]] = {
-        "no shaping": (None, "initialise"),
-        "as a bonus": (hint, "bonus"),
-        "as a potential": (hint.to_state(), "state"),
+    arms: dict[str, Shaping | None] = {
+        "no shaping": None,
+        "as a bonus": RewardBonus(hint),
+        "as a potential": StateShaping(hint),
     }
     results = {}
-    for name, (potential, how) in arms.items():
+    for name, shaping in arms.items():
         results[name] = learn(
             MAZE,
             LEARNER,
             STEPS,
             seeds=seeds,
-            potential=potential,
-            how=how,
+            shaping=shaping,
             evaluation=SUMMED,
             workers=workers,
         )

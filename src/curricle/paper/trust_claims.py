@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle import certify
+from curricle import QInitialisation, RewardBonus, StateShaping, certify
 from curricle.learning import LearningResult
 from curricle.paper import hacking
 from curricle.paper.maze_runs import WINDOW
@@ -42,9 +42,9 @@ def _change(result: LearningResult) -> dict[str, Any]:
 
 
 def _certified(found: TrustRuns) -> Claim:
-    safe = certify(found.calibrated.task, found.calibrated, "initialise")
-    hint = certify(hacking.MAZE, hacking.nearness(), "bonus")
-    control = certify(hacking.MAZE, hacking.nearness().to_state(), "state")
+    safe = certify(found.calibrated.task, QInitialisation(found.calibrated))
+    hint = certify(hacking.MAZE, RewardBonus(hacking.nearness()))
+    control = certify(hacking.MAZE, StateShaping(hacking.nearness()))
     return Claim(
         "trust.certified",
         "trust",

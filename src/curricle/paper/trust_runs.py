@@ -12,6 +12,7 @@ from curricle import (
     GreedyEvaluation,
     Guard,
     Pursuit,
+    QInitialisation,
     QLearning,
     StateActionPotential,
     Transfer,
@@ -168,7 +169,10 @@ def corner_plan(size: int) -> Curriculum:
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], Attribution]:
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).nodes
-    arms = {"from the 3x3 corner": plan, "the same, guarded": replace(plan, guard=Guard())}
+    arms = {
+        "from the 3x3 corner": plan,
+        "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
+    }
     results = {
         "scratch": learn(
             plan.tasks["target"],

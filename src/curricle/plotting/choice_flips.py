@@ -16,6 +16,7 @@ from curricle.learning.budget import seed_tuple
 from curricle.learning.learners import Learner
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
+from curricle.learning.shaping import QInitialisation
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.solution import solve
@@ -148,6 +149,9 @@ def collapse_figure(
         raise SettingError(f"times must be steps from 1 to {steps:,}, at least one: got {times}")
     chosen = GreedyEvaluation(discounted=False) if evaluation is None else evaluation
     numbered = seed_tuple(seeds)
+    potentials = (
+        list(potential) if isinstance(potential, Sequence) else [potential] * len(numbered)
+    )
 
     def learnt(so_far: int, evaluated: GreedyEvaluation, eval_freq: int | None) -> LearningResult:
         how: Any = {"seeds": numbered, "stream": stream, "workers": workers}
@@ -155,14 +159,14 @@ def collapse_figure(
             task,
             learner,
             so_far,
-            potential=potential,
+            shaping=[QInitialisation(phi) for phi in potentials],
             evaluation=evaluated,
             eval_freq=eval_freq,
             **how,
         )
 
     whole = learnt(steps, chosen, None)
-    optimal, at_start = solve(task, tolerance=1e-6), _start_values(potential, len(numbered))
+    optimal, at_start = solve(task, tolerance=1e-6), [phi.values for phi in potentials]
     cheapest = GreedyEvaluation(method="rollouts", episodes=1)
     right = [_right(at_start, optimal.optimal)]
     for time in checked:
@@ -174,14 +178,6 @@ def collapse_figure(
         "by the visits of the optimal policy": expected_visits(task, optimal.policy),
     }
     return _draw_collapse(whole, [0, *checked], np.stack(right, axis=1), weights)
-
-
-def _start_values(
-    potential: PairPotential | Sequence[PairPotential], n_seeds: int
-) -> list[FloatArray]:
-    """Return what each seed's Q starts as, (S, A) each."""
-    each = list(potential) if isinstance(potential, Sequence) else [potential] * n_seeds
-    return [one.values for one in each]
 
 
 def _right(tables_of_values: Any, optimal: BoolArray) -> BoolArray:

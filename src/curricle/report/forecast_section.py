@@ -180,9 +180,9 @@ def _used(
 
 
 def _certified(result: CurriculumResult, target: str) -> Certificate:
-    how, phi = result.curriculum.setting("how", target), _entering(result, target)
+    shaping = result.curriculum.setting("shaping", target)
     task = result.curriculum.tasks[target]
-    return certify(task, phi.to_state() if how == "state" else phi, how)
+    return certify(task, shaping.with_potential(_entering(result, target)))
 
 
 def _entering(result: CurriculumResult, target: str) -> PairPotential:

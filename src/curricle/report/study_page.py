@@ -25,7 +25,7 @@ from curricle.statistics.curves import SCRATCH
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Size of the curves on a desktop and on a phone, in inches."""
 
-OF_TARGETS = ("aggregate", "how", "guard")
+OF_TARGETS = ("aggregate", "shaping", "retrain")
 """Settings that do not apply to a task without sources."""
 
 

@@ -27,7 +27,7 @@ def kept_snapshots(result, name, moments=5):
             curriculum.setting("learner", name),
             int(n),
             seeds=[0],
-            potential=phi,
+            shaping=cr.QInitialisation(phi),
             eval_freq=int(n),
             stream=name,
         ).values[0]

@@ -7,7 +7,6 @@ from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.learning.budget import limits, spacing
-from curricle.learning.training import check_guard
 from curricle.study.config.document import Plan
 from curricle.study.config.graph import Graph
 from curricle.study.config.settings import Settings
@@ -99,5 +98,5 @@ def _check(which: str, value: Any, found: dict[str, Any], taught: bool) -> None:
         limits(value)
     if which == "eval_freq" and "budget" in found:
         spacing(value, found["budget"])
-    if which == "guard" and taught and "learner" in found:
-        check_guard(value, found["learner"], found["how"], guarded=True)
+    if which == "shaping" and taught and "learner" in found:
+        value.check(found["learner"])

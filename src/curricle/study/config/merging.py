@@ -9,7 +9,7 @@ from curricle.study.config.graph import Graph, table
 from curricle.study.config.settings import DeepLearnerTable, EpisodesTable, LearnerTable, Settings
 
 SETTINGS = tuple(Settings.model_fields)
-OF_TARGETS = ("aggregate", "how", "guard", "back")
+OF_TARGETS = ("aggregate", "shaping", "retrain")
 """Settings that say how potentials enter a task; a task without sources has none."""
 LASTING = frozenset({*SETTINGS, *LearnerTable.model_fields})
 """Keys that mean the same in tables of every type."""
@@ -93,8 +93,8 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     --------
     >>> assignment("tasks.chase.budget=1_000")
     (('tasks', 'chase', 'budget'), {'tasks': {'chase': {'budget': 1000}}})
-    >>> assignment("how=state")
-    (('how',), {'how': 'state'})
+    >>> assignment("shaping=StateShaping")
+    (('shaping',), {'shaping': 'StateShaping'})
     """
     key, equals, value = text.partition("=")
     keys = dotted(key)
@@ -115,8 +115,8 @@ def dotted(key: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> dotted('arms."5x5".how')
-    ('arms', '5x5', 'how')
+    >>> dotted('arms."5x5".shaping')
+    ('arms', '5x5', 'shaping')
     """
     try:
         node: Any = tomllib.loads(f"{key.strip()} = 0")

@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
 
-from curricle.learning.ways import How
 from curricle.study.config.references import load
 from curricle.study.config.tables import (
     Count,
@@ -189,23 +188,24 @@ class EpisodesTable(Setting):
         return Episodes(self.episodes)
 
 
-class GateTable(Setting):
-    """A budget that ends when the task is learnt: a gate to the tasks that build on it."""
+class StoppingRuleTable(Setting):
+    """A budget that ends when the task is learnt."""
 
-    most: Whole = Field(description="Steps after which it opens in any case.")
-    least: Whole = Field(default=0, description="Steps before which it does not open.")
-    value: Number | None = Field(default=None, description="Greedy return to be reached.")
+    max_steps: Whole = Field(description="Steps at which learning ends in any case.")
+    min_steps: Whole = Field(default=0, description="Steps before which it does not end.")
+    threshold: Number | None = Field(default=None, description="Greedy return to be reached.")
     fraction: Number | None = Field(
         default=None,
-        description="The same, as a part of the way from an untaught policy to the optimum.",
+        description="The same, as a part of the way from the random policy's return to the "
+        "optimum.",
     )
     plateau: Number | None = Field(
-        default=None, description="Gain below which learning stands still."
+        default=None, description="Gain in return below which learning stands still."
     )
-    lost: Number | None = Field(
-        default=None, description="Return below its start at which what it began with is lost."
+    drop: Number | None = Field(
+        default=None, description="Return below the first evaluation at which learning ends, too."
     )
-    evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
+    patience: Whole = Field(default=5, description="Checkpoints that have to agree.")
     when: Literal["any", "all"] = Field(default="any", description="Conditions that have to hold.")
 
     def build(self) -> Any:
@@ -219,11 +219,15 @@ class GuardTable(Setting):
     """A guard against harmful potentials."""
 
     share: Number = Field(default=0.5, description="Share of steps phi's learner gets at first.")
-    least: Number = Field(default=0.1, description="Share that either learner keeps, in (0, 0.5].")
+    min_share: Number = Field(
+        default=0.1, description="Share that either learner keeps, in (0, 0.5]."
+    )
     pace: Number = Field(
         default=0.003, description="Part of the way to its share gained an episode."
     )
-    sure: Number = Field(default=3.0, description="Standard errors by which one has to be better.")
+    standard_errors: Number = Field(
+        default=3.0, description="Standard errors by which one has to be better."
+    )
     memory: Whole = Field(default=20, description="Episodes over which returns are averaged.")
 
     def build(self) -> Any:
@@ -233,19 +237,92 @@ class GuardTable(Setting):
         return Guard(**dict(self))
 
 
-class BackTable(Setting):
-    """When a task goes back to its sources."""
+ShapingName = Literal[
+    "QInitialisation",
+    "LookAheadAdvice",
+    "LookBackAdvice",
+    "StateShaping",
+    "DecayingAdvice",
+    "RewardBonus",
+    "WeightTransfer",
+    "PolicyReuse",
+]
+OF_NETWORKS = ("WeightTransfer", "PolicyReuse")
+BY_NETWORKS = ("QInitialisation", "LookAheadAdvice", "StateShaping", *OF_NETWORKS)
 
-    lost: Number = Field(description="Return below where it started.")
-    again: Whole = Field(description="Steps that each source is trained on for.")
-    most: Whole = Field(default=3, description="How often at most.")
-    evaluations: Whole = Field(default=5, description="Checkpoints that have to agree.")
+
+class ShapingTable(Setting):
+    """How a potential, or a network, enters learning."""
+
+    type: ShapingName = Field(description="The class of the shaping.")
+
+    def build(self) -> Any:
+        """Return the shaping."""
+        from curricle.deep import shaping as deep_shaping
+        from curricle.learning import shaping
+
+        module = deep_shaping if self.type in OF_NETWORKS else shaping
+        given = {name: _built(value) for name, value in dict(self).items() if name != "type"}
+        return getattr(module, self.type)(**given)
+
+
+class GuardedShapingTable(ShapingTable):
+    """A shaping in which Q starts at the potential."""
+
+    type: Literal["QInitialisation", "LookAheadAdvice"] = Field(
+        default="QInitialisation", description="The class of the shaping."
+    )
+    guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
+        default=False, description="Whether a second learner watches over the potential, and how."
+    )
+
+    def build(self) -> Any:
+        """Return the shaping."""
+        from curricle.learning import shaping
+
+        guard = GuardTable() if self.guard is True else self.guard or None
+        return getattr(shaping, self.type)(guard=_built(guard))
+
+
+class DecayingAdviceTable(ShapingTable):
+    """Advice whose weight may fall."""
+
+    type: Literal["DecayingAdvice"] = Field(
+        default="DecayingAdvice", description="The class of the shaping."
+    )
+    weight: Rate = Field(default=1.0, description="xi(t), or a schedule.")
+
+
+def _shaping_table(value: dict[str, Any]) -> type[ShapingTable]:
+    kind, kinds = value.get("type", "QInitialisation"), get_args(ShapingName)
+    if kind not in kinds:
+        words = f"must be one of {', '.join(kinds)}: got {shown(kind)}{meant(kind, kinds)}"
+        raise wrong_at(("type",), words, kind)
+    if kind == "DecayingAdvice":
+        return DecayingAdviceTable
+    return GuardedShapingTable if kind in ("QInitialisation", "LookAheadAdvice") else ShapingTable
+
+
+def _shaping_name(value: Any) -> ShapingTable:
+    kinds = get_args(ShapingName)
+    if value not in kinds:
+        raise wrong(f"must be one of {', '.join(kinds)}: got {shown(value)}{meant(value, kinds)}")
+    return _shaping_table({"type": value}).model_validate({"type": value})
+
+
+class RetrainTable(Setting):
+    """When the sources of a task are trained further."""
+
+    drop: Number = Field(description="Return below where it started.")
+    steps: Whole = Field(description="Further steps of each source.")
+    times: Whole = Field(default=3, description="How often at most.")
+    patience: Whole = Field(default=5, description="Checkpoints that have to agree.")
 
     def build(self) -> Any:
         """Return it."""
-        from curricle.curriculum.retraining import Return
+        from curricle.curriculum.retraining import RetrainSources
 
-        return Return(**dict(self))
+        return RetrainSources(**dict(self))
 
 
 class EvaluationTable(Setting):
@@ -293,7 +370,7 @@ class StorageTable(Setting):
 
 
 def _budget_table(value: dict[str, Any]) -> type[Setting]:
-    return EpisodesTable if "episodes" in value else GateTable
+    return EpisodesTable if "episodes" in value else StoppingRuleTable
 
 
 def _aggregate(value: str) -> str:
@@ -316,20 +393,17 @@ class Settings(Table):
     learner: Annotated[LearnerTable | DeepLearnerTable, either(_learner_table, no_table)] = Field(
         default=LearnerTable(), description="Who learns."
     )
-    budget: Annotated[Whole | EpisodesTable | GateTable, either(_budget_table, whole_number)] = (
-        Field(
-            default=100_000,
-            description="Steps; { episodes = 800 }; or a gate, { most = 50_000, ... }.",
-        )
+    budget: Annotated[
+        Whole | EpisodesTable | StoppingRuleTable, either(_budget_table, whole_number)
+    ] = Field(
+        default=100_000,
+        description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }.",
     )
-    how: How = Field(
-        default="initialise", description="How a potential, or a network, enters learning."
+    shaping: Annotated[ShapingTable, either(_shaping_table, _shaping_name)] = Field(
+        default=GuardedShapingTable(), description="How a potential, or a network, enters learning."
     )
-    guard: Annotated[bool | GuardTable, either(lambda _: GuardTable, flag)] = Field(
-        default=False, description="Whether a second learner watches over the potential, and how."
-    )
-    back: BackTable | None = Field(
-        default=None, description="Whether it goes back to its sources where their gift is lost."
+    retrain: RetrainTable | None = Field(
+        default=None, description="Whether sources are trained further where the return drops."
     )
     eval_freq: Whole | None = Field(
         default=None, description="Steps between checkpoints; a hundredth of the budget by default."
@@ -352,8 +426,6 @@ class Settings(Table):
         value = getattr(self, which)
         if which == "aggregate":
             return _aggregate_function(value, folder)
-        if which == "guard":
-            value = GuardTable() if value is True else value or None
         if isinstance(value, DeepLearnerTable):
             return value.build(folder)
         return _built(value)

@@ -95,7 +95,7 @@ class StudyFile:
         found = Problems()
         for arm, curriculum in self.arms.items():
             for name in curriculum.order:
-                learner, how = (curriculum.setting(one, name) for one in ("learner", "how"))
+                learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
                 if not isinstance(learner, DeepLearner):
                     continue
                 place = self.places.written(arm, ("tasks", name, "learner"))
@@ -103,7 +103,7 @@ class StudyFile:
                     learner.algorithm_class()  # says how to install what is missing
                     from curricle.deep.models import check_learner
 
-                    check_learner(learner, how if curriculum.in_edges(name) else None)
+                    check_learner(learner, shaping if curriculum.in_edges(name) else None)
         found.tell()
 
     def _built(self, *arms: str) -> dict[str, "Curriculum"]:

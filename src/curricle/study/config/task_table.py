@@ -6,8 +6,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
-from curricle.learning.ways import BY_NETWORKS, OF_NETWORKS
-from curricle.study.config.settings import DeepLearnerTable, Settings
+from curricle.study.config.settings import (
+    BY_NETWORKS,
+    OF_NETWORKS,
+    DeepLearnerTable,
+    GuardedShapingTable,
+    Settings,
+)
 from curricle.study.config.tables import Place, whole_number, wrong
 
 
@@ -70,15 +75,18 @@ def _of_networks(task: Settings, name: str) -> Iterator[tuple[Place, str]]:
             f'must be {{ type = "deep", ... }} for {name}, which is seen through observations and '
             "learnt by a network",
         )
-    if task.how not in BY_NETWORKS:
+    shaping = task.shaping
+    if shaping.type not in BY_NETWORKS:
         known = ", ".join(BY_NETWORKS)
         yield (
-            ("how",),
-            f"must be one of {known} for {name}, which a network learns: got {task.how!r}",
+            ("shaping",),
+            f"must be one of {known} for {name}, which a network learns: got {shaping.type!r}",
         )
-    for which in ("guard", "back"):
-        if getattr(task, which):
-            yield (which,), f"must be left out for {name}: it is of tables, and a network learns it"
+    left_out = f"must be left out for {name}: it is of tables, and a network learns it"
+    if isinstance(shaping, GuardedShapingTable) and shaping.guard:
+        yield ("shaping", "guard"), left_out
+    if task.retrain:
+        yield ("retrain",), left_out
     if task.evaluation.method == "exact":
         yield (
             ("evaluation", "method"),
@@ -95,5 +103,5 @@ def _of_tables(task: Settings, name: str) -> Iterator[tuple[Place, str]]:
             f'must be of tables for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
             "seen through observations, of type 'observed' or 'vector_pursuit'",
         )
-    if task.how in OF_NETWORKS:
-        yield ("how",), f"must be a way into tables for {name}: {task.how!r} is of networks"
+    if task.shaping.type in OF_NETWORKS:
+        yield ("shaping",), f"must be a shaping of tables for {name}: got {task.shaping.type!r}"

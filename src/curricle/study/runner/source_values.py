@@ -75,7 +75,7 @@ def recalled(
         if name in known:
             node, (values, steps_used, calibrations) = curriculum.node(name), known[name]
             if node.deep and values is not None:
-                potentials = curriculum.potentials(name, found)
+                potentials: list[Any] = curriculum.potentials(name, found)
                 if calibrations:
                     pairs = zip(potentials, calibrations, strict=True)
                     potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
@@ -90,6 +90,6 @@ def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tup
     from curricle.deep.models import network_values
 
     return tuple(
-        network_values(node.task, node.learner, node.how, potential, parameters)
+        network_values(node.task, node.learner, node.shaping.with_potential(potential), parameters)
         for potential, parameters in zip(potentials, each, strict=True)
     )

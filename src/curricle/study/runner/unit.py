@@ -178,9 +178,9 @@ def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
                 "steps": one.step,
                 "ends": one.spent or one.ends,
                 "lowest": one.lowest,
-                "level": one.rule.level,
+                "level": one.kernel.level,
                 "rise": one.rise,
-                "plateau": one.rule.plateau,
+                "plateau": one.kernel.plateau,
                 "words": str(one),
             }
             for one in decisions

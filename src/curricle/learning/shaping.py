@@ -1,0 +1,356 @@
+"""The ways a potential enters learning, one class each.
+
+A class says for which learners it makes sense (:meth:`Shaping.check`), which kind of potential it
+takes (:meth:`Shaping.for_task`), whether Q starts at that potential, what compiled loops add to
+rewards or to the values acted on (:meth:`Shaping.kernel`), what has to be added to Q so that it is
+in the task's own rewards (:meth:`Shaping.offset`), and what :func:`certify` checks
+(``Shaping.claim``). A new way is a new class.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import instance
+from curricle.errors import SettingError
+from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
+from curricle.learning.guard import Guard
+from curricle.learning.learners import SARSA, Learner, QLearning
+from curricle.learning.potential import (
+    MappedPotential,
+    Potential,
+    StateActionPotential,
+    StatePotential,
+)
+from curricle.learning.schedules import Schedule, constant, schedule
+from curricle.tasks.spaces import frozen
+from curricle.tasks.task import Task, generative_model, same_task
+
+FloatArray = npt.NDArray[np.float64]
+Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]
+"""What is claimed of a shaping in the long run, for :func:`certify` to check.
+
+- telescoping: rewards get gamma Phi(s') - Phi(s), so that Q becomes Q* - Phi;
+- fixed_point: Q + phi, or Q started at phi, becomes Q*;
+- one_way_in: rewards get phi(s, a) - phi(before) / gamma, and every state is entered with one phi;
+- added_values: the policy acts on Q* + w phi with the last weight w;
+- added_rewards: rewards get phi(s, a) or F(s, a, s'), and nothing is known of it.
+"""
+
+# Read-only like every potential: another kind of array would be another compilation.
+_NONE = frozen(np.zeros((1, 1)))
+NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), _NONE, _NONE)
+
+
+@dataclass(frozen=True)
+class Shaping(ABC):
+    """How a potential enters learning; see the classes derived from it.
+
+    Each has a potential, which may be left out: then nothing is added. A :class:`Curriculum` takes
+    a shaping without one and fills in what the sources give.
+
+    Examples
+    --------
+    >>> isinstance(QInitialisation(), Shaping)
+    True
+    """
+
+    claim: ClassVar[Claim]
+    for_tables: ClassVar[bool] = True
+    for_networks: ClassVar[bool] = False
+    starts_at_potential: ClassVar[bool] = False
+    """Whether Q starts at the potential, so that learning itself is plain."""
+    reads_values: ClassVar[bool] = True
+    """Whether it reads the potential's values, so that these can be calibrated or foreseen."""
+
+    @property
+    @abstractmethod
+    def potential(self) -> Any:
+        """The potential, or None."""
+
+    @property
+    def guard(self) -> Guard | None:
+        """What watches over the potential, if anything."""
+        return None
+
+    @property
+    def name(self) -> str:
+        """The name of the class."""
+        return type(self).__name__
+
+    def with_potential(self, potential: Any) -> Self:
+        """Return the same shaping of another potential."""
+        return replace(self, **{"potential": potential})
+
+    def without_guard(self) -> Self:
+        """Return the same shaping without a guard."""
+        return self if self.guard is None else replace(self, **{"guard": None})
+
+    def check(self, learner: Any) -> None:
+        """Raise SettingError unless this shaping is valid for a learner."""
+        tabular = isinstance(learner, Learner)
+        if not (self.for_tables if tabular else self.for_networks):
+            kind = "tables" if tabular else "networks"
+            raise SettingError(
+                f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
+            )
+
+    def for_task(self, task: Task) -> Self:
+        """Return the shaping with a potential of the library's own, made for this task.
+
+        Raises
+        ------
+        PotentialError
+            When an array has the wrong shape or a value that is not finite.
+        SettingError
+            When the potential is of another kind than the shaping takes, or of another task.
+        """
+        if self.potential is None:
+            return self
+        potential = self._taken(task, self.potential)
+        if not same_task(potential.task, task):
+            raise SettingError(
+                f"a potential must be made for the task it shapes: it belongs to {potential.task}"
+            )
+        return self.with_potential(potential)
+
+    def kernel(self) -> ShapingKernel:
+        """Return what compiled loops add; nothing where Q starts at the potential."""
+        return NOTHING_ADDED
+
+    def offset(self, step: int) -> Any:
+        """Return what to add to Q, broadcast to (S, A), after `step` steps.
+
+        The sum is in the task's own rewards, and is what the policy acts on.
+        """
+        return 0.0
+
+    def _taken(self, task: Task, given: Any) -> Potential:
+        """Return the potential as the shaping takes it: of pairs, unless a class says otherwise."""
+        if isinstance(given, StatePotential):
+            raise SettingError(f"{self.name} takes a potential phi(s, a): got a StatePotential")
+        return pair_potential(task, given)
+
+
+def pair_potential(task: Task, given: Any) -> StateActionPotential | MappedPotential:
+    """Return a potential of pairs as it is, an array as one."""
+    if isinstance(given, StateActionPotential | MappedPotential):
+        return given
+    return StateActionPotential(task, given)
+
+
+@dataclass(frozen=True)
+class _StartsAtPotential(Shaping):
+    """What Q-initialisation and look-ahead advice share: they are one computation."""
+
+    potential: Any = field(default=None, repr=False)
+    guard: Guard | None = None
+
+    claim: ClassVar[Claim] = "fixed_point"
+    for_networks: ClassVar[bool] = True
+    starts_at_potential: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.guard is not None:
+            instance(f"guard of {self.name}", self.guard, Guard, SettingError)
+
+    def check(self, learner: Any) -> None:
+        """Raise SettingError unless this is valid for a learner; with a guard it is Q-learning."""
+        super().check(learner)
+        if self.guard is not None and not isinstance(learner, QLearning):
+            raise SettingError(f"a guard needs the learner QLearning: got {type(learner).__name__}")
+
+
+@dataclass(frozen=True)
+class QInitialisation(_StartsAtPotential):
+    """Q starts as phi(s, a); the same updates as look-ahead advice (Wiewiora 2003).
+
+    Parameters
+    ----------
+    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    guard : Guard, optional
+        Reduces the influence of the potential where it does harm; :class:`QLearning` only.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> phi = np.tile([0.0, 0.0, 1.0, 0.0], (3, 1))  # a hint: go east
+    >>> learn(GridWorld("S.T"), budget=500, shaping=QInitialisation(phi)).greedy_return[0, 0]
+    np.float64(196.01)
+    """
+
+
+@dataclass(frozen=True)
+class LookAheadAdvice(_StartsAtPotential):
+    """Rewards get F = gamma phi(s', a*) - phi(s, a); the policy acts on Q + phi.
+
+    Carried out on Q + phi itself, which is the same save rounding: it is
+    :class:`QInitialisation` (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003).
+
+    Parameters
+    ----------
+    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    guard : Guard, optional
+        As for :class:`QInitialisation`.
+
+    Examples
+    --------
+    >>> LookAheadAdvice().claim
+    'fixed_point'
+    """
+
+
+@dataclass(frozen=True)
+class LookBackAdvice(Shaping):
+    """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
+
+    A target contains phi of the step before, averaged over all ways into a state, so the optimum
+    is sure to be kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
+
+    Parameters
+    ----------
+    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+
+    Examples
+    --------
+    >>> LookBackAdvice().claim
+    'one_way_in'
+    """
+
+    potential: Any = field(default=None, repr=False)
+
+    claim: ClassVar[Claim] = "one_way_in"
+
+    def check(self, learner: Any) -> None:
+        """Raise SettingError unless the learner is on-policy SARSA."""
+        super().check(learner)
+        if not isinstance(learner, SARSA):
+            raise SettingError(
+                f"LookBackAdvice is valid for on-policy SARSA only: got {type(learner).__name__}"
+            )
+
+    def for_task(self, task: Task) -> Self:
+        """Return the shaping for a task, or raise SettingError if its discount is 0."""
+        if generative_model(task).discount == 0:
+            raise SettingError(
+                "LookBackAdvice divides by the task's discount, which must be positive: got 0"
+            )
+        return super().for_task(task)
+
+    def kernel(self) -> ShapingKernel:
+        """Return phi(s, a)."""
+        if self.potential is None:
+            return NOTHING_ADDED
+        return NOTHING_ADDED._replace(way=LOOK_BACK, pair_values=self.potential.values)
+
+
+@dataclass(frozen=True)
+class StateShaping(Shaping):
+    """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
+
+    Parameters
+    ----------
+    potential : StatePotential or (S,) array, optional
+        Given phi(s, a), which may be an (S, A) array, it uses Phi(s) = max_a phi(s, a).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> StateShaping(np.eye(3, 4)).for_task(GridWorld("S.T")).potential.values
+    array([[1., 1., 0.]])
+    """
+
+    potential: Any = field(default=None, repr=False)
+
+    claim: ClassVar[Claim] = "telescoping"
+    for_networks: ClassVar[bool] = True
+
+    def kernel(self) -> ShapingKernel:
+        """Return Phi(s, t)."""
+        phi = self.potential
+        if phi is None:
+            return NOTHING_ADDED
+        return NOTHING_ADDED._replace(
+            way=STATE, weight=phi.weight, frame_steps=phi.frame_steps, state_values=phi.values
+        )
+
+    def offset(self, step: int) -> Any:
+        """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
+        return 0.0 if self.potential is None else self.potential.at(step)[:, None]
+
+    def _taken(self, task: Task, given: Any) -> StatePotential:
+        if isinstance(given, StatePotential):
+            return given
+        if np.ndim(given) == 1:
+            return StatePotential(task, given)
+        return pair_potential(task, given).to_state()
+
+
+@dataclass(frozen=True)
+class DecayingAdvice(Shaping):
+    """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
+
+    The policy is the task's own only as the weight xi goes to 0.
+
+    Parameters
+    ----------
+    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    weight : float or Schedule
+        xi(t); a schedule counts steps.
+
+    Examples
+    --------
+    >>> from curricle.learning import linear
+    >>> DecayingAdvice(weight=linear(1.0, 0.0, steps=1000)).weight(500)
+    0.5
+    """
+
+    potential: Any = field(default=None, repr=False)
+    weight: Any = 1.0
+
+    claim: ClassVar[Claim] = "added_values"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "weight", schedule(self.weight))
+
+    def kernel(self) -> ShapingKernel:
+        """Return phi(s, a) and its weight."""
+        if self.potential is None:
+            return NOTHING_ADDED
+        weight: Schedule = self.weight
+        return NOTHING_ADDED._replace(way=ADVICE, weight=weight, pair_values=self.potential.values)
+
+    def offset(self, step: int) -> Any:
+        """Return xi(t) phi(s, a), (S, A): the policy acts on the sum."""
+        return 0.0 if self.potential is None else self.weight(step) * self.potential.values
+
+
+@dataclass(frozen=True)
+class RewardBonus(Shaping):
+    """Rewards get phi(s, a) outright.
+
+    This is NOT potential-based: it can change the optimal policy, and is here to show reward
+    hacking.
+
+    Parameters
+    ----------
+    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+
+    Examples
+    --------
+    >>> RewardBonus().claim
+    'added_rewards'
+    """
+
+    potential: Any = field(default=None, repr=False)
+
+    claim: ClassVar[Claim] = "added_rewards"
+
+    def kernel(self) -> ShapingKernel:
+        """Return phi(s, a)."""
+        if self.potential is None:
+            return NOTHING_ADDED
+        return NOTHING_ADDED._replace(way=BONUS, pair_values=self.potential.values)
