@@ -99,13 +99,13 @@ def test_every_measure_agrees_with_a_plain_loop(seed):
     found = potential_quality(phi, Target.of(task))
     optimistic, excess, size, right, below, where = naive_quality(phi.values, task.mdp)
     assert found.exact
-    assert (found.optimistic, found.right, found.most_underestimated_state) == (
+    assert (found.optimistic, found.greedy_agreement, found.most_underestimated_state) == (
         optimistic,
         right,
         where,
     )
     # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
-    assert (found.excess, found.size, found.largest_underestimate) == pytest.approx(
+    assert (found.excess, found.mean_absolute_value, found.largest_underestimate) == pytest.approx(
         (excess, size, below), abs=2e-6
     )
 
@@ -141,7 +141,7 @@ def test_the_optimum_has_no_error(task):
     target = Target.of(task)
     phi = cr.StateActionPotential(task, target.solution.action_values)
     found = potential_quality(phi, target)
-    assert (found.optimistic, found.excess, found.right, found.largest_underestimate) == (
+    assert (found.optimistic, found.excess, found.greedy_agreement, found.largest_underestimate) == (
         0.0,
         0.0,
         1.0,
@@ -212,7 +212,7 @@ def test_a_constant_potential_has_no_rank_and_is_right_nowhere():
     phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
     found = potential_quality(phi, Target.of(MAZE))
     assert np.isnan(found.rank)
-    assert found.right == 0.0  # wrong actions are greedy too
+    assert found.greedy_agreement == 0.0  # wrong actions are greedy too
 
 
 def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
@@ -286,7 +286,7 @@ def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
         assert found.optimistic == (shift > 0)
     best = cr.solve(MAZE, tolerance=1e-6)
     assert found.start == pytest.approx(best.start_value, abs=1e-5)
-    assert np.isnan([found.right, found.largest_underestimate, target.optimum]).all()
+    assert np.isnan([found.greedy_agreement, found.largest_underestimate, target.optimum]).all()
     assert found.most_underestimated_state == -1
 
 
@@ -302,7 +302,7 @@ def test_the_estimate_bootstraps_at_truncation():
     )
     phi = cr.StateActionPotential(ring, np.full((2, 1), -10.0))
     found = potential_quality(phi, Target.of(ring))
-    assert (found.excess, found.size) == pytest.approx((0.0, 10.0))
+    assert (found.excess, found.mean_absolute_value) == pytest.approx((0.0, 10.0))
 
 
 def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
@@ -312,7 +312,7 @@ def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
     assert target.solution is None
     phi = cr.StateActionPotential(maze, np.tile([0.0, 198.0, 0.0, 0.0], (3, 1)))
     found = potential_quality(phi, target)
-    assert (found.start, found.excess, found.size) == pytest.approx((198.0, -0.5, 198.5))
+    assert (found.start, found.excess, found.mean_absolute_value) == pytest.approx((198.0, -0.5, 198.5))
 
 
 def test_a_large_pursuit_is_estimated_by_rollouts():
@@ -333,7 +333,7 @@ def test_a_large_pursuit_is_estimated_by_rollouts():
     # -1 a step and a discount of 0.9 lose less than 10 in all.
     for one in (least, middle, most):
         assert -10 < one.start < -1
-        assert 0 < one.size < 10
+        assert 0 < one.mean_absolute_value < 10
         assert 0.5 < one.optimistic <= 1
     assert 0 < least.excess < middle.excess < most.excess
     assert least.rank > most.rank

@@ -284,7 +284,8 @@ def _verdict(one: ForecastRow, place: Place, optimum: float, random_return: floa
     """Return in plain words what to expect, and what to do."""
     if np.isnan(one.mean("start")):
         return "tells no actions apart, so no policy of it can be followed: for the shaping StateShaping alone"
-    start, excess = one.mean("start"), one.mean("excess") / max(one.mean("size"), 1e-12)
+    start = one.mean("start")
+    excess = one.mean("excess") / max(one.mean("mean_absolute_value"), 1e-12)
     words = [f"starts at {start:.3g}"]
     # Where the optimum is unknown any better start is a good one.
     gain, whole = start - random_return, np.nan_to_num(optimum - random_return)

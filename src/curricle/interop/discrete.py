@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 
 from curricle.errors import TaskError
-from curricle.tasks.live import placing
 from curricle.tasks.spaces import Component, Space, frozen
 
 Flatten = Callable[[Any], tuple[Any, ...]]
@@ -85,7 +84,7 @@ class Number:
 
     @cached_property
     def _place(self) -> Callable[[tuple[Any, ...]], int]:
-        return placing(space_of(self.space, "part"))
+        return space_of(self.space, "part").encode_one
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def no_sources(n_actions: int, initial: float) -> ValueLookup:
 
     Examples
     --------
-    >>> nothing(5, -1.0).first.size
+    >>> no_sources(5, -1.0).first.size
     0
     """
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))

@@ -1,4 +1,4 @@
-"""Tasks that are played live: an environment itself says what comes of an action."""
+"""Live tasks: every step is taken in an environment."""
 
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
@@ -21,18 +21,18 @@ BROKEN_DOWN: Answer = (-1, 0.0, True, False)
 
 
 class Unopened(NamedTuple):
-    """What stands for the model of a live task until its environments are open."""
+    """Stands for the model of a live task until its environments are open."""
 
     task: "LiveMDP"
 
 
 @dataclass(frozen=True)
 class LiveMDP:
-    """A task without tables or rules of its own: every step is taken in an environment.
+    """A task without tables or rules: every step is taken in an environment.
 
-    Learnt by the same loops as any other, one seed after the other. Each seed plays environments of
-    its own, one to learn in and one to evaluate policies in, seeded from its random stream and
-    closed in the end. :func:`from_gymnasium` makes these tasks; equal parts make equal tasks.
+    The same loops learn it, one seed after the other. Each seed has environments of its own, one to
+    learn in and one to evaluate policies in, seeded from its random stream and closed at the end.
+    :func:`from_gymnasium` makes these tasks; tasks of equal parts are equal.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ class LiveMDP:
         S states and A actions.
     make : callable
         ``make()`` returns a new environment with the methods ``reset(seed=...)``, ``step(action)``
-        and ``close()`` of a ``gymnasium.Env``. Its truncations are no ends: learners bootstrap.
+        and ``close()`` of a ``gymnasium.Env``. Learners bootstrap where it truncates.
     encode : callable, optional
         ``encode(observation)`` is the number of a state or the tuple of its components' values; by
         default an observation itself is.
     act : callable
-        ``act(a)`` is what the environment takes for action a; by default the number.
+        ``act(a)`` is the environment's action for action a; by default the number.
     discount, time_limit
         As in :class:`FiniteMDP`. Episodes are cut at the time limit even where the environment
         would go on.
@@ -53,8 +53,8 @@ class LiveMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is none; while learning, when an observation encodes
-        to no state. What an environment raises passes through as it is.
+        When a space, a function or the horizon is invalid; while learning, when an observation
+        encodes to no state. Exceptions of an environment pass through.
 
     Examples
     --------
@@ -94,11 +94,11 @@ class LiveMDP:
 
     @property
     def terminal(self) -> None:
-        """Unknown: which steps end an episode is the environment's secret."""
+        """Unknown: only the environment decides which steps end an episode."""
 
     @property
     def model(self) -> Unopened:
-        """Stands for what compiled loops run on, which exists while environments are open."""
+        """A placeholder: the generative model exists while environments are open."""
         return Unopened(self)
 
     def __repr__(self) -> str:
@@ -115,7 +115,7 @@ def is_live(task: Any) -> bool:
 
 
 def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a model that loops can run on, for a `with`: the one given, or a live one while open.
+    """Return a context with a model that loops can run on: the one given, or a live one while open.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
     Raises
     ------
     BaseException
-        In the end, what an environment raised meanwhile, an interrupt from the keyboard included.
+        At the end, what an environment raised meanwhile, an interrupt from the keyboard included.
     """
     return _Opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
 
@@ -159,10 +159,10 @@ class _Opened:
 def _player(
     task: LiveMDP, seed: int, closings: ExitStack, raised: list[BaseException]
 ) -> Generator[Answer | None, int, None]:
-    """Answer each action sent with what came of it in an environment, `RESET` with a start.
+    """Yield the result of each action sent in an environment; `RESET` starts an episode.
 
-    The environment is made, and seeded, when it is first asked for. Nothing is raised: whoever asks
-    is compiled code. A generator, as it also catches what is raised (by an interrupt) before the
+    The environment is made and seeded at the first request. Nothing is raised, as the caller is
+    compiled code. It is a generator because that also catches an interrupt which arrives before the
     first line of a function would be reached.
     """
     action = yield None
@@ -186,13 +186,13 @@ def _player(
 
 
 def _numbering(task: LiveMDP) -> Callable[[Any], int]:
-    """Return the function from an observation to the number of its state, which it checks."""
-    encode, place, size = task.encode, placing(task.states), task.states.size
+    """Return the function from an observation to the number of its state, checked."""
+    encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 
     def number(observation: Any) -> int:
         found = observation if encode is None else encode(observation)
         try:
-            state = place(found) if isinstance(found, tuple) else index(found)
+            state = encode_one(found) if isinstance(found, tuple) else index(found)
         except TypeError:
             state = MISSING
         if 0 <= state < size:
@@ -203,35 +203,3 @@ def _numbering(task: LiveMDP) -> Callable[[Any], int]:
         )
 
     return number
-
-
-def placing(space: Space) -> Callable[[tuple[Any, ...]], int]:
-    """Return the function from a tuple of components' values to their point's number.
-
-    What :meth:`Space.encode` does for arrays, quickly for one point; `MISSING` where there is none.
-
-    Examples
-    --------
-    >>> from curricle import Component
-    >>> place = placing(Space([Component("row", 2), Component("column", 3)]))
-    >>> place((1, 2)), place((2, 0))
-    (5, -1)
-    """
-    if not space.is_box:
-        columns = [column.tolist() for column in space.decode().values()]
-        known = {values: number for number, values in enumerate(zip(*columns, strict=True))}
-        return lambda values: known.get(values, MISSING)
-    ranges = [(component.low, component.size) for component in space.components]
-
-    def place(values: tuple[Any, ...]) -> int:
-        if len(values) != len(ranges):
-            return MISSING
-        number = 0
-        for value, (low, size) in zip(values, ranges, strict=True):
-            offset = index(value) - low
-            if not 0 <= offset < size:
-                return MISSING
-            number = number * size + offset
-        return number
-
-    return place

@@ -1,12 +1,16 @@
 """Finite spaces whose points have named components.
 
-A space numbers its points 0 .. size-1. Mappings between tasks are written on component names
-(``prey``, ``row``, ...), kernels run on the numbers; this room converts between the two.
+A space numbers its points 0 .. size-1. Mappings between tasks are written with component names
+(``prey``, ``row``, ...), compiled loops run on the numbers; this module converts between the two. A
+whole box is numbered as NumPy numbers the entries of an array in C order: a point is the sum of its
+components' offsets, each times its stride.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import index
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,13 +29,13 @@ MISSING = -1
 
 
 def frozen(array: Array) -> Array:
-    """Return the array itself, made read-only: what is handed out is never trained in place."""
+    """Return the array itself, made read-only, so that nobody trains it in place."""
     array.flags.writeable = False
     return array
 
 
 def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return `values` as a frozen array of this type: itself if nobody can write to it any more.
+    """Return `values` as a frozen array of this type: itself if nothing can write to it any more.
 
     Examples
     --------
@@ -183,17 +187,23 @@ class Space:
         """The component names, in order."""
         return tuple(c.name for c in self.components)
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, ...]:
         """The number of values of each component."""
         return tuple(c.size for c in self.components)
+
+    @property
+    def strides(self) -> tuple[int, ...]:
+        """What an offset of 1 in each component adds to the number of a point of a whole box."""
+        shape = self.shape
+        return tuple(math.prod(shape[i + 1 :]) for i in range(len(shape)))
 
     @cached_property
     def size(self) -> int:
         """The number of points."""
         if self._points is not None:
             return len(self._points)
-        return int(np.prod([c.size for c in self.components], dtype=object))
+        return math.prod(self.shape)
 
     def __len__(self) -> int:
         return self.size
@@ -258,17 +268,44 @@ class Space:
             return self._look_up(np.stack(columns, axis=-1))
         number = np.zeros(columns[0].shape, dtype=np.int64)
         inside = np.ones(columns[0].shape, dtype=bool)
-        for component, column in zip(self.components, columns, strict=True):
+        for component, column, stride in zip(self.components, columns, self.strides, strict=True):
             offset = column - component.low
             inside &= (offset >= 0) & (offset < component.size)
-            number = number * component.size + offset
+            number += offset * stride
         return np.where(inside, number, MISSING)
+
+    def encode_one(self, values: tuple[Any, ...]) -> int:
+        """Return what :meth:`encode` does, for one point given as a tuple; much faster.
+
+        Examples
+        --------
+        >>> space = Space([Component("row", 2), Component("column", 3)])
+        >>> space.encode_one((1, 2)), space.encode_one((2, 0))
+        (5, -1)
+        """
+        if self._points is not None:
+            return self._numbers.get(values, MISSING)
+        if len(values) != len(self.components):
+            return MISSING
+        number = 0
+        for value, component in zip(values, self.components, strict=True):
+            offset = index(value) - component.low
+            if not 0 <= offset < component.size:
+                return MISSING
+            number = number * component.size + offset
+        return number
+
+    @cached_property
+    def _numbers(self) -> dict[tuple[int, ...], int]:
+        """The number of each point that is listed."""
+        assert self._points is not None
+        return {values: i for i, values in enumerate(map(tuple, self._points.tolist()))}
 
     def _look_up(self, rows: IntArray) -> IntArray:
         records, numbers = self._sorted
         wanted = _records(rows.reshape(-1, len(self.names)))
-        place = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
-        found = np.where(records[place] == wanted, numbers[place], MISSING)
+        nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
+        found = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
         return found.reshape(rows.shape[:-1])
 
     def label(self, index: int) -> str:

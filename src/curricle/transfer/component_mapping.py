@@ -85,9 +85,7 @@ class ComponentMapping(StateActionMapping):
         if not (target.is_box and source.is_box):
             return None
         offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
-        stride = source.size
-        for component in source.components:
-            stride //= component.size
+        for component, stride in zip(source.components, source.strides, strict=True):
             origin = _origin(target, component, self.renaming)
             value, offset = _values_of(origin, component) - component.low, offsets[origin.name]
             missing = (value < 0) | (value >= component.size) | (offset == MISSING)

@@ -41,11 +41,11 @@ class PotentialQuality:
         Share of pairs (s, a) with phi > Q*.
     excess : float
         Mean of phi - Q*.
-    size : float
+    mean_absolute_value : float
         Mean of abs(V*), to compare an excess with.
     rank : float
         Spearman's rank correlation of phi and Q*; NaN where one of them does not vary.
-    right : float
+    greedy_agreement : float
         Share of states in which every greedy action of phi is optimal; NaN unless exact.
     largest_underestimate : float
         The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
@@ -63,16 +63,16 @@ class PotentialQuality:
     >>> target = Target.of(GridWorld("S.T", discount=0.5))
     >>> phi = StateActionPotential(target.task, target.solution.action_values + 1)
     >>> found = potential_quality(phi, target)
-    >>> found.start, found.optimistic, found.excess, round(found.rank, 3), found.right
+    >>> found.start, found.optimistic, found.excess, round(found.rank, 3), found.greedy_agreement
     (98.5, 1.0, 1.0, 1.0, 1.0)
     """
 
     start: float
     optimistic: float
     excess: float
-    size: float
+    mean_absolute_value: float
     rank: float
-    right: float
+    greedy_agreement: float
     largest_underestimate: float
     most_underestimated_state: int
     exact: bool
@@ -114,9 +114,9 @@ def potential_quality(
         # A difference within the proven error of Q* does not count.
         optimistic=float((phi > q + target.solution.error_bound).mean()),
         excess=float((phi - q).mean()),
-        size=float(abs(target.solution.values[alive]).mean()),
+        mean_absolute_value=float(abs(target.solution.values[alive]).mean()),
         rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
-        right=float(right_choices(phi, target.solution.optimal[alive]).mean()),
+        greedy_agreement=float(right_choices(phi, target.solution.optimal[alive]).mean()),
         largest_underestimate=underestimate,
         most_underestimated_state=state,
         exact=True,
@@ -144,9 +144,9 @@ def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> Potential
         start=start,
         optimistic=float((rollouts.predicted > return_to_go).mean()),
         excess=float((rollouts.predicted - return_to_go).mean()),
-        size=float(abs(return_to_go).mean()),
+        mean_absolute_value=float(abs(return_to_go).mean()),
         rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
-        right=NAN,
+        greedy_agreement=NAN,
         largest_underestimate=NAN,
         most_underestimated_state=-1,
         exact=False,
