@@ -800,7 +800,7 @@ def test_what_needs_tables_is_refused_in_words():
     ):
         with pytest.raises(cr.errors.TaskError, match="played live has no tables to look at"):
             work()
-    with pytest.raises(cr.errors.SettingError, match="starts as its episodes do: start was 3"):
+    with pytest.raises(cr.errors.SettingError, match="starts where its episodes do: start was 3"):
         cr.planning.rollout(live, np.zeros(16, int), start=3)
     with pytest.raises(cr.errors.SettingError, match="a live task starts where its episodes do"):
         cr.certify(live, lambda s, a, after: 1.0 * (a == 1), "reward")

@@ -346,8 +346,8 @@ class RandomRollouts:
     >>> from curricle import GridWorld
     >>> rollouts = random_rollouts(GridWorld("S.T"), episodes=2, length=3)
     >>> rollouts.states, rollouts.terminated
-    (array([[0, 0, 1, 2],
-           [0, 0, 0, 1]]), array([ True, False]))
+    (array([[0, 0, 0, 0],
+           [0, 1, 1, 2]]), array([False,  True]))
     """
 
     states: IntArray
