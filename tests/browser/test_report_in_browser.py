@@ -1,4 +1,4 @@
-"""The page of a study in a browser: moved by mouse and keyboard, on a phone, on paper, alone."""
+"""The page of a study in a browser: by mouse and keyboard, on a phone, on paper, offline."""
 
 import shutil
 from types import SimpleNamespace
@@ -31,8 +31,8 @@ SHOWN = "e => e.getClientRects().length > 0"
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium on the path")
 
 
-def snapshots(task, budget, name, phi=None):
-    """Three moments of a training, each learnt anew."""
+def kept_snapshots(task, budget, name, phi=None):
+    """Three moments of training, each a training of its own."""
     steps = np.array([0, budget // 2, budget])
     first = np.zeros((task.states.size, task.actions.size)) if phi is None else phi.values
     later = [
@@ -44,14 +44,14 @@ def snapshots(task, budget, name, phi=None):
     return SimpleNamespace(seed=0, steps=steps, values=np.array([first, *later], dtype=np.float32))
 
 
-def told(title, plan):
+def page_of(title, plan):
     """The page of one curriculum against its target alone."""
     comparison = cr.compare({f"{title} arm": plan}, seeds=3)
     target = plan.target
     scratch = cr.Curriculum({target: plan.tasks[target]}, budget=comparison.total)
     results = {"scratch": scratch.train(3), f"{title} arm": plan.train(3)}
     snapshots = {
-        (arm, node): snapshots(
+        (arm, node): kept_snapshots(
             result[node].task,
             int(result[node].steps_used[0]),
             node,
@@ -109,7 +109,7 @@ def files(tmp_path_factory):
         ("chain", ODD, chain()),
     ):
         found[name] = folder / f"{name}.html"
-        found[name].write_text(told(title, plan), "utf-8")
+        found[name].write_text(page_of(title, plan), "utf-8")
     return found
 
 
@@ -123,7 +123,7 @@ def browser():
 
 @pytest.fixture
 def visit(browser, files):
-    """Opens a page; at the end of the test it must have complained of nothing and asked no one."""
+    """Opens a page; at the end of the test it must have logged and requested nothing."""
     contexts, heard = [], []
 
     def open_page(name, viewport=DESK, **settings):
@@ -222,7 +222,7 @@ def test_playing_the_training_goes_to_its_end(visit):
     assert page.text_content("#map-play") == "Play"
 
 
-def test_another_story_brings_its_own_board(visit):
+def test_another_replay_has_its_own_grid(visit):
     page = visit("hunt")
     assert page.locator("#map .fixed").count() == 2  # the prey and the other predator
     chase = page.eval_on_selector_all(
@@ -230,7 +230,7 @@ def test_another_story_brings_its_own_board(visit):
     )
     page.select_option("#which", chase)
     assert page.locator("#map .fixed").count() == 1
-    assert page.locator("#before .actor").count() == 2
+    assert page.locator("#before .piece").count() == 2
 
 
 # -- episodes ------------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ def test_another_story_brings_its_own_board(visit):
 
 def places(page):
     return page.eval_on_selector_all(
-        "#before .actor, #after .actor", "all => all.map(one => one.style.transform)"
+        "#before .piece, #after .piece", "all => all.map(one => one.style.transform)"
     )
 
 
@@ -286,9 +286,9 @@ def test_moving_the_slider_pauses(visit):
 
 def test_nothing_glides_where_motion_is_unwelcome(visit):
     glide = "e => getComputedStyle(e).transitionDuration"
-    assert visit("maze").locator("#after .actor").first.evaluate(glide) != "0s"
+    assert visit("maze").locator("#after .piece").first.evaluate(glide) != "0s"
     calm = visit("maze", reduced_motion="reduce")
-    assert calm.locator("#after .actor").first.evaluate(glide) == "0s"
+    assert calm.locator("#after .piece").first.evaluate(glide) == "0s"
 
 
 # -- curves --------------------------------------------------------------------------------------
@@ -297,21 +297,21 @@ def test_nothing_glides_where_motion_is_unwelcome(visit):
 def test_the_switch_changes_the_axis(visit):
     page = visit("maze")
     assert visible(page, ".curves") == [True, False]
-    page.get_by_label("Target steps, sources free").check()
+    page.get_by_label("No: weak transfer").check()
     assert visible(page, ".curves") == [False, True]
-    page.get_by_label("Total steps, sources charged").check()
+    page.get_by_label("Yes: strong transfer").check()
     assert visible(page, ".curves") == [True, False]
 
 
 @pytest.mark.parametrize(("viewport", "shown"), [(DESK, [True, False]), (PHONE, [False, True])])
 def test_each_width_has_its_own_curves(visit, viewport, shown):
     page = visit("maze", viewport)
-    assert visible(page, ".charged > div") == shown
+    assert visible(page, ".strong > div") == shown
 
 
 def test_the_keyboard_alone_does_all(visit):
     page = visit("maze")
-    tab_to(page, "axis-charged")
+    tab_to(page, "axis-strong")
     page.keyboard.press("ArrowDown")
     assert visible(page, ".curves") == [False, True]
     tab_to(page, "which")
@@ -375,9 +375,9 @@ def test_without_scripts_all_is_there(visit):
         assert still.is_visible()
         assert still.locator(".frames svg").count() == 3
         assert still.locator(".episode").count() == 2
-    page.get_by_label("Target steps, sources free").check()
-    assert page.locator(".curves.free").is_visible()
-    assert page.locator(".curves.charged").is_hidden()
+    page.get_by_label("No: weak transfer").check()
+    assert page.locator(".curves.weak").is_visible()
+    assert page.locator(".curves.strong").is_hidden()
 
 
 def test_names_do_no_harm(visit):

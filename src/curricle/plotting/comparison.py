@@ -53,7 +53,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     ...     "mean": Arm(Curve(steps, low + [1, 2, 2], np.array([50] * 3)), low, low, False)}
     >>> figure = draw_comparison(Comparison("hunt", arms, 50, 100, 1.5, 1))
     >>> [axes.get_title() for axes in figure.axes]
-    ['learning curves', 'final returns', 'gain over scratch']
+    ['learning curves (strong transfer)', 'final returns', 'gain over scratch']
     """
     if len(comparison.arms) < 2:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
@@ -75,7 +75,7 @@ def _draw_curves(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmSty
     low, high = axes.dataLim.intervaly
     return_scale(axes.yaxis, min(low, comparison.threshold), max(high, comparison.threshold))
     ylabel = f"greedy return{LOG * (axes.get_yscale() != 'linear')}"
-    axes.set(title="learning curves", ylabel=ylabel)
+    axes.set(title="learning curves (strong transfer)", ylabel=ylabel)
 
 
 def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:

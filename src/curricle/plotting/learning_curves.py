@@ -86,7 +86,7 @@ def draw_learning_curves(
     >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
     >>> weak, strong = draw_learning_curves(Comparison("hunt", {"scratch": arm}, 50, 100, 1.0, 1))
     >>> weak.axes[0].get_xlabel(), strong.axes[0].get_xlabel()
-    ('target steps (weak transfer)', 'target and source steps (strong transfer)')
+    ('target steps', 'target and source steps')
     """
     styles, figures = arm_styles(comparison), list[Figure]()
     for strong in (False, True):
@@ -134,9 +134,8 @@ def draw_arms(
     last = comparison.total if strong else comparison.budget
     axes.set_xlim(0, last)
     unit = steps_scale(axes.xaxis, last)
-    unit = f"{unit}; " * bool(unit)
     counted = "target and source steps" if strong else "target steps"
-    axes.set_xlabel(f"{counted} ({unit}{'strong' if strong else 'weak'} transfer)")
+    axes.set_xlabel(f"{counted}{f' ({unit})' if unit else ''}")
     axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
     axes.annotate(
         minus(f"threshold {comparison.threshold:.4g}"),

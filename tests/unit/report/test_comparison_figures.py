@@ -64,7 +64,7 @@ def test_a_curve_begins_where_its_sources_end():
 def test_the_curves_show_the_threshold_and_all_steps():
     axes = draw_comparison(comparison()).axes[0]
     assert axes.get_xlim() == (0, 100)
-    assert axes.get_xlabel() == "target and source steps (strong transfer)"
+    assert axes.get_xlabel() == "target and source steps"
     assert "threshold 7.5" in texts_of(axes)
     assert [7.5, 7.5] in [list(line.get_ydata()) for line in axes.lines]
     assert len(axes.collections) == 3  # a band each
