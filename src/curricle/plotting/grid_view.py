@@ -195,7 +195,7 @@ class GridView:
         grid = np.full(self.shape, self.is_map)
         row, column = (self.cells - np.array(self.origin)).T
         grid[row, column] = False
-        return np.argwhere(grid) + np.array(self.origin)
+        return np.asarray(np.argwhere(grid) + np.array(self.origin))
 
 
 def labelled_cells(component: Component) -> IntArray | None:
