@@ -1,4 +1,4 @@
-"""A picture of a part of a report, beside this file: pictures.py PAGE SELECTOR NAME.
+"""Take a picture of a part of a report for the docs: pictures.py PAGE SELECTOR NAME.
 
 Needs Chromium and Playwright (the extra ``test``).
 """
@@ -14,7 +14,7 @@ WIDTH, HEIGHT, COLOURS = 860, 900, 128
 
 
 def main(page: Path, part: str, picture: Path) -> None:
-    """Take a picture of what a CSS selector finds, with its players at their ends."""
+    """Take a picture of the element that a CSS selector finds, with replays at their ends."""
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
