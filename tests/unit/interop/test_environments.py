@@ -10,49 +10,18 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.errors import SettingError, TaskError
-from curricle.interop.environment import MazeEnvironment, TaskEnvironment, to_gymnasium
-from curricle.interop.figures import AGENT, OBJECTS, PREY, painted, predator
+from curricle.interop.environment import TaskEnvironment, to_gymnasium
 from curricle.interop.registration import register
-from curricle.interop.scene import scene_of
 from curricle.planning import rollout
-from curricle.tasks.draws import integers, uniform
 from curricle.tasks.task import generative_model
+
+from .environments import TASKS, WALLED
 
 register()
 IDS = ("Curricle/Maze-v0", "Curricle/Pursuit-v0")
-WALLED = GridWorld(["S.#T", "FP.."])
-CROP = GridWorld(["......", "S....T"]).crop(rows=(0, 2), columns=(3, 6))
 NORTH, EAST, SOUTH, WEST = range(4)
-
-
-def ring_start(n, bits):
-    return 1 + integers(bits, n - 1)
-
-
-def ring_step(n, state, action, bits):
-    right = (action == 1) != (uniform(bits) < 0.1)
-    place = (state + (1 if right else n - 1)) % n
-    return place, -1.0, place == 0
-
-
-RING = ComputedMDP(
-    Space([Component("place", 7)]),
-    Space([Component("move", 2, labels=("left", "right"))]),
-    ring_start,
-    ring_step,
-    data=7,
-    time_limit=30,
-)
-TASKS = {
-    "walled": WALLED,
-    "crop": CROP,
-    "relative": GridWorld(["S.T", ".F."], representation="relative"),
-    "pursuit": Pursuit(3, 2),
-    "tables": Pursuit(3, 1).mdp,
-    "ring": RING,
-}
 
 
 def going_on(task):
@@ -313,79 +282,6 @@ def test_unknown_settings_are_refused(setting):
 def test_what_is_no_task_is_refused():
     with pytest.raises(TaskError, match="a task must be"):
         TaskEnvironment("maze")
-
-
-# -- pictures ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_pictures_of_all_states_have_one_size_and_differ(name):
-    task = TASKS[name]
-    scene = scene_of(task)  # terminal states too, in which no episode starts
-    pictures = [scene.image(s) for s in range(0, task.states.size, 1 + task.states.size // 40)]
-    assert {picture.shape for picture in pictures} == {pictures[0].shape}
-    assert all(side % 2 == 0 for side in pictures[0].shape[:2])  # as video formats want it
-    assert pictures[0].dtype == np.uint8
-    assert len({picture.tobytes() for picture in pictures}) == len(pictures)
-
-
-def test_a_picture_is_the_caller_s():
-    environment = MazeEnvironment(render_mode="rgb_array")
-    environment.reset()
-    first = environment.render()
-    kept = first.copy()
-    first[:] = 0
-    assert np.array_equal(environment.render(), kept)
-
-
-def test_only_the_agent_s_cells_change():
-    environment = to_gymnasium(GridWorld("S..T"), render_mode="rgb_array")
-    environment.reset()
-    before = environment.render()
-    environment.step(EAST)
-    changed = np.flatnonzero((environment.render() != before).any(axis=(0, 2)))
-    width = before.shape[1] / 4
-    assert changed.min() < width  # left the first cell
-    assert width < changed.max() < 2 * width + 4  # for the second
-
-
-def test_figures_differ_without_their_colours():
-    figures = [AGENT, PREY, predator(1), predator(2), predator(3), *OBJECTS.values()]
-
-    def in_grey(figure):
-        colours, through = painted(figure, 32)
-        return (colours + 247 * through).mean(axis=2)
-
-    greys = [in_grey(figure) for figure in figures]
-    for i, one in enumerate(greys):
-        for other in greys[:i]:
-            assert abs(one - other).max() > 100
-
-
-def test_text_shows_the_map_and_the_agent():
-    environment = to_gymnasium(WALLED, render_mode="ansi")
-    environment.reset(options={"state": {"row": 0, "column": 1}})
-    assert environment.render() == "S@#T\nFP.."
-
-
-def test_text_shows_the_prey_and_the_predators_numbers():
-    hunt = Pursuit(3, 2)
-    environment = to_gymnasium(hunt, render_mode="ansi")
-    environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
-    assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
-
-
-def test_other_tasks_are_named():
-    environment = to_gymnasium(RING, render_mode="ansi")
-    environment.reset(options={"state": 3})
-    assert environment.render() == "place=3"
-
-
-def test_rendering_needs_a_mode():
-    environment = to_gymnasium(WALLED)
-    environment.reset()
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert environment.render() is None
 
 
 @pytest.mark.parametrize(

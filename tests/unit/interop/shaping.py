@@ -1,0 +1,146 @@
+"""A random world to be shaped, and how the tests step through it."""
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeLimit
+
+import curricle as cr
+from curricle.interop.potential_shaping import PotentialShaping
+
+N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7
+
+
+RNG = np.random.default_rng(0)
+
+
+TRANSITION = RNG.dirichlet(np.full(N_STATES, 0.5), size=(N_STATES, N_ACTIONS))
+
+
+REWARD = RNG.normal(size=(N_STATES, N_ACTIONS, N_STATES))
+
+
+PHI = 3 * RNG.normal(size=N_STATES)
+
+
+SOME = np.arange(N_STATES) == N_STATES - 1
+
+
+NONE = np.zeros(N_STATES, bool)
+
+
+MODES = list(AutoresetMode)
+
+
+class Wander(gym.Env):
+    """A random finite MDP; an episode begins anywhere it does not end."""
+
+    def __init__(self, terminal=SOME, observe=int, space=None):
+        self.terminal, self.observe = terminal, observe
+        self.observation_space = space or gym.spaces.Discrete(N_STATES)
+        self.action_space = gym.spaces.Discrete(N_ACTIONS)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = int(self.np_random.choice(np.flatnonzero(~self.terminal)))
+        return self.observe(self.state), {"begun": 1}
+
+    def step(self, action):
+        before = self.state
+        self.state = int(self.np_random.choice(N_STATES, p=TRANSITION[before, action]))
+        reward = float(REWARD[before, action, self.state])
+        return self.observe(self.state), reward, bool(self.terminal[self.state]), False, {"at": 1}
+
+
+def wander(terminal=SOME, limit=LIMIT, **settings):
+    return TimeLimit(Wander(terminal, **settings), limit)
+
+
+def task(terminal=SOME, discount=DISCOUNT, **settings):
+    return cr.FiniteMDP.from_dense(
+        TRANSITION, REWARD, terminal=terminal, start=0, discount=discount, **settings
+    )
+
+
+def table(state):
+    return PHI[state]
+
+
+def actions_of(n_steps, *shape):
+    return np.random.default_rng(1).integers(N_ACTIONS, size=(n_steps, *shape))
+
+
+def episodes_of(env, actions):
+    """The oracle: the plain environment's episodes, as lists of (s, r, s', terminated)."""
+    episodes, state = [[]], env.reset(seed=3)[0]
+    for action in actions.tolist():
+        following, reward, terminated, truncated, _ = env.step(action)
+        episodes[-1].append((state, reward, following, terminated))
+        state = following
+        if terminated or truncated:
+            episodes.append([])
+            state = env.reset()[0]
+    return episodes
+
+
+def shaped_steps(env, actions):
+    """What the wrapper does with the same actions: (reward, info) of each step."""
+    steps = []
+    env.reset(seed=3)
+    for action in actions.tolist():
+        _, reward, terminated, truncated, info = env.step(action)
+        steps.append((reward, info))
+        if terminated or truncated:
+            env.reset()
+    return steps
+
+
+def paid(env):
+    return [reward for reward, _ in shaped_steps(env, actions_of(60))]
+
+
+def by_function(values=PHI):
+    return paid(PotentialShaping(wander(), lambda s: values[s], discount=DISCOUNT))
+
+
+def as_picture(state):
+    return np.eye(N_STATES, dtype=np.float32)[state]
+
+
+PICTURE = gym.spaces.Box(0, 1, (N_STATES,))
+
+
+def always(value):
+    return lambda observation: value
+
+
+def run_episode(env, seed=0, action=0):
+    env.reset(seed=seed)
+    over = False
+    while not over:
+        _, _, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
+    return info
+
+
+class SomeEnvs:
+    """Sub-environments whose episodes end together, stepped like one."""
+
+    def __init__(self, envs):
+        self.envs = envs
+        self.reset = envs.reset
+
+    def step(self, action):
+        *rest, terminated, truncated, info = self.envs.step(np.full(self.envs.num_envs, action))
+        return *rest, terminated.all(), truncated.all(), info
+
+
+def vector_steps(envs, actions):
+    """Step the sub-environments, resetting ended ones where they do not do so themselves."""
+    envs.reset(seed=10)
+    for row in actions:
+        _, rewards, terminated, truncated, infos = envs.step(row)
+        yield rewards, infos
+        ended = terminated | truncated
+        if envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
+            envs.reset(options={"reset_mask": ended})

@@ -1,0 +1,147 @@
+"""What goes wrong in an environment surfaces as it is, and closes what was opened."""
+
+import _thread
+import signal
+
+import numpy as np
+import pytest
+
+import curricle as cr
+
+from .environments import OFF, TWO, Echo, Ring, watched
+
+
+class Trouble(Exception):
+    pass
+
+
+ERRORS = [Trouble("x"), KeyboardInterrupt(), SystemExit(3), StopIteration()]
+
+
+LOOPS = {
+    "fast": {},
+    "general": {"learner": cr.SARSA()},
+    "double": {"learner": cr.DoubleQLearning()},
+    "sparse": {"storage": cr.Storage("sparse")},
+    "episodes": {"budget": cr.Episodes(10_000)},
+}
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+def test_what_an_environment_raises_surfaces_as_it_is(error, loop, capfd):
+    log = []
+
+    def fail(log):
+        if log.count("step") == 40:
+            raise error
+
+    task = watched(log, fail)
+    log.clear()
+    with pytest.raises(type(error)) as caught:
+        cr.learn(
+            task,
+            **{"budget": 10**9, "eval_freq": 10**6, "seeds": 3, "evaluation": OFF, **LOOPS[loop]},
+        )
+    assert caught.value is error
+    assert log.count("step") == 40  # at once, and no other seed was begun
+    assert log.count("open") == log.count("close") == 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_guarded_run_stops_too():
+    def fail(log):
+        if log.count("step") == 40:
+            raise Trouble
+
+    task = watched([], fail)
+    phi = cr.StateActionPotential(task, np.ones((2, 2)))
+    with pytest.raises(Trouble):
+        cr.learn(
+            task,
+            budget=10**9,
+            eval_freq=10**6,
+            shaping=cr.QInitialisation(phi, guard=cr.Guard()),
+            evaluation=OFF,
+        )
+
+
+def fails_at(line, number):
+    def fail(log):
+        if sum(entry.startswith(line) for entry in log) == number:
+            raise Trouble(line)
+
+    return fail
+
+
+@pytest.mark.parametrize(("line", "number"), [("seed", 1), ("reset", 1), ("seed", 2), ("step", 3)])
+def test_failures_anywhere_close_what_was_opened(line, number):
+    log = []
+    task = watched(log, fails_at(line, number))
+    log.clear()
+    with pytest.raises(Trouble, match=line):
+        cr.learn(task, budget=10_000)
+    assert log.count("open") == log.count("close") > 0
+
+
+def test_failures_outside_of_learning_surface_too():
+    task = watched([], fails_at("step", 4))
+    phi = cr.StateActionPotential(task, np.zeros((2, 2)))
+    for work in (
+        lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
+        lambda: cr.learning.greedy_rollouts(phi, episodes=100),
+        lambda: cr.calibrate(phi),
+    ):
+        task.make().log.clear()
+        with pytest.raises(Trouble):
+            work()
+
+
+def test_an_environment_that_cannot_be_made_or_closed_says_so():
+    class Unclosable(Ring):
+        def close(self):
+            raise Trouble("close")
+
+    spaces_of_ring = cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)])
+    with pytest.raises(Trouble, match="close"):
+        cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, Unclosable), budget=10)
+
+    def nothing():
+        raise Trouble("make")
+
+    with pytest.raises(Trouble, match="make"):
+        cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, nothing), budget=10)
+
+
+def test_an_interrupt_from_the_keyboard_stops_learning():
+    log = []
+
+    def fail(log):
+        if log.count("step") == 30:
+            _thread.interrupt_main(signal.SIGINT)
+
+    task = watched(log, fail)
+    with pytest.raises(KeyboardInterrupt):
+        cr.learn(task, budget=10**9, eval_freq=10**6, seeds=2, workers=2)
+    assert log.count("open") == log.count("close")
+
+
+@pytest.mark.parametrize("shown", [2, -1, 1.5, "x", (0, 0), np.array([1, 1])])
+def test_an_observation_that_is_no_state_is_refused(shown):
+    task = cr.from_gymnasium(lambda: Echo(TWO, TWO, [0, shown, 0]), discount=0.9)
+    with pytest.raises(
+        cr.errors.TaskError, match=r"must encode to a state, a number in 0\.\.1 or .* state"
+    ):
+        cr.learn(task, budget=10, evaluation=OFF)
+
+
+@pytest.mark.parametrize(
+    "answer", [(0, None, False, False, {}), (0, "x", False, False, {}), (0, 1.0)]
+)
+def test_steps_that_are_none_surface(answer):
+    class Odd(Ring):
+        def step(self, action):
+            return answer
+
+    with pytest.raises((TypeError, ValueError)):
+        cr.learn(cr.from_gymnasium(Odd, discount=0.9, live=True), budget=10, evaluation=OFF)

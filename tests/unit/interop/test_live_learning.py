@@ -1,0 +1,193 @@
+"""Learning in live tasks, and live tasks in the rest of the library."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import curricle as cr
+
+from .environments import OFF, Ring, Watched, watched
+
+
+def test_each_seed_has_an_environment_of_its_own_and_another_to_be_judged_in():
+    log = []
+    task = watched(log)
+    log.clear()
+    cr.learn(task, budget=50, seeds=3, eval_freq=25, evaluation=cr.GreedyEvaluation(episodes=2))
+    assert log.count("open") == log.count("close") == 6
+    assert log.count("step") > 150
+    assert sum(line.startswith("seed") for line in log) == 6
+    assert len({line for line in log if line.startswith("seed")}) == 6
+    log.clear()
+    cr.learn(task, budget=50, seeds=3, evaluation=OFF)
+    assert log.count("open") == log.count("close") == 3
+    assert log.count("step") == 150
+
+
+def test_a_seed_depends_on_itself_alone():
+    task = watched([])
+    learner = cr.QLearning(epsilon=0.5)
+    many = cr.learn(task, learner, 300, seeds=[5, 2, 9], workers=4)
+    for k, seed in enumerate(many.seeds):
+        alone = cr.learn(task, learner, 300, seeds=[seed])
+        for name in ("values", "training_return", "greedy_return", "episodes"):
+            np.testing.assert_array_equal(getattr(many, name)[k], getattr(alone, name)[0])
+    assert len({row.tobytes() for row in many.values}) == 3
+
+
+def test_evaluation_does_not_disturb_learning():
+    task = watched([])
+    found = [
+        cr.learn(task, budget=300, seeds=2, eval_freq=eval_freq, evaluation=judge)
+        for eval_freq, judge in ((10, None), (10, OFF), (300, cr.GreedyEvaluation(episodes=50)))
+    ]
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0].values, other.values)
+    assert np.isnan(found[1].greedy_return).all()
+    assert not np.isnan(found[0].greedy_return).any()
+
+
+def test_few_episodes_judge_a_live_task_unless_asked_otherwise():
+    class Short(Watched):
+        def step(self, action):
+            return 0, 1.0, True, False, {}
+
+    for judge, expected in ((None, 5), (cr.GreedyEvaluation(episodes=8), 8)):
+        log = []
+        task = cr.from_gymnasium(lambda log=log: Short(log), discount=0.9)
+        log.clear()
+        cr.learn(task, budget=10, eval_freq=10, evaluation=judge)
+        # Two checkpoints, and one start for each training step; the last step is none.
+        resets = sum(line == "reset" or line.startswith("seed") for line in log)
+        assert resets == 2 * expected + 11
+
+
+class Stay(gym.Env):
+    """One place that pays 1 for staying, and cuts every episode off at once."""
+
+    observation_space, action_space = spaces.Discrete(1), spaces.Discrete(1)
+
+    def __init__(self, terminated):
+        self.terminated = terminated
+
+    def reset(self, *, seed=None, options=None):
+        return 0, {}
+
+    def step(self, action):
+        return 0, 1.0, self.terminated, not self.terminated, {}
+
+
+@pytest.mark.parametrize("learner", [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning])
+def test_being_cut_off_is_no_end(learner):
+    values, episodes = [], []
+    for terminated in (True, False):
+        task = cr.from_gymnasium(Stay, discount=0.5, terminated=terminated)
+        found = cr.learn(task, learner(learning_rate=1.0), 200, evaluation=OFF)
+        values.append(found.values[0, 0, 0])
+        episodes.append(found.episodes_used[0])
+    assert values == pytest.approx([1.0, 2.0])
+    assert episodes == [200, 200]
+
+
+def test_a_guard_and_a_rollout_see_a_cut_too():
+    task = cr.from_gymnasium(Stay, discount=0.5, terminated=False, time_limit=50)
+    phi = cr.StateActionPotential(task, [[0.0]])
+    rate = cr.QLearning(learning_rate=1.0)
+    found = cr.learn(
+        task, rate, 100, shaping=cr.QInitialisation(phi, guard=cr.Guard()), evaluation=OFF
+    )
+    assert found.episodes_used[0] == 100
+    assert found.values[0, 0, 0] == pytest.approx(2.0)
+    episode = cr.planning.rollout(task, [0])
+    assert (len(episode), episode.truncated, episode.terminated) == (1, True, False)
+    met = cr.learning.greedy_rollouts(phi, episodes=3)
+    assert met.lengths.tolist() == [1, 1, 1]
+    assert met.bootstrap_discount.tolist() == [0.5, 0.5, 0.5]
+
+
+def test_a_time_limit_reaches_the_environment():
+    task = cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=300, live=True)
+    env = task.make()
+    assert env.spec.max_episode_steps == 300
+    result = cr.learn(task, budget=600, evaluation=OFF, learner=cr.QLearning(epsilon=1.0))
+    assert result.episodes_used[0] == 2
+
+
+def test_code_is_compiled_once_for_all_environments():
+    from curricle.learning.q_learning import train_q_learning
+    from curricle.tasks.overloads import compiled
+
+    cr.learn(watched([]), budget=10, evaluation=OFF)
+    before = len(compiled(train_q_learning, False).signatures)
+    cr.learn(watched([]), budget=10, evaluation=OFF, seeds=3)
+    assert len(compiled(train_q_learning, False).signatures) == before
+
+
+def lake(**settings):
+    return cr.from_gymnasium("FrozenLake-v1", discount=0.95, is_slippery=False, **settings)
+
+
+def test_a_live_target_is_taught_by_tables():
+    tabled, live = lake(), lake(live=True)
+    plan = cr.Curriculum(
+        tasks={"tabled": tabled, "live": live},
+        transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled), calibrate=True)],
+        budget={"tabled": 5000, "live": 2000},
+        learner=cr.QLearning(learning_rate=0.5, epsilon=0.3),
+        eval_freq={"live": 500},
+    )
+    result = plan.train(seeds=2)
+    assert result["live"].greedy_return[:, 0] == pytest.approx([0.95**5] * 2)
+    foreseen = cr.forecast(plan, seeds=1, episodes=5)
+    assert not foreseen.solved
+    assert foreseen["mean"].mean("start") == pytest.approx(0.95**5)
+    found = cr.compare(plan, seeds=2, controls=["scaled"])
+    assert found.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
+    checked = cr.certify(live, result.potentials["live"][0])
+    assert checked.findings[0].startswith("no contradiction")
+
+
+def test_what_needs_tables_is_refused_in_words():
+    tabled, live = lake(), lake(live=True)
+    edge = cr.Transfer("tabled", "live", cr.project(live, tabled))
+    plan = cr.Curriculum(tasks={"tabled": tabled, "live": live}, transfers=[edge])
+    for work in (
+        lambda: cr.solve(live),
+        lambda: cr.evaluate(live, np.zeros(16, int)),
+        lambda: cr.learn(live, budget=10, evaluation=cr.GreedyEvaluation("exact")),
+        lambda: cr.compare(plan, seeds=2, controls=["placebo"]),
+    ):
+        with pytest.raises(cr.errors.TaskError, match="played live has no tables to look at"):
+            work()
+    with pytest.raises(cr.errors.SettingError, match="starts where its episodes do: start was 3"):
+        cr.planning.rollout(live, np.zeros(16, int), start=3)
+    with pytest.raises(cr.errors.SettingError, match="a live task starts where its episodes do"):
+        cr.certify(live, cr.ShapingReward(lambda s, a, after: 1.0 * (a == 1)))
+    with pytest.raises(
+        cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
+    ):
+        cr.learn(cr.from_gymnasium(Ring, discount=0.9, live=True), budget=cr.Episodes(3))
+
+
+def test_a_comparison_without_evaluation_is_refused():
+    plan = cr.Curriculum(tasks={"lake": lake()}, evaluation=OFF, budget=100)
+    with pytest.raises(
+        cr.errors.SettingError, match="needs greedy evaluation: that of 'lake' is off"
+    ):
+        cr.compare(plan, seeds=2)
+
+
+def test_rollouts_of_tasks_given_by_functions():
+    def step(n, state, action, bits):
+        return state + action, -1.0, state + action == n - 1
+
+    line = cr.ComputedMDP(cr.Space([cr.Component("place", 4)]), cr.Space([cr.Component("go", 2)]),
+                          lambda n, bits: 0, step, data=4)  # fmt: skip
+    episode = cr.planning.rollout(line, np.ones(4, int))
+    assert episode.states.tolist() == [0, 1, 2, 3]
+    assert episode.terminated
+    chance = np.full((4, 2), 0.5)
+    some = [len(cr.planning.rollout(line, chance, seed=seed)) for seed in range(20)]
+    assert len(set(some)) > 3
+    assert cr.planning.rollout(line, np.zeros(4, int), steps=7).truncated

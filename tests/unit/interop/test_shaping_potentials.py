@@ -1,0 +1,355 @@
+"""What a potential of observations may be, and what it may not."""
+
+import re
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+import curricle as cr
+from curricle.errors import CurriculumError, PotentialError, SettingError
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.learning.value_lookup import no_sources
+
+from .shaping import (
+    DISCOUNT,
+    MODES,
+    N_ACTIONS,
+    N_STATES,
+    NONE,
+    PHI,
+    PICTURE,
+    RNG,
+    actions_of,
+    always,
+    as_picture,
+    by_function,
+    episodes_of,
+    paid,
+    shaped_steps,
+    table,
+    task,
+    vector_steps,
+    wander,
+)
+
+
+def test_a_state_potential_brings_its_discount():
+    env = PotentialShaping(wander(), cr.StatePotential(task(), PHI))
+    assert env.discount == DISCOUNT
+    assert env.get_wrapper_attr("discount") == DISCOUNT
+    assert paid(env) == by_function()
+
+
+def test_a_pair_potential_is_worth_its_best_action():
+    pairs = RNG.normal(size=(N_STATES, N_ACTIONS))
+    env = PotentialShaping(wander(), cr.StateActionPotential(task(), pairs))
+    assert paid(env) == by_function(pairs.max(axis=1))
+
+
+HUNT, CHASE = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
+
+
+class Positions(gym.Env):
+    """Observations that list the components of a hunt's states, drawn at random."""
+
+    def __init__(self, space, observe):
+        self.observation_space, self.action_space = space, gym.spaces.Discrete(2)
+        self.observe = observe
+
+    def draw(self):
+        self.state = int(self.np_random.integers(HUNT.states.size))
+        return self.observe([int(values) for values in HUNT.states.decode(self.state).values()])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.draw(), {}
+
+    def step(self, action):
+        return self.draw(), 0.0, False, False, {"state": self.state}
+
+
+def mapped_potential():
+    edges = [
+        cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator=f"predator_{i}"))
+        for i in (1, 2)
+    ]
+    plan = cr.Curriculum({"chase": CHASE, "hunt": HUNT}, edges, budget=500)
+    potential = plan.train().potentials["hunt"][0]
+    assert isinstance(potential, cr.learning.MappedPotential)
+    return potential
+
+
+MULTI = gym.spaces.MultiDiscrete([4, 4, 4])
+
+
+SHIFTED = gym.spaces.MultiDiscrete([4, 4, 4], start=[2, 0, -1])
+
+
+TUPLE = gym.spaces.Tuple([gym.spaces.Discrete(4, start=start) for start in (0, 1, 0)])
+
+
+LAYOUTS = {
+    "MultiDiscrete": (MULTI, np.array),
+    "counted from elsewhere": (SHIFTED, lambda parts: np.add(parts, [2, 0, -1])),
+    "Tuple": (TUPLE, lambda parts: (parts[0], parts[1] + 1, parts[2])),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("kind", ["by pairs", "mapped", "the same everywhere but at the end"])
+def test_components_number_the_states(layout, kind):
+    potential = {
+        "by pairs": pair_potential_of_hunt,
+        "mapped": mapped_potential,
+        "the same everywhere but at the end": lambda: cr.learning.MappedPotential(
+            HUNT, no_sources(25, 5.0)
+        ),
+    }[kind]()
+    phi = potential.to_state().at()
+    env = PotentialShaping(Positions(*LAYOUTS[layout]), potential)
+    envs = VectorPotentialShaping(
+        SyncVectorEnv([partial(Positions, *LAYOUTS[layout])] * 3), potential, batched=True
+    )
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    for _ in range(20):
+        info, infos = env.step(0)[4], envs.step(np.zeros(3, int))[4]
+        assert info["potential"] == phi[info["state"]]
+        np.testing.assert_array_equal(infos["potential"], phi[infos["state"]])
+
+
+def pair_potential_of_hunt():
+    return cr.StateActionPotential(HUNT, np.random.default_rng(2).normal(size=(64, 25)))
+
+
+def test_a_discrete_space_may_start_anywhere():
+    space = gym.spaces.Discrete(N_STATES, start=5)
+    env = wander(observe=lambda state: np.int64(state + 5), space=space)
+    assert paid(PotentialShaping(env, cr.StatePotential(task(), PHI))) == by_function()
+
+
+POINTS = [(x, y - 7) for x in (1, 2) for y in range(3)]
+
+
+@pytest.mark.parametrize("points", [None, POINTS, POINTS[::-1]])
+def test_components_are_counted_from_the_lowest(points):
+    parts = [cr.Component("x", 2, low=1), cr.Component("y", 3, low=-7)]
+    states = cr.Space(parts, points)
+    space = gym.spaces.MultiDiscrete([2, 3])
+    env = wander(observe=lambda state: np.array(divmod(state, 3)), space=space)
+    values = PHI[::-1] if points == POINTS[::-1] else PHI
+    phi = cr.StatePotential(task(NONE, states=states), values)
+    assert paid(PotentialShaping(env, phi)) == by_function()
+
+
+def test_components_outside_their_space_are_named():
+    env = wander(observe=lambda state: np.array([0, 3]), space=gym.spaces.MultiDiscrete([2, 3]))
+    states = cr.Space([cr.Component("x", 2), cr.Component("y", 3)])
+    shaped = PotentialShaping(env, cr.StatePotential(task(states=states), PHI))
+    with pytest.raises(SettingError, match=re.escape("got -1 for observation array([0, 3])")):
+        shaped.reset()
+
+
+def test_encode_says_which_state_an_observation_is():
+    env = wander(observe=as_picture, space=PICTURE)
+    phi = cr.StatePotential(task(), PHI)
+    assert paid(PotentialShaping(env, phi, encode=np.argmax)) == by_function()
+
+
+def test_several_sources_are_averaged_unless_an_aggregate_is_given():
+    other = RNG.normal(size=N_STATES)
+    both = {"phi": cr.StatePotential(task(), PHI), "other": lambda s: other[s]}
+    for aggregate, together in {
+        None: (PHI + other) / 2,
+        cr.mean: (PHI + other) / 2,
+        cr.total: PHI + other,
+        cr.maximum: np.maximum(PHI, other),
+        cr.minimum: np.minimum(PHI, other),
+    }.items():
+        env = PotentialShaping(wander(), both, aggregate=aggregate)
+        assert paid(env) == pytest.approx(by_function(together), abs=1e-12)
+
+
+def test_an_aggregate_is_applied_to_a_single_source_too():
+    settings = {"discount": DISCOUNT, "aggregate": lambda p: 1 - p[0]}
+    assert paid(PotentialShaping(wander(), {"a": table}, **settings)) == by_function(1 - PHI)
+
+
+@pytest.mark.parametrize("batched", [False, True])
+@pytest.mark.parametrize("mode", MODES)
+def test_ends_are_worth_nothing_and_aggregates_are_not_asked(mode, batched):
+    runs = []
+    for potential, aggregate in ((lambda s: np.exp(PHI[s]), lambda p: 1 / p[0]), (None, None)):
+        envs = VectorPotentialShaping(
+            SyncVectorEnv([wander] * 2, autoreset_mode=mode),
+            potential or (lambda s: 1 / np.exp(PHI[s])),
+            aggregate=aggregate,
+            discount=DISCOUNT,
+            batched=batched,
+        )
+        runs.append([rewards for rewards, _ in vector_steps(envs, actions_of(60, 2))])
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("aggregate", [cr.mean, cr.total, cr.maximum, cr.minimum])
+def test_terms_are_what_each_source_would_pay_alone(aggregate):
+    tables = RNG.normal(size=(3, N_STATES))
+    sources = {name: values.__getitem__ for name, values in zip("abc", tables, strict=True)}
+    env = PotentialShaping(wander(), sources, discount=DISCOUNT, aggregate=aggregate)
+    infos = [info for _, info in shaped_steps(env, actions_of(60))]
+    terms = np.array([list(info["shaping_terms"].values()) for info in infos])
+    shaping = np.array([info["shaping"] for info in infos])
+    for column, values in zip(terms.T, tables, strict=True):
+        alone = PotentialShaping(wander(), values.__getitem__, discount=DISCOUNT)
+        expected = [info["shaping"] for _, info in shaped_steps(alone, actions_of(60))]
+        np.testing.assert_array_equal(column, expected)
+    if aggregate in (cr.mean, cr.total):
+        np.testing.assert_allclose(aggregate(terms.T), shaping, atol=1e-12)
+    else:
+        assert (terms.min(axis=1) - 1e-12 <= shaping).all()
+        assert (shaping <= terms.max(axis=1) + 1e-12).all()
+        assert abs(aggregate(terms.T) - shaping).max() > 0.1
+
+
+def test_a_changing_potential_goes_by_the_steps_taken():
+    frames = RNG.normal(size=(3, N_STATES))
+    weight = cr.learning.linear(1.0, 0.2, steps=80)
+    phi = cr.StatePotential(task(NONE), frames, frame_steps=[0, 10, 31], weight=weight)
+    actions = actions_of(60)
+    steps = [move for episode in episodes_of(wander(NONE), actions) for move in episode]
+    got = shaped_steps(PotentialShaping(wander(NONE), phi), actions)
+    for t, ((state, reward, following, _), (shaped, info)) in enumerate(
+        zip(steps, got, strict=True)
+    ):
+        assert info["shaping"] == phi.shaping_reward(state, following, step=t)
+        assert shaped == reward + info["shaping"]
+        assert abs(info.get("telescoping_residual", 0.0)) < 1e-12
+
+
+def test_a_weight_scales_any_potential_and_may_change_too():
+    assert paid(PotentialShaping(wander(), table, discount=DISCOUNT, weight=2)) == by_function(
+        2 * PHI
+    )
+    weight = cr.learning.linear(1.0, 0.2, steps=80)
+    weighed = cr.StatePotential(task(NONE), PHI, weight=weight)
+    env = PotentialShaping(wander(NONE), table, discount=DISCOUNT, weight=weight)
+    assert paid(env) == pytest.approx(paid(PotentialShaping(wander(NONE), weighed)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("potential", "discount", "said"),
+    [
+        (table, None, "a discount must be given"),
+        ({"a": table, "b": table}, None, "a discount must be given"),
+        (cr.StatePotential(task(), PHI), 0.95, "0.9 by the task of 'potential', 0.95 by the arg"),
+        (
+            {"a": cr.StatePotential(task(), PHI), "b": cr.StatePotential(task(discount=0.5), PHI)},
+            None,
+            "0.9 by the task of 'a', 0.5 by the task of 'b'",
+        ),
+        (table, 1.5, "discount must lie in [0, 1]: got 1.5"),
+    ],
+)
+def test_there_is_one_discount(potential, discount, said):
+    with pytest.raises(SettingError, match=re.escape(said)):
+        PotentialShaping(wander(), potential, discount=discount)
+
+
+def test_the_same_discount_may_be_stated_twice():
+    env = PotentialShaping(wander(), cr.StatePotential(task(), PHI), discount=DISCOUNT)
+    assert paid(env) == by_function()
+
+
+@pytest.mark.parametrize(
+    ("potential", "settings", "error", "said"),
+    [
+        ({}, {}, PotentialError, "shaping needs a potential: got none"),
+        ("phi", {}, PotentialError, "'potential' is 'phi'"),
+        ({"a": None}, {}, PotentialError, "'a' is None"),
+        ({1: table}, {}, SettingError, "name must be a str: got 1"),
+        (table, {"tolerance": -1}, SettingError, "tolerance must be at least 0"),
+        (table, {"weight": np.nan}, SettingError, "finite"),
+        (table, {"encode": int}, SettingError, "encode must be left out"),
+        (pair_potential_of_hunt(), {"discount": None}, SettingError, "the task's 64 states"),
+    ],
+)
+def test_what_cannot_be_a_potential_is_refused(potential, settings, error, said):
+    with pytest.raises(error, match=re.escape(said)):
+        PotentialShaping(wander(), potential, **{"discount": DISCOUNT, **settings})
+
+
+OTHER_SPACES = [gym.spaces.MultiDiscrete([4, 4]), gym.spaces.Discrete(63), PICTURE]
+
+
+@pytest.mark.parametrize("space", OTHER_SPACES)
+def test_observations_that_number_other_states_are_refused(space):
+    with pytest.raises(SettingError, match="must number the task's 64 states"):
+        PotentialShaping(Positions(space, np.array), pair_potential_of_hunt())
+
+
+@pytest.mark.parametrize("wrap", ["one", "many"])
+@pytest.mark.parametrize(
+    ("potential", "settings", "said"),
+    [
+        (always(np.nan), {}, "'potential' is nan at observation "),
+        ({"a": table, "b": always(np.inf)}, {}, "'b' is inf at observation "),
+        (always("high"), {}, "'potential' returned 'high' at observation "),
+        (always(None), {}, "'potential' returned None at observation "),
+        (
+            cr.StatePotential(task(), PHI),
+            {"encode": always(-1)},
+            "must lie in 0..5: 'potential' got -1 for observation ",
+        ),
+        (cr.StatePotential(task(), PHI), {"encode": always(6)}, "got 6 for observation "),
+        (cr.StatePotential(task(), PHI), {"encode": always(1.5)}, "got 1.5 for observation "),
+        ({"a": table}, {"aggregate": always(np.zeros(2))}, "must return shape (1, 1)"),
+    ],
+)
+def test_values_that_cannot_be_used_are_named_with_their_observation(
+    wrap, potential, settings, said
+):
+    if wrap == "one":
+        env = PotentialShaping(wander(), potential, discount=DISCOUNT, **settings)
+    else:
+        envs = SyncVectorEnv([wander])
+        env = VectorPotentialShaping(envs, potential, discount=DISCOUNT, **settings)
+    with pytest.raises((PotentialError, SettingError, CurriculumError), match=re.escape(said)):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("potential", "settings", "said"),
+    [
+        (always(0.0), {}, "must have shape (2,): got ()"),
+        (always("high"), {}, "must be an array of numbers"),
+        (lambda s: np.where(s == s[1], np.nan, 0.0), {}, "'potential' is nan at observation "),
+        (
+            cr.StatePotential(task(), PHI),
+            {"encode": always([0, 9])},
+            "got 9 for observation 1 of 2",
+        ),
+        (cr.StatePotential(task(), PHI), {"encode": always([0])}, "states of shape (2,)"),
+        (cr.StatePotential(task(), PHI), {"encode": always([0.5, 1])}, "must be whole numbers"),
+    ],
+)
+def test_batches_that_cannot_be_used_are_named(potential, settings, said):
+    envs = VectorPotentialShaping(
+        SyncVectorEnv([wander] * 2), potential, discount=DISCOUNT, batched=True, **settings
+    )
+    with pytest.raises(cr.CurricleError, match=re.escape(said)):
+        envs.reset(seed=0)
+
+
+def test_an_environment_is_shaped_once():
+    env = PotentialShaping(wander(), table, discount=DISCOUNT)
+    twice = PotentialShaping(env, table, discount=DISCOUNT)
+    twice.reset(seed=0)
+    with pytest.raises(SettingError, match="must be shaped once"):
+        twice.step(0)
+    envs = VectorPotentialShaping(SyncVectorEnv([lambda: env]), table, discount=DISCOUNT)
+    envs.reset(seed=0)
+    with pytest.raises(SettingError, match="must be shaped once"):
+        envs.step(np.array([0]))

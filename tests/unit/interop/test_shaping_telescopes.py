@@ -1,0 +1,114 @@
+"""The sum of what shaping pays in an episode is checked at its end."""
+
+import re
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+from curricle.errors import PotentialError
+from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+
+from .shaping import (
+    DISCOUNT,
+    N_STATES,
+    NONE,
+    PHI,
+    PICTURE,
+    SomeEnvs,
+    Wander,
+    as_picture,
+    run_episode,
+    wander,
+)
+
+
+class Corridor(gym.Env):
+    """Cells in a row; the last is the end, and every step costs 1."""
+
+    def __init__(self, cells=3):
+        self.observation_space, self.action_space = (
+            gym.spaces.Discrete(cells),
+            gym.spaces.Discrete(2),
+        )
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.cell = 0
+        return 0, {}
+
+    def step(self, action):
+        self.cell = max(0, self.cell + (1 if action else -1))
+        return self.cell, -1.0, self.cell == self.observation_space.n - 1, False, {}
+
+
+class Clock:
+    """A potential that looks at something else than the observation."""
+
+    calls = 0
+
+    def __call__(self, observation):
+        self.calls += 1
+        return float(self.calls)
+
+    def batch(self, observations):
+        return np.full(len(observations), self(observations))
+
+
+def test_a_potential_of_something_else_is_found_out_at_the_end():
+    env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT)
+    # Phi was 1 at the start and is 9 there at the end of 7 steps.
+    said = "Phi depends on the observation alone: it is off by 8 after 7 steps"
+    with pytest.raises(PotentialError, match=re.escape(said)):
+        run_episode(env)
+    envs = VectorPotentialShaping(
+        SyncVectorEnv([partial(wander, NONE)] * 2),
+        Clock().batch,
+        discount=DISCOUNT,
+        batched=True,
+    )
+    with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
+        run_episode(SomeEnvs(envs))
+
+
+def test_a_potential_meant_to_change_is_let_through_and_measured():
+    env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT, tolerance=None)
+    assert run_episode(env)["telescoping_residual"] == pytest.approx(8.0, abs=1e-12)
+
+
+def test_rounding_is_no_offence_even_where_the_start_is_worth_nothing():
+    first = Wander(NONE).reset(seed=0)[0]
+    values = 1e9 * (PHI - PHI[first])
+    settings = {"discount": 1.0, "tolerance": 1e-11}
+    long = partial(wander, NONE, limit=3000)
+    env = PotentialShaping(long(), values.__getitem__, **settings)
+    assert run_episode(env)["telescoping_residual"] != 0.0
+    envs = VectorPotentialShaping(SyncVectorEnv([long]), values.__getitem__, **settings)
+    assert run_episode(SomeEnvs(envs))["telescoping_residual"][0] != 0.0
+
+
+def test_rounding_is_no_offence_where_the_start_is_worth_most():
+    phi = np.append(1e9, np.random.default_rng(0).random(49)).__getitem__
+    settings = {"discount": DISCOUNT, "tolerance": 1e-11}
+    env = PotentialShaping(Corridor(50), phi, **settings)
+    envs = VectorPotentialShaping(SyncVectorEnv([partial(Corridor, 50)]), phi, **settings)
+    assert run_episode(env, action=1)["telescoping_residual"] != 0.0
+    assert run_episode(SomeEnvs(envs), action=1)["telescoping_residual"][0] != 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_observations_written_over_are_no_offence(seed):
+    room = np.zeros(N_STATES, np.float32)
+
+    def observe(state):
+        room[:] = as_picture(state)
+        return room
+
+    one = wander(NONE, observe=observe, space=PICTURE)
+    env = PotentialShaping(one, lambda picture: picture @ PHI, discount=DISCOUNT)
+    assert abs(run_episode(env, seed)["telescoping_residual"]) < 1e-12
+    many = SyncVectorEnv([partial(wander, NONE, observe=as_picture, space=PICTURE)] * 2, copy=False)
+    envs = VectorPotentialShaping(many, lambda o: o @ PHI, discount=DISCOUNT, batched=True)
+    assert (abs(run_episode(SomeEnvs(envs), seed)["telescoping_residual"]) < 1e-12).all()
