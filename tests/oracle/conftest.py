@@ -1,4 +1,4 @@
-"""Slow and obvious references: random MDPs, and a tabular learner in plain Python.
+"""Slow and obvious references: a tabular learner in plain Python.
 
 The learner draws from the same random stream in the same order as the compiled loops and does
 its sums in the same order, so that results can be compared to the last bit.
@@ -11,36 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from curricle import FiniteMDP, StateActionPotential, StatePotential
+from curricle import StateActionPotential, StatePotential
 from curricle.learning.schedules import schedule
 from curricle.tasks.draws import stream_start
-
-
-def make_random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
-    """Return an MDP with real-valued rewards, about a quarter of it terminal."""
-    rng = np.random.default_rng(seed)
-    shape = (n_states, n_actions, width)
-    probability = rng.dirichlet(np.ones(width), size=shape[:2])
-    if width > 1:  # some outcomes are impossible, now and then the last one
-        probability[rng.random(shape) < 0.2] = 0.0
-        probability[..., 0] = 1 - probability[..., 1:].sum(axis=-1)
-    successor, reward = rng.integers(n_states, size=shape), rng.normal(size=shape).round(2)
-    terminal = np.arange(n_states) >= n_states - max(1, n_states // 4)
-    start = np.where(terminal, 0, rng.integers(0, 3, size=n_states))
-    start[0] = 1
-    outcomes = [
-        [list(zip(*(x[s, a].tolist() for x in (probability, successor, reward)), strict=True))
-         for a in range(n_actions)]
-        for s in range(n_states)
-    ]  # fmt: skip
-    return FiniteMDP.from_outcomes(
-        outcomes,
-        terminal=terminal,
-        start=start / start.sum(),
-        discount=discount,
-        time_limit=time_limit,
-    )
-
+from tests import tasks
 
 MASK, STRIDE = 2**64 - 1, 0x9E3779B97F4A7C15
 
@@ -297,7 +271,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
 
 @pytest.fixture(scope="session")
 def random_mdp():
-    return make_random_mdp
+    return tasks.random_mdp
 
 
 @pytest.fixture(scope="session")

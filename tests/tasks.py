@@ -1,0 +1,140 @@
+"""Small tasks that several test files build: random MDPs, drawn ones, and a ring of functions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from curricle import Component, ComputedMDP, FiniteMDP, Space
+from curricle.tasks.draws import integers, uniform
+
+# -- random MDPs, from a seed --------------------------------------------------------------------
+
+
+def random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
+    """Return an MDP with real-valued rewards, about a quarter of it terminal.
+
+    Each pair has `width` outcomes, some of them impossible.
+    """
+    rng = np.random.default_rng(seed)
+    shape = (n_states, n_actions, width)
+    probability = rng.dirichlet(np.ones(width), size=shape[:2])
+    if width > 1:  # now and then the last outcome is the impossible one
+        probability[rng.random(shape) < 0.2] = 0.0
+        probability[..., 0] = 1 - probability[..., 1:].sum(axis=-1)
+    successor, reward = rng.integers(n_states, size=shape), rng.normal(size=shape).round(2)
+    terminal = np.arange(n_states) >= n_states - max(1, n_states // 4)
+    start = np.where(terminal, 0, rng.integers(0, 3, size=n_states))
+    start[0] = 1
+    outcomes = [
+        [list(zip(*(x[s, a].tolist() for x in (probability, successor, reward)), strict=True))
+         for a in range(n_actions)]
+        for s in range(n_states)
+    ]  # fmt: skip
+    return FiniteMDP.from_outcomes(
+        outcomes,
+        terminal=terminal,
+        start=start / start.sum(),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+# -- MDPs that Hypothesis draws ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DenseMDP:
+    """An MDP as arrays: P and r (S, A, S). Episodes start in the first live state."""
+
+    p: np.ndarray
+    r: np.ndarray
+    terminal: np.ndarray
+    discount: float
+
+    @property
+    def shape(self):
+        """(S, A)."""
+        return self.p.shape[:2]
+
+    def task(self, added=0.0, **settings):
+        """Return it as a task, F(s, a, s') added to its rewards."""
+        start = int(np.flatnonzero(~self.terminal)[0])
+        return FiniteMDP.from_dense(
+            self.p,
+            self.r + added,
+            terminal=self.terminal,
+            start=start,
+            discount=self.discount,
+            **settings,
+        )
+
+    def zero_at_ends(self, values):
+        """Return a potential, (S,) or (S, A), with 0 in the terminal states."""
+        return np.where(self.terminal.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
+
+
+@st.composite
+def mdps(draw, discounts=(0.3, 0.75, 0.95), max_states=4, max_actions=3, loose=False):
+    """Draw a DenseMDP with whole rewards.
+
+    At discount 1 every policy ends. In a loose one every transition is possible and every policy
+    ends.
+    """
+    n, a = draw(st.integers(2, max_states)), draw(st.integers(1, max_actions))
+    discount = draw(st.sampled_from(discounts))
+    weights = draw(arrays(np.int64, (n, a, n), elements=st.integers(0, 3))) + loose
+    sure = draw(arrays(np.int64, (n, a), elements=st.integers(0, n - 1)))
+    terminal = draw(arrays(np.bool_, n))
+    terminal[0] = False
+    if discount == 1 or loose:
+        terminal[-1] = True
+        weights[:, :, -1] += 1
+    weights[np.arange(n)[:, None], np.arange(a), sure] += 1
+    reward = draw(arrays(np.int64, (n, a, n), elements=st.integers(-5, 5)))
+    return DenseMDP(weights / weights.sum(axis=2, keepdims=True), reward, terminal, discount)
+
+
+# -- a ring, by functions and by tables ----------------------------------------------------------
+
+ASTRAY = 0.2
+"""The chance that an action moves the other way."""
+LEFT_OR_RIGHT = Component("move", 2, labels=("left", "right"))
+
+
+def _ring_start(n, bits):
+    return 1 + integers(bits, n - 1)
+
+
+def _ring_step(n, state, action, bits):
+    right = (action == 1) != (uniform(bits) < ASTRAY)
+    place = (state + (1 if right else n - 1)) % n
+    return place, -1.0, place == 0
+
+
+def ring(n=9, **settings):
+    """Return n places in a ring: -1 a step until place 0, where the episode ends."""
+    settings = {"discount": 0.9, "time_limit": 30, **settings}
+    spaces = Space([Component("place", n)]), Space([LEFT_OR_RIGHT])
+    return ComputedMDP(*spaces, _ring_start, _ring_step, data=n, **settings)
+
+
+def ring_by_tables(n=9):
+    """Return the same ring, its outcomes in the order in which the function tries them."""
+    places, ways = np.arange(n), np.array([-1, 1])
+    straight = (places[:, None] + ways) % n
+    astray = (places[:, None] - ways) % n
+    terminal = places == 0
+    return FiniteMDP(
+        states=Space([Component("place", n)]),
+        actions=Space([LEFT_OR_RIGHT]),
+        outcome_row=np.arange(2 * n).reshape(n, 2),
+        probability=np.tile([ASTRAY, 1 - ASTRAY], (2 * n, 1)),
+        next_state=np.stack([astray.ravel(), straight.ravel()], axis=1),
+        reward=np.full((2 * n, 2), -1.0),
+        terminal=terminal,
+        start=~terminal / (n - 1),
+        discount=0.9,
+        time_limit=30,
+    )
