@@ -1,0 +1,13 @@
+"""The mistakes of ``make mutations`` can still be made: what each changes is in the library once."""
+
+import pytest
+
+from tests.mutations import MUTATIONS, PACKAGE, ROOT
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.name)
+def test_it_can_be_made(mutation):
+    text = (ROOT / PACKAGE / mutation.file).read_text("utf-8")
+    assert mutation.applied(text) != text
+    for test in mutation.tests:
+        assert (ROOT / test.partition("::")[0]).exists()
