@@ -1,4 +1,4 @@
-"""The mistakes of ``make mutations`` can still be made: what each changes is in the library once."""
+"""What `make mutations` changes is in the library, once, and its tests exist."""
 
 import pytest
 
