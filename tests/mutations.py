@@ -70,7 +70,8 @@ class Job:
             "MPLBACKEND": "Agg",
             "CI": "1",  # Hypothesis draws the same examples every time
         }
-        command = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
+        options = ["-x", "-n", "0", "-p", "no:cacheprovider"]
+        command = [sys.executable, "-m", "pytest", *options, *tests]
         try:
             return subprocess.run(
                 command,
@@ -88,7 +89,8 @@ class Job:
         """Yield which test caught each mutation, or nothing for one that survived."""
         tests = dict.fromkeys(test for mutation in mutations for test in mutation.tests)
         if tests and (done := self.run(tuple(tests), "cache")).returncode != 0:
-            raise RuntimeError(f"without a change these tests must pass:\n{done.stdout}{done.stderr}")
+            output = done.stdout + done.stderr
+            raise RuntimeError(f"without a change these tests must pass:\n{output}")
         for number, mutation in enumerate(mutations):
             path = self.folder / PACKAGE / mutation.file
             text = path.read_text("utf-8")

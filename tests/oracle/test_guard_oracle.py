@@ -7,9 +7,9 @@ import pytest
 
 import curricle as cr
 from curricle.learning.guard import FADING, FEWEST, Guard
-from curricle.tasks.draws import integers, stream_start, uniform
+from curricle.tasks.draws import stream_start
 
-from .conftest import draw_best, pick, plain_sum, random_bits, splitmix64
+from .conftest import draw_best, integers, pick, plain_sum, random_bits, splitmix64, uniform
 
 
 def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0):
