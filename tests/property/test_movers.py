@@ -101,7 +101,7 @@ def test_what_a_prey_returned_stays_its_own():
     game = cr.Pursuit(size=2, predators=1, prey=lambda where: own)
     assert game.factored_model is not None
     own[:] = 0.0  # would fail, had it been frozen
-    assert game.factored_model.drift.min() == 0.2
+    assert game.factored_model.prey_policy.min() == 0.2
 
 
 def test_planning_builds_no_table_and_no_action_values():

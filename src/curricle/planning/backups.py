@@ -1,9 +1,11 @@
 """Compiled sweeps of exact planning over the tables of a FiniteMDP.
 
 Every loop ends with a sweep in which each value was backed up from a vector within `change` of
-the values returned, which is all that the error bound in ``planning.py`` needs. The callers
+the values returned, which is all that the error bound in ``solution.py`` needs. The callers
 validate and pass index tables as uint32: an unsigned index needs no test for being negative.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +14,16 @@ SWEEPS = 5
 """Sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good."""
 PATIENCE = 100
 """Backups without progress near the limits of double precision before giving up, plus a horizon."""
-OVER = -1
+CONVERGED = -1
+
+
+class Precision(NamedTuple):
+    """How far to iterate."""
+
+    enough: float  # the residual, rounding included, at which to end
+    unit: float  # the relative rounding error of one backup
+    largest_reward: float
+    horizon: float  # what a residual is multiplied by to bound the error
 
 
 @njit(cache=True, nogil=True)
@@ -94,26 +105,25 @@ def largest_of(values):
 
 
 @njit(cache=True, nogil=True)
-def converged(
-    change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
-):
-    """Return for how many backups there has been no progress, or OVER to end.
+def converged(change, least, waited, values, reach, discount, precision):
+    """Return for how many backups there has been no progress, or CONVERGED to end.
 
-    It is over where the residual, gamma times the change and the rounding of a backup (`unit`
-    times the size of the numbers), is `enough`; where the change is well below that rounding; or
-    where, near it, changes have long been no less than `least`. No value is beyond `reach`, a sum
-    of changes that spares looking for the largest.
+    Iteration ends if the residual (gamma times the change, plus the rounding of a backup: `unit`
+    times the size of the numbers) is at most `enough`; if the change is well below that rounding;
+    or if, near it, the smallest change so far, `least`, has not been undercut for long. `reach` is
+    a sum of changes that no value exceeds, which spares the search for the largest value.
     """
+    enough, unit, largest_reward, horizon = precision
     if not change < np.inf:
-        return OVER
+        return CONVERGED
     if discount * change > enough and change > 64 * horizon * unit * (largest_reward + reach):
         return 0
     rounding = unit * (largest_reward + largest_of(values))
     if discount * change + rounding <= enough or 2 * change <= rounding:
-        return OVER
+        return CONVERGED
     if change < least:
         return 0
-    return waited + 1 if waited < PATIENCE + horizon else OVER
+    return waited + 1 if waited < PATIENCE + horizon else CONVERGED
 
 
 @njit(cache=True, nogil=True)
@@ -125,24 +135,20 @@ def optimal_values(
     terminal,
     discount,
     values,
-    enough,
-    unit,
-    largest_reward,
-    horizon,
+    precision,
 ):
-    """Turn `values`, bounds of the lengths of episodes, into the optimum by policy iteration.
+    """Turn `values`, bounds of the lengths of episodes, into the optimum; return the last change.
 
-    Modified, that is: a greedy backup of all states, then a few sweeps of the greedy policy, which
-    cost a backup of one row a state. It starts at the lengths times the mean reward of the
-    best-paid action where that is worst, and ends after a greedy backup, as `rests` says. Returns
-    its largest change.
+    Modified policy iteration: a greedy backup of all states, then a few sweeps of the greedy
+    policy, which back up one row a state. It starts from the lengths times the smallest best mean
+    reward of a state, and ends after a greedy backup (:func:`converged`).
     """
     rows = np.empty(len(probability))
     chosen = outcome_row[:, 0].copy()
-    paid = np.zeros(len(values))
-    improve(outcome_row, terminal, mean, paid, chosen)
+    best_reward = np.zeros(len(values))
+    improve(outcome_row, terminal, mean, best_reward, chosen)
     worst = 0.0
-    for value in paid:
+    for value in best_reward:
         worst = min(worst, value)
     for state in range(len(values)):
         values[state] = 0.0 if terminal[state] else worst * values[state]
@@ -151,10 +157,8 @@ def optimal_values(
         back_up_rows(mean, probability, next_state, discount, values, rows)
         change = improve(outcome_row, terminal, rows, values, chosen)
         reach += change
-        waited = converged(
-            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
-        )
-        if waited == OVER:
+        waited = converged(change, least, waited, values, reach, discount, precision)
+        if waited == CONVERGED:
             return change
         least = min(least, change)
         for sweep in range(SWEEPS):
@@ -168,7 +172,7 @@ def optimal_values(
                 values,
                 sweep,
             )
-            if moved <= 0.5 * enough:
+            if moved <= 0.5 * precision.enough:
                 break
 
 
@@ -177,10 +181,10 @@ def optimal_values(
 
 @njit(cache=True, nogil=True)
 def policy_entries(policy, terminal, row_of):
-    """Return the rows a policy takes: state s has entries first[s] to first[s + 1] of the others.
+    """Return a policy in compressed form: state s has entries first[s] to first[s + 1].
 
-    A terminal state has one entry, of weight 0. `row_of` names the row of each pair, for all
-    states or, repeating, for a part of them.
+    An entry is an outcome row and its weight; a terminal state has one entry, of weight 0. `row_of`
+    has the row of each pair, for all states or, repeating, for a part of them.
     """
     n_states, n_actions = policy.shape
     first = np.zeros(n_states + 1, dtype=np.int64)
@@ -224,19 +228,19 @@ def copy(values, target):
 
 @njit(cache=True, nogil=True)
 def difference(before, values):
-    """Replace values of before by what has changed since."""
+    """Write values - before into `before`."""
     for state in range(len(values)):
         before[state] = values[state] - before[state]
 
 
 @njit(cache=True, nogil=True)
 def extrapolate(values, step, last):
-    """Go on along the last step, as far as makes the next one small; return whether it did.
+    """Extrapolate along the last step (Anderson 1965, depth 1); return whether it was done.
 
     After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
-    V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. The t
-    taken makes that small in the mean square (Anderson 1965, depth 1), and is only taken where it
-    is less than half of `step` at its largest, so that no sweep is lost.
+    V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. t
+    minimises that change in the mean square. It is used only if the change is then less than half
+    of `step` in the maximum norm, so that no sweep is lost.
     """
     along, across, longest = 0.0, 0.0, 0.0
     for state in range(len(values)):
@@ -266,15 +270,12 @@ def policy_values(
     terminal,
     discount,
     values,
-    enough,
-    unit,
-    largest_reward,
-    horizon,
+    precision,
 ):
     """Bring `values` to those of a policy, in place; ends and returns as `optimal_values` does."""
     rows = np.empty(len(probability))
     step, last = np.zeros(len(values)), np.zeros(len(values))
-    same_way = np.int64(0)
+    upwards = np.int64(0)  # every sweep in the same direction
     single = True  # one row a state: backed up in place, which takes fewer sweeps
     for state in range(len(values)):
         one = first[state + 1] - first[state] == 1
@@ -285,17 +286,15 @@ def policy_values(
         copy(values, step)
         if single:
             change = policy_backup(
-                mean, probability, next_state, terminal, discount, row, values, same_way
+                mean, probability, next_state, terminal, discount, row, values, upwards
             )
         else:
             back_up_rows(mean, probability, next_state, discount, values, rows)
             change = mixed_policy_backup(first, row, weight, terminal, rows, values, 0)
         difference(step, values)
         reach += change
-        waited = converged(
-            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
-        )
-        if waited == OVER:
+        waited = converged(change, least, waited, values, reach, discount, precision)
+        if waited == CONVERGED:
             return change
         least = min(least, change)
         pairs += 1

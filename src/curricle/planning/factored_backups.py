@@ -1,18 +1,18 @@
-"""Compiled sweeps of exact planning for `FactoredModel`: one mover after the other, no tables.
+"""Compiled sweeps of exact planning for a `FactoredModel`: one mover after the other, no tables.
 
-The values of all states with the drifter on one cell are a *plane*, C^k numbers. A sweep backs up
-plane by plane, in place: the mean over the drifter's moves is a sum of planes, and the best joint
-move is the best move of each agent in turn, since max over (a, b) is max over a of max over b. So
-a state costs M + k M numbers instead of M^k; all loops but one run along memory.
+The values of all states with the prey on one cell are a *plane*, C^k numbers. A sweep backs up
+plane by plane, in place: the mean over the prey's moves is a sum of planes, and the best joint move
+is the best move of each predator in turn, since max over (a, b) is max over a of max over b. So a
+state costs M + k M numbers instead of M^k; all loops but one run along memory.
 
-What a sweep's change proves is said in ``backups.py``.
+``backups.py`` explains what the change of a sweep proves.
 """
 
 import numpy as np
 from numba import njit
 
 from curricle.planning.backups import (
-    OVER,
+    CONVERGED,
     converged,
     copy,
     difference,
@@ -23,24 +23,24 @@ from curricle.planning.backups import (
 
 
 @njit(cache=True, nogil=True)
-def expect(values, mean, landing, drift, discount, cell, plane):
-    """Write r + gamma times the mean over the drifter's moves from `cell` into `plane`."""
+def expect(values, mean, landing, prey_policy, discount, cell, plane):
+    """Write r + gamma times the mean over the prey's moves from `cell` into `plane`."""
     n, n_moves = len(plane), landing.shape[1]
     base = mean[cell * n : (cell + 1) * n]
     source = values[landing[cell, 0] * n : (landing[cell, 0] + 1) * n]
-    chance = discount * drift[cell, 0]
+    chance = discount * prey_policy[cell, 0]
     for index in range(n):
         plane[index] = base[index] + chance * source[index]
     for move in range(1, n_moves):
         source = values[landing[cell, move] * n : (landing[cell, move] + 1) * n]
-        chance = discount * drift[cell, move]
+        chance = discount * prey_policy[cell, move]
         for index in range(n):
             plane[index] += chance * source[index]
 
 
 @njit(cache=True, nogil=True)
 def best_of_moves(plane, landing, best):
-    """Write the best over the moves of the first agent, whose cell runs slowest, into `best`."""
+    """Write the best over the moves of the first predator, the slowest axis, into `best`."""
     n_cells, n_moves = landing.shape
     n = len(plane) // n_cells
     second = min(1, n_moves - 1)
@@ -59,8 +59,8 @@ def best_of_moves(plane, landing, best):
 
 
 @njit(cache=True, nogil=True)
-def next_agent_first(plane, n_cells, turned):
-    """Write the plane with its first axis made its last into `turned`."""
+def next_predator_first(plane, n_cells, turned):
+    """Write the plane with its first axis moved to the end into `turned`."""
     n = len(plane) // n_cells
     source, target = plane.reshape(n_cells, n), turned.reshape(n, n_cells)
     for cell in range(n_cells):
@@ -70,7 +70,7 @@ def next_agent_first(plane, n_cells, turned):
 
 @njit(cache=True, nogil=True)
 def keep(best, terminal, values, start, worst):
-    """Store a plane, terminal states at 0; `worst` collects the largest change of each place."""
+    """Store a plane, terminal states at 0; `worst` collects the largest change of each entry."""
     n = len(best)
     target, ended = values[start : start + n], terminal[start : start + n]
     for index in range(n):
@@ -81,14 +81,12 @@ def keep(best, terminal, values, start, worst):
 
 
 @njit(cache=True, nogil=True)
-def optimal_values(
-    landing, drift, agents, mean, terminal, discount, values, enough, unit, largest_reward, horizon
-):
+def optimal_values(landing, prey_policy, predators, mean, terminal, discount, values, precision):
     """Bring `values`, of which V <= TV, to the optimum by value iteration, plane by plane.
 
-    One sweep goes through the planes upwards, the next downwards.
-    Ends and returns as `optimal_values` of ``backups.py`` does. The agents are alike, so values
-    that are the same whoever stands where stay so, and the last turning back is left out.
+    One sweep goes through the planes upwards, the next downwards; it ends and returns as
+    `optimal_values` of ``backups.py`` does. The predators are interchangeable, so values that are
+    symmetric in them stay symmetric, and the last transposition is left out.
     """
     n_cells = len(landing)
     n = len(values) // n_cells
@@ -98,19 +96,17 @@ def optimal_values(
         worst.fill(0.0)
         for index in range(n_cells):
             cell = n_cells - 1 - index if backwards else index
-            expect(values, mean, landing, drift, discount, cell, plane)
+            expect(values, mean, landing, prey_policy, discount, cell, plane)
             best_of_moves(plane, landing, best)
-            for _ in range(1, agents):
-                next_agent_first(best, n_cells, plane)
+            for _ in range(1, predators):
+                next_predator_first(best, n_cells, plane)
                 best_of_moves(plane, landing, best)
             keep(best, terminal, values, cell * n, worst)
         backwards = not backwards
         change = largest_of(worst)
         reach += change
-        waited = converged(
-            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
-        )
-        if waited == OVER:
+        waited = converged(change, least, waited, values, reach, discount, precision)
+        if waited == CONVERGED:
             return change
         least = min(least, change)
 
@@ -121,16 +117,13 @@ def policy_values(
     row,
     weight,
     landing,
-    drift,
-    agents,
+    prey_policy,
+    predators,
     mean,
     terminal,
     discount,
     values,
-    enough,
-    unit,
-    largest_reward,
-    horizon,
+    precision,
 ):
     """Bring `values` to those of a policy, plane by plane; rows are numbered within a plane."""
     n_cells = len(landing)
@@ -143,17 +136,15 @@ def policy_values(
         copy(values, step)
         change = 0.0
         for cell in range(n_cells):
-            expect(values, mean, landing, drift, discount, cell, plane)
+            expect(values, mean, landing, prey_policy, discount, cell, plane)
             there = values[cell * n : (cell + 1) * n]
             change = max(
                 change, mixed_policy_backup(first, row, weight, terminal, plane, there, cell * n)
             )
         difference(step, values)
         reach += change
-        waited = converged(
-            change, least, waited, values, reach, discount, enough, unit, largest_reward, horizon
-        )
-        if waited == OVER:
+        waited = converged(change, least, waited, values, reach, discount, precision)
+        if waited == CONVERGED:
             return change
         least = min(least, change)
         pairs += 1

@@ -1,17 +1,18 @@
-"""What exact planning needs of a task, from its tables or, where it has them, its movers.
+"""Planning models: what exact planning reads of a task, its tables or its factored model.
 
-Both models offer the same few verbs: iterate to the optimum or to a policy's values, and back up
-once into (S, A). ``planning.py`` decides how far to iterate and what that proves.
+Both have the same methods: iterate to the optimum or to a policy's values, and back up once into
+(S, A). ``solution.py`` decides how far to iterate and what that proves.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
+from curricle.planning.backups import Precision
 from curricle.tasks.factored import FactoredModel
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
@@ -21,26 +22,6 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Policy = npt.NDArray[np.integer[Any]] | FloatArray
 """An action for each state, (S,), or the probability of each action, (S, A)."""
-
-
-class Precision(NamedTuple):
-    """How far to iterate.
-
-    Attributes
-    ----------
-    enough : float
-        The residual, rounding included, at which to end.
-    unit : float
-        The relative rounding error of one backup.
-    largest_reward : float
-    horizon : float
-        What a residual is multiplied by to bound the error.
-    """
-
-    enough: float
-    unit: float
-    largest_reward: float
-    horizon: float
 
 
 class Model(Protocol):
@@ -130,12 +111,12 @@ class TabularPlanningModel:
 
     def optimise(self, values: FloatArray, precision: Precision) -> float:
         """Turn bounds of the lengths of episodes into the optimum; return the last change."""
-        return float(backups.optimal_values(self._rows, *self._dynamics, values, *precision))
+        return float(backups.optimal_values(self._rows, *self._dynamics, values, precision))
 
     def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
         """Bring `values` to those of a policy in place; return the last change."""
         entries = policy_entries(policy, self.terminal, self._rows)
-        return float(backups.policy_values(*entries, *self._dynamics, values, *precision))
+        return float(backups.policy_values(*entries, *self._dynamics, values, precision))
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -175,7 +156,7 @@ class TabularPlanningModel:
 
 @dataclass(frozen=True, eq=False)
 class FactoredPlanningModel:
-    """A model computed from the rules of independent movers; discount below 1.
+    """A model computed from a factored model; its discount is below 1.
 
     Examples
     --------
@@ -190,20 +171,20 @@ class FactoredPlanningModel:
 
     @classmethod
     def of(cls, factored_model: FactoredModel) -> Self:
-        """Return the model of some movers."""
-        touching = factored_model.touching()
-        pay = np.take(factored_model.pays, touching)
-        mean = expected(factored_model, np.zeros(len(pay)), 1.0, pay)
-        return cls(factored_model, np.take(factored_model.ends, touching), mean)
+        """Return the planning model of a factored model."""
+        together = factored_model.predators_on_prey()
+        rewards = np.take(factored_model.rewards, together)
+        mean = expected(factored_model, np.zeros(len(rewards)), 1.0, rewards)
+        return cls(factored_model, np.take(factored_model.ends, together), mean)
 
     @property
     def n_actions(self) -> int:
         """A = M^k."""
-        return int(self.factored_model.landing.shape[1] ** self.factored_model.agents)
+        return int(self.factored_model.landing.shape[1] ** self.factored_model.predators)
 
     @property
     def outcomes(self) -> int:
-        """The number of moves of the drifter."""
+        """The number of moves of the prey."""
         return int(self.factored_model.landing.shape[1])
 
     @property
@@ -214,25 +195,25 @@ class FactoredPlanningModel:
     @property
     def largest_reward(self) -> float:
         """No reward is larger in size than this."""
-        return float(abs(self.factored_model.pays).max())
+        return float(abs(self.factored_model.rewards).max())
 
     @property
     def _dynamics(self) -> tuple[Any, Any, int, Any, Any, float]:
         m = self.factored_model
-        return m.landing, m.drift, m.agents, self.mean_reward, self.terminal, m.discount
+        return m.landing, m.prey_policy, m.predators, self.mean_reward, self.terminal, m.discount
 
     def optimise(self, values: FloatArray, precision: Precision) -> float:
         """Turn bounds of the lengths of episodes into the optimum; return the last change."""
-        values *= min(0.0, float(self.factored_model.pays.min()))
+        values *= min(0.0, float(self.factored_model.rewards.min()))
         values[self.terminal] = 0.0
-        return float(factored_backups.optimal_values(*self._dynamics, values, *precision))
+        return float(factored_backups.optimal_values(*self._dynamics, values, precision))
 
     def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
         """Bring `values` to those of a policy in place; return the last change."""
         entries = policy_entries(
-            policy, self.terminal, self.factored_model.landed().view(np.uint32)
+            policy, self.terminal, self.factored_model.joint_landing().view(np.uint32)
         )
-        return float(factored_backups.policy_values(*entries, *self._dynamics, values, *precision))
+        return float(factored_backups.policy_values(*entries, *self._dynamics, values, precision))
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -242,7 +223,7 @@ class FactoredPlanningModel:
         """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
         m = self.factored_model
         rows = expected(m, self.mean_reward, m.discount, values.copy())
-        q = np.take(rows.reshape(len(m.landing), -1), m.landed(), axis=1)
+        q = np.take(rows.reshape(len(m.landing), -1), m.joint_landing(), axis=1)
         q = q.reshape(len(values), self.n_actions)
         q[self.terminal] = 0.0
         return q
@@ -251,11 +232,17 @@ class FactoredPlanningModel:
 def expected(
     factored_model: FactoredModel, mean_reward: FloatArray, discount: float, values: FloatArray
 ) -> FloatArray:
-    """Return r + gamma times the mean of `values` over the drifter's moves, (S,)."""
+    """Return r + gamma times the mean of `values` over the prey's moves, (S,)."""
     rows = np.empty((len(factored_model.landing), len(values) // len(factored_model.landing)))
     for cell, plane in enumerate(rows):
         factored_backups.expect(
-            values, mean_reward, factored_model.landing, factored_model.drift, discount, cell, plane
+            values,
+            mean_reward,
+            factored_model.landing,
+            factored_model.prey_policy,
+            discount,
+            cell,
+            plane,
         )
     return rows.ravel()
 
@@ -263,10 +250,7 @@ def expected(
 def policy_entries(
     policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
 ) -> tuple[Any, Any, Any]:
-    """Return a policy's rows: first entry of each state, (S + 1,), row and weight of each entry.
-
-    `row_of` names the row of each pair, for all states or, repeating, for a part of them.
-    """
+    """Return a policy in compressed form, as :func:`backups.policy_entries` does."""
     if policy.ndim == 2:
         first, row, weight = backups.policy_entries(policy, terminal, row_of)
         return first, row, weight
@@ -276,9 +260,9 @@ def policy_entries(
 
 
 def model_of(task: Task) -> Model:
-    """Return the model to plan with: the task's movers where it has any, else its tables.
+    """Return the model to plan with: the task's factored model if it has one, else its tables.
 
-    At discount 1 it is the tables, in which one can look for policies that never end.
+    At discount 1 it is the tables, which can be searched for policies that never end.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Exact planning: optimal values, the value of a given policy, each with a proven error bound."""
+"""Exact planning: optimal values and the values of a policy, each with a proven error bound."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
-from curricle.planning.models import Model, Policy, Precision, TabularPlanningModel, model_of
+from curricle.planning.backups import Precision
+from curricle.planning.models import Model, Policy, TabularPlanningModel, model_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.spaces import frozen
@@ -48,7 +49,7 @@ class PolicyValues:
     def action_values(self) -> FloatArray:
         """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
 
-        Computed when first asked for.
+        Computed at the first access.
         """
         return frozen(self._model.action_values(self.values))
 
@@ -68,8 +69,7 @@ class Solution(PolicyValues):
     def optimal(self) -> npt.NDArray[np.bool_]:
         """Actions that the error bound cannot tell from optimal, (S, A) bool.
 
-        Those whose Q(s, a) is within twice the bound of the best. Ties are so kept, not broken by
-        index.
+        Those whose Q(s, a) is within twice the bound of the best, so that ties are kept.
         """
         best = self.action_values.max(axis=1, keepdims=True)
         return frozen(np.asarray(self.action_values >= best - 2 * self.error_bound))
@@ -83,13 +83,13 @@ class Solution(PolicyValues):
 def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     """Return the optimal values V* and Q*, with a guaranteed error bound.
 
-    By modified policy iteration on the tables, or by value iteration, mover by mover, where the
-    task has :class:`FactoredModel`; from a V <= TV, so that values only rise (Puterman 1994, theorem
-    6.5.5), where TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs up each
-    V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
-    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
-    the longest expected episode takes the place of 1 / (1 - gamma). The time limit plays no part:
-    it is a limit of learning, not of the task.
+    Modified policy iteration on the tables, or value iteration, one mover after the other, where
+    the task has a :class:`FactoredModel`. Both start from a V <= TV, so that values only rise
+    (Puterman 1994, theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The
+    last sweep backs up each V(s) from values within ``d`` of those returned, so that
+    ``|TV - V| <= gamma d``, and ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most
+    `tolerance`. At discount 1 the longest expected episode replaces 1 / (1 - gamma). The time limit
+    is ignored: it is a limit of learning, not of the task.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
 def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
-    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with a step along the
-    error that is left now and then (Anderson 1965); the bound is that of :func:`solve`.
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
+    extrapolation (Anderson 1965); the error bound is that of :func:`solve`.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
     q = numbers("action_values", action_values, SettingError)
     number("tolerance", tolerance, SettingError, low=0)
     if np.isnan(q).any():
-        raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} that are")
+        raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} of them")
     best = q >= q.max(axis=-1, keepdims=True) - tolerance
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
 
@@ -272,7 +272,7 @@ def _lengths(model: Model, policy: Policy | None) -> FloatArray:
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
     model.check_ends(policy)
     steps, lengths = model.counting_steps(), np.zeros(n_states)
-    precision = Precision(0.5, EPSILON, 1.0, n_states)
+    precision = Precision(0.5, EPSILON, 1.0, float(n_states))
     if policy is None:
         change = steps.optimise(lengths, precision)
     else:

@@ -96,18 +96,10 @@ class Target:
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
-        return part_of_the_way(self.optimum, self.random_return, fraction)
+        # Imported here: it imports scipy.stats, which takes half a second that learning needs not.
+        from curricle.statistics.thresholds import fraction_of_optimum
 
-
-def part_of_the_way(optimum: float, worst: float, fraction: float) -> float:
-    """Return worst + fraction (optimum - worst), exactly the optimum for 1.
-
-    Examples
-    --------
-    >>> part_of_the_way(optimum=-10.0, worst=-50.0, fraction=0.75)
-    -20.0
-    """
-    return float(optimum - (1 - fraction) * (optimum - worst))
+        return fraction_of_optimum(self.optimum, self.random_return, fraction)
 
 
 def not_solved(fraction: float, task: Any) -> SettingError:

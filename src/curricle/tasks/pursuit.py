@@ -1,4 +1,4 @@
-"""Predator pursuit on a grid (paper, F4; E7): predators chase a prey, all generative at once."""
+"""Predator pursuit on a grid (paper, F4; E7): predators chase a prey; all move at once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.factored import FactoredModel, agents_touching, joint_landing
+from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
-from curricle.tasks.pursuit_model import PursuitModel, in_places
+from curricle.tasks.pursuit_model import PursuitModel, padded_moves
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
@@ -24,9 +24,9 @@ LARGEST = 1e100
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
 LARGEST_MODEL = 2**50
-"""States above which a task is not learnt either: their numbers are divided in double precision."""
+"""States above which a task is not learnt: their numbers are converted to double precision."""
 LARGEST_SPACE = 50_000_000
-"""States above which a task is not solved without tables either (two numbers a state: 0.8 GB)."""
+"""States above which a task is not solved by its factored model (two numbers a state: 0.8 GB)."""
 
 Capture = Literal["all", "any", "as_published"] | int
 
@@ -50,9 +50,9 @@ class Pursuit:
     torus : bool
         Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators must stand on the prey's cell. The reward and the end follow from this
-        one predicate, but for ``"as_published"``: the episode ends at the first touch, which is
-        yet paid as a capture only if all predators touch (what the paper's runs did).
+        How many predators must be on the prey's cell. One predicate decides both the reward and
+        the end, except for ``"as_published"``: the episode ends as soon as one predator is there,
+        but only all of them earn the capture reward (as in the paper's runs).
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
@@ -140,7 +140,7 @@ class Pursuit:
     @cached_property
     def landing(self) -> npt.NDArray[np.int64]:
         """The cell that each move leads to from each cell, (cells, moves) int64."""
-        row, column = np.divmod(np.arange(self.cells), self.size)
+        row, column = np.unravel_index(np.arange(self.cells), (self.size, self.size))
         steps = np.array(list(MOVES.values()))[-self.moves :]
         rows, columns = row[:, None] + steps[:, 0], column[:, None] + steps[:, 1]
         if self.torus:
@@ -150,14 +150,14 @@ class Pursuit:
 
     @cached_property
     def model(self) -> PursuitModel:
-        """The rules as compiled loops read them; learning needs no tables."""
+        """The generative model for compiled loops; learning needs no tables."""
         if self.states.size > LARGEST_MODEL or self.states.size * self.cells >= 2**64:
             raise TaskError(
                 "a pursuit to be learnt may have at most 2^50 states, and 2^64 / cells: this one "
                 f"has {self.states.size:,}"
             )
         joint = self.actions.decode()
-        shares = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
+        single = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
         chances = cumulated(self._prey_policy())
         if (chances == chances[0]).all():
             chances = chances[:1]
@@ -165,9 +165,9 @@ class Pursuit:
             (None,) * self.predators,
             np.uint64(self.cells),
             inverse_of(self.cells, self.states.size),
-            in_places(self.landing.astype(np.int32), 0),
-            in_places(chances, 1.0),
-            frozen(shares.astype(np.int32).ravel()),
+            padded_moves(self.landing.astype(np.int32), 0),
+            padded_moves(chances, 1.0),
+            frozen(single.astype(np.int32).ravel()),
             np.uint64(self.cells**self.predators),
             np.uint64(self._enough_to_end),
             np.uint64(self._enough_to_catch),
@@ -177,29 +177,29 @@ class Pursuit:
 
     @cached_property
     def terminal(self) -> npt.NDArray[np.bool_]:
-        """States in which the prey is caught and the episode over, (S,) bool."""
-        return frozen(agents_touching(self.cells, self.predators) >= self._enough_to_end)
+        """States in which the episode has ended, (S,) bool."""
+        return frozen(predators_on_prey(self.cells, self.predators) >= self._enough_to_end)
 
     @cached_property
     def factored_model(self) -> FactoredModel | None:
-        """The rules without tables, for exact planning; None where they do not come apart.
+        """The rules without tables, for exact planning, or None.
 
-        That is where the prey looks at the predators (its policy is given by state), or where
-        even one number a state would be too much.
+        None where the prey reacts to the predators (its policy is given by state), and where even
+        one number a state would take too much memory.
         """
         if self.states.size > LARGEST_SPACE:
             return None
         policy = self._prey_policy()
         if len(policy) != self.cells:
             return None
-        touching = np.arange(self.predators + 1)
-        caught = touching >= self._enough_to_catch
+        together = np.arange(self.predators + 1)
+        caught = together >= self._enough_to_catch
         return FactoredModel(
             landing=frozen(self.landing.astype(np.int32)),
-            drift=adopted(policy, np.float64),
-            agents=self.predators,
-            pays=frozen(np.where(caught, float(self.capture_reward), float(self.step_reward))),
-            ends=frozen(touching >= self._enough_to_end),
+            prey_policy=adopted(policy, np.float64),
+            predators=self.predators,
+            rewards=frozen(np.where(caught, float(self.capture_reward), float(self.step_reward))),
+            ends=frozen(together >= self._enough_to_end),
             discount=self.discount,
         )
 
@@ -237,21 +237,21 @@ class Pursuit:
         )
         if len(policy) == self.cells:
             probability = np.repeat(policy, others, axis=0)
-        else:  # the prey looks at the predators: every pair has a row of its own
+        else:  # the prey reacts to the predators: every pair has a row of its own
             probability = np.repeat(policy, n_actions, axis=0)
             next_state = next_state[outcome_row.ravel()]
             outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
             outcome_row.ravel()[:] = np.arange(n_states * n_actions)
-        touching = agents_touching(self.cells, self.predators)
-        ended, caught = touching >= self._enough_to_end, touching >= self._enough_to_catch
-        pays = np.where(caught, float(self.capture_reward), float(self.step_reward))
+        together = predators_on_prey(self.cells, self.predators)
+        ended, caught = together >= self._enough_to_end, together >= self._enough_to_catch
+        rewards = np.where(caught, float(self.capture_reward), float(self.step_reward))
         return FiniteMDP(
             states=self.states,
             actions=self.actions,
             outcome_row=frozen(outcome_row),
             probability=frozen(probability),
             next_state=frozen(next_state),
-            reward=frozen(pays[next_state]),
+            reward=frozen(rewards[next_state]),
             terminal=ended,
             start=~ended / np.count_nonzero(~ended),
             discount=self.discount,

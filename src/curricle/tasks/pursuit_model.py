@@ -1,4 +1,4 @@
-"""Pursuit as a compiled model: successors are computed, no table of them is needed."""
+"""The generative model of a pursuit: successors are computed, without tables."""
 
 from typing import Any, NamedTuple
 
@@ -11,11 +11,11 @@ from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen
 
 MOVES = 5
-"""Places for an agent's moves in each table, used or not: as a constant it costs no product."""
+"""Entries for moves in each row of a table, used or not: a constant avoids a multiplication."""
 
 
 class PursuitModel(NamedTuple):
-    """The rules of a :class:`Pursuit`, as compiled loops read them.
+    """The rules of a :class:`Pursuit` for compiled loops.
 
     The number of predators is a type, so that loops over them are unrolled.
     """
@@ -24,59 +24,59 @@ class PursuitModel(NamedTuple):
     cells: np.uint64
     inverse: np.uint64  # 2^64 / cells
     landing: npt.NDArray[np.int32]  # (cells * MOVES,)
-    chances: npt.NDArray[np.float64]  # (rows * MOVES,) of the prey's moves, cumulated
-    share: npt.NDArray[np.int32]  # (A * predators,) each one's move, the last one's first
-    others: np.uint64  # joint positions of the predators: cells^predators
+    prey_cumulative: npt.NDArray[np.float64]  # (rows * MOVES,) probabilities of the prey's moves
+    single_moves: npt.NDArray[np.int32]  # (A * predators,) of each joint action, last one first
+    positions: np.uint64  # joint positions of the predators: cells^predators
     to_end: np.uint64  # predators on the prey's cell that end the episode
-    to_catch: np.uint64  # ... that are paid the capture reward
+    to_catch: np.uint64  # ... that earn the capture reward
     step_reward: float
     capture_reward: float
 
 
-def in_places(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
-    """Return a table of moves, (rows, moves), with room for :data:`MOVES`, flat."""
-    room = ((0, 0), (0, MOVES - table.shape[1]))
-    return frozen(np.pad(table, room, constant_values=filling).ravel())
+def padded_moves(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
+    """Return a table of moves, (rows, moves), padded to :data:`MOVES` moves, flat."""
+    padding = ((0, 0), (0, MOVES - table.shape[1]))
+    return frozen(np.pad(table, padding, constant_values=filling).ravel())
 
 
 @first_states.body(PursuitModel)
 def _start(model, bits):
     """Draw positions uniformly until the prey is not caught."""
-    n_states = model.others * model.cells
+    n_states = model.positions * model.cells
     while True:
         state = np.uint64(uniform(bits) * np.float64(n_states))
-        prey, rest, touching = state // model.others, state, np.uint64(0)
+        prey, rest, together = state // model.positions, state, np.uint64(0)
         for _ in range(len(model.predators)):
-            touching += np.uint64(rest % model.cells == prey)
+            together += np.uint64(rest % model.cells == prey)
             rest //= model.cells
-        if touching < model.to_end:
+        if together < model.to_end:
             return state
         bits = splitmix64(bits)
 
 
 @transitions.body(PursuitModel)
 def _step(model, state, action, bits):
-    """Move the prey by its policy and the predators by their shares of the joint action."""
+    """Move the prey by its policy and the predators by the joint action."""
     cells, predators = model.cells, np.uint64(len(model.predators))
     prey = state
     for _ in range(predators):  # the last predator's cell varies fastest in a state's number
         prey = quotient(prey, model.inverse)
-    rows, chance = np.uint64(model.chances.shape[0]), uniform(bits)
+    rows, chance = np.uint64(model.prey_cumulative.shape[0]), uniform(bits)
     row = np.uint64(0)
     if rows > np.uint64(MOVES):
         row = prey if rows == cells * np.uint64(MOVES) else state
     move = np.uint64(0)
     for i in range(np.uint64(MOVES - 1)):
-        move += np.uint64(chance >= model.chances[row * np.uint64(MOVES) + i])
+        move += np.uint64(chance >= model.prey_cumulative[row * np.uint64(MOVES) + i])
     prey = np.uint64(model.landing[prey * np.uint64(MOVES) + move])
 
-    next_state, weight, touching = prey * model.others, np.uint64(1), np.uint64(0)
+    next_state, weight, together = prey * model.positions, np.uint64(1), np.uint64(0)
     for i in range(predators):
         rest = quotient(state, model.inverse)
-        move = np.uint64(model.share[action * predators + i])
+        move = np.uint64(model.single_moves[action * predators + i])
         cell = np.uint64(model.landing[(state - rest * cells) * np.uint64(MOVES) + move])
         next_state += cell * weight
-        touching += np.uint64(cell == prey)
+        together += np.uint64(cell == prey)
         state, weight = rest, weight * cells
-    reward = model.capture_reward if touching >= model.to_catch else model.step_reward
-    return next_state, reward, touching >= model.to_end
+    reward = model.capture_reward if together >= model.to_catch else model.step_reward
+    return next_state, reward, together >= model.to_end

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.integer[Any]]
@@ -36,6 +34,10 @@ def reachable_states(
     >>> reachable_states(*tables)  # the east lies behind a wall
     array([ True, False,  True, False])
     """
+    # Imported here: every task is checked by this module, and the import takes a third of a second.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order
+
     n_states, n_rows = len(terminal), len(probability)
     pairs = np.repeat(~terminal[:, None], outcome_row.shape[1], axis=1)
     if allowed is not None:
