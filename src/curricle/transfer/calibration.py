@@ -247,12 +247,12 @@ def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, f
         squares = _inner(phi, phi) * _inner(returns, returns)
         explained = product**2 / squares if squares > 0 else 0.0
         if settings.quantile is None:
-            return _share(phi, returns), 0.0, explained
+            return _coefficient(phi, returns), 0.0, explained
         return _quantile_scale(settings.quantile, phi, returns), 0.0, explained
     ones = 1.0 - rollouts.bootstrap_discount[used]
-    about_mean, phi_about_mean = _without(ones, returns), _without(ones, phi)
-    scale = _share(phi_about_mean, returns)
-    shift = _share(ones, returns - scale * phi)
+    about_mean = _residual(ones, returns)
+    scale = _coefficient(_residual(ones, phi), returns)
+    shift = _coefficient(ones, returns - scale * phi)
     residual = returns - scale * phi - shift * ones
     left, spread = _inner(residual, residual), _inner(about_mean, about_mean)
     explained = 1.0 - left / spread if about_mean.any() else 0.0
@@ -262,23 +262,23 @@ def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, f
 
 
 def _inner(one: FloatArray, other: FloatArray) -> float:
-    """Return the inner product, rounded once.
+    """Return the inner product, its sum rounded once.
 
-    A scale that differs in its last bit gives another trajectory, and BLAS rounds as the processor
-    does.
+    BLAS rounds differently on different processors, and a scale that differs in its last bit leads
+    to other trajectories.
     """
     return math.fsum(one * other)
 
 
-def _without(axis: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return what is left of a vector without its part along an axis."""
-    return vector - axis * _share(axis, vector)
-
-
-def _share(axis: FloatArray, vector: FloatArray) -> float:
-    """Return how many times an axis a vector contains; 0 of an axis of zeros."""
+def _coefficient(axis: FloatArray, vector: FloatArray) -> float:
+    """Return the c for which c axis is nearest to a vector; 0 for an axis of zeros."""
     length = _inner(axis, axis)
     return _inner(axis, vector) / length if length > 0 else 0.0
+
+
+def _residual(axis: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return a vector less its projection on an axis."""
+    return vector - axis * _coefficient(axis, vector)
 
 
 def _quantile_scale(quantile: float, phi: FloatArray, returns: FloatArray) -> float:
