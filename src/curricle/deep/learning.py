@@ -20,7 +20,6 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
-from curricle.transfer.observation_rollouts import longest_episode
 
 
 def learn_deep(
@@ -110,7 +109,7 @@ def learn_deep(
             raise not_solved(budget.fraction, task)
         gate = budget.kernel()
     if evaluation.method != "off":
-        longest_episode(task, discounted=evaluation.discounted)
+        evaluation.horizon(task)  # SettingError without a bound
     from curricle.deep.training import DeepRun
 
     run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, gate, stream)

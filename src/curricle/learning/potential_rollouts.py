@@ -5,7 +5,7 @@ potential, or to forecast where learning will start.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -123,13 +123,7 @@ def greedy_rollouts(
     (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
     """
     task = generative_model(potential.task)
-    episodes = whole_number("episodes of greedy rollouts", episodes, 1, SettingError)
-    horizon = GreedyEvaluation().horizon(potential.task)
-    if episodes * horizon > MOST_STEPS:
-        raise SettingError(
-            f"greedy rollouts of {episodes:,} episodes of up to {horizon:,} steps must not exceed "
-            f"{MOST_STEPS:,} steps in all: set a time limit or ask for fewer"
-        )
+    episodes, horizon = rollout_size(potential.task, episodes)
     start, view = stream_start(seed, stream), acting_view(potential)
     with open_model(task.model, start) as model:
         steps, ends = simulate(
@@ -155,6 +149,18 @@ def greedy_rollouts(
         returns=frozen(np.add.reduceat(steps.rewards, first)),
         one_reward=bool((steps.rewards == steps.rewards[0]).all()),
     )
+
+
+def rollout_size(task: Any, episodes: int) -> tuple[int, int]:
+    """Return the episodes and the steps of each at most; SettingError if these may be too many."""
+    episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
+    horizon = GreedyEvaluation().horizon(task)
+    if episodes * horizon > MOST_STEPS:
+        raise SettingError(
+            f"rollouts of {episodes:,} episodes of up to {horizon:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or ask for fewer"
+        )
+    return episodes, horizon
 
 
 def greedy_start(

@@ -141,18 +141,20 @@ class GreedyEvaluation:
         few = is_observation_task(task) or is_live(task)
         return self.episodes or (LIVE_EPISODES if few else EPISODES)
 
-    def horizon(self, task: Task) -> int:
+    def horizon(self, task: Any) -> int:
         """Return the steps after which an episode is cut off, or adds a negligible return."""
-        generative = generative_model(task)
-        if generative.time_limit is not None:
-            return generative.time_limit
-        if not self.discounted:
+        observed = is_observation_task(task)
+        limit = task.longest if observed else generative_model(task).time_limit
+        if limit is not None:
+            return int(limit)
+        discount = task.discount if observed else generative_model(task).discount
+        if not self.discounted or (observed and discount == 1):
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit: none set"
             )
-        if 0 < generative.discount < 1:
-            return int(np.ceil(np.log(NEGLIGIBLE) / np.log(generative.discount)))
-        return 1 if generative.discount == 0 else int(NO_LIMIT)
+        if 0 < discount < 1:
+            return int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount)))
+        return 1 if discount == 0 else int(NO_LIMIT)
 
 
 def _small(task: Task) -> bool:

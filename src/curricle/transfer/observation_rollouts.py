@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import concatenate, create_empty_array
 
-from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.potential_rollouts import MOST_STEPS, GreedyRollouts
-from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation
+from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask, batch_size
 from curricle.tasks.spaces import frozen
@@ -111,28 +110,11 @@ def stacked(task: ObservationTask, observations: Sequence[Any]) -> Any:
     return concatenate(task.observations, observations, out)
 
 
-def longest_episode(task: ObservationTask, *, discounted: bool = True) -> int:
-    """Return the steps after which an episode is truncated, or further rewards are negligible.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> longest_episode(observation_task("MountainCar-v0"))
-    200
-    """
-    if task.longest is not None:
-        return task.longest
-    if not discounted or task.discount == 1:
-        raise SettingError(f"undiscounted returns need a task with a time limit: {task} has none")
-    return int(np.ceil(np.log(NEGLIGIBLE) / np.log(max(task.discount, NEGLIGIBLE))))
-
-
 def evaluation_environments(task: ObservationTask, evaluation: GreedyEvaluation) -> Environments:
     """Return environments for the evaluation of policies; SettingError if it is to be exact."""
     if evaluation.method == "exact":
-        raise SettingError("a task seen through observations is judged by rollouts: got 'exact'")
-    max_steps = longest_episode(task, discounted=evaluation.discounted)
-    return Environments(task, evaluation.rollouts(task), max_steps)
+        raise SettingError("a task with observations is evaluated by rollouts: got 'exact'")
+    return Environments(task, evaluation.rollouts(task), evaluation.horizon(task))
 
 
 def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
@@ -142,7 +124,11 @@ def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float)
 
 
 def greedy_episodes(
-    potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+    potential: ObservationPotential,
+    *,
+    episodes: int,
+    seed: int = 0,
+    stream: str = "greedy_rollouts",
 ) -> list[ObservationEpisode]:
     """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t).
 
@@ -196,13 +182,7 @@ def random_episodes(
 def _episodes(
     task: ObservationTask, policy: Policy, episodes: int, start: int
 ) -> list[ObservationEpisode]:
-    episodes = whole_number("episodes to follow", episodes, 1, SettingError)
-    max_steps = longest_episode(task)
-    if episodes * max_steps > MOST_STEPS:
-        raise SettingError(
-            f"following {episodes:,} episodes of up to {max_steps:,} steps must not exceed "
-            f"{MOST_STEPS:,} steps in all: set a time limit or follow fewer"
-        )
+    episodes, max_steps = rollout_size(task, episodes)
     environments = Environments(task, episodes, max_steps)
     found = environments.rollouts(policy, start)
     environments.close()
@@ -210,7 +190,11 @@ def _episodes(
 
 
 def greedy_observation_rollouts(
-    potential: ObservationPotential, *, episodes: int, seed: int = 0, stream: str = "follow"
+    potential: ObservationPotential,
+    *,
+    episodes: int,
+    seed: int = 0,
+    stream: str = "greedy_rollouts",
 ) -> GreedyRollouts:
     """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 

@@ -26,6 +26,8 @@ from curricle.transfer.observation_target import ObservationTarget
 FloatArray = npt.NDArray[np.float64]
 MAX_RANKED = 200_000
 """Pairs over which a rank correlation is taken at most; a sample of more."""
+STREAM = "potential_quality"
+"""Name of the random stream of rollouts."""
 NAN = float("nan")
 
 
@@ -103,7 +105,7 @@ def potential_quality(
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
         episodes = target.evaluation.rollouts(target.task)
-        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream="realism")
+        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive = ~mdp.terminal
@@ -129,7 +131,7 @@ def _of_observations(
     if not potential.of_actions:
         return PotentialQuality(NAN, NAN, NAN, NAN, NAN, NAN, NAN, -1, exact=False)
     rollouts = greedy_observation_rollouts(
-        potential, episodes=target.episodes, seed=seed, stream="realism"
+        potential, episodes=target.episodes, seed=seed, stream=STREAM
     )
     first = np.cumsum(rollouts.lengths) - rollouts.lengths
     discounted = target.evaluation.discounted

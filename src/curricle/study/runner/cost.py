@@ -11,7 +11,6 @@ from curricle.planning.rollouts import random_rollouts
 from curricle.study.runner.arms import Arms
 from curricle.study.runner.unit import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
-from curricle.transfer.observation_rollouts import longest_episode
 
 WALKS, LENGTH = 100, 200
 """Random walks that a task's speed is taken from."""
@@ -115,10 +114,9 @@ def _judged(node: Node) -> int:
     if node.deep:
         off = node.evaluation.method == "off"
         episodes = 0 if off else node.evaluation.rollouts(node.task)
-        horizon = longest_episode(node.task, discounted=node.evaluation.discounted)
     else:
         episodes = getattr(node.evaluation.settings(node.task), "episodes", 0)
-        horizon = node.evaluation.horizon(node.task)
+    horizon = node.evaluation.horizon(node.task)
     return int(checkpoints * episodes * min(horizon, node.most_steps))
 
 
