@@ -280,12 +280,11 @@ def test_calibration_is_charged_to_the_target():
 def test_learning_starts_after_the_warm_up(learner, guard):
     if guard and isinstance(learner, cr.SARSA):
         pytest.skip("guards are for Q-learning")
-    phi, options = mapped(), {"eval_freq": 50, "guard": guard, "seeds": [3]}
+    shaping = cr.QInitialisation(mapped(), guard)
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
-    late = cr.learn(
-        HUNT, learner, 1130, shaping=cr.QInitialisation(phi), warm_up=[warm_up], **options
-    )
-    plain = cr.learn(HUNT, learner, 1000, shaping=cr.QInitialisation(phi), **options)
+    options = {"shaping": shaping, "eval_freq": 50, "seeds": [3]}
+    late = cr.learn(HUNT, learner, 1130, warm_up=[warm_up], **options)
+    plain = cr.learn(HUNT, learner, 1000, **options)
     np.testing.assert_array_equal(late.values, plain.values)
     assert late.episodes_used[0] == plain.episodes_used[0] + 3
     assert late.episodes[0, :3].tolist() == [0, 1, 2]
