@@ -1,7 +1,7 @@
-"""Attribution: which source made which choices of the target better or worse.
+"""Attribution: which source made which greedy choices in the target better or worse.
 
-Each transfer is left out in turn, everything else and every random number being the same. What
-changes then, state by state, is its doing.
+Each transfer is left out in turn, with everything else and all random numbers the same. The
+difference, state by state, is the effect of that transfer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from curricle.checks import instance, one_of, whole_number
 from curricle.curriculum.curriculum import Curriculum
@@ -25,26 +27,27 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 SURE = 3.0
-"""Standard errors from which a change is taken to be none of luck's."""
+"""Standard errors that a change must exceed."""
 LEAST = 0.5
-"""Share of seeds from which a state counts as changed."""
+"""Share of seeds in which a state must have changed."""
 SHOWN = 3
 """Regions that are printed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """States next to each other whose choices a source changed for the same side.
+    """Connected states whose greedy choices a source made worse, or better.
 
     Attributes
     ----------
     states : (n,) int64
     share : float
-        Mean over them of the share of seeds that came to choose wrongly; negative for rightly.
+        Mean over the states of the additional share of seeds with a wrong choice; negative if
+        choices became right.
     loss : float
-        Mean over them of what their greedy choice came to lose, in return.
+        Mean over the states of the additional loss by the greedy choice, in return.
     where : str
-        The values that their components take.
+        The values of their components.
     """
 
     states: IntArray
@@ -59,7 +62,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Attribution:
-    """What each transfer into a target did to it after some steps of learning.
+    """The effect of each transfer into a target after some steps of learning.
 
     Attributes
     ----------
@@ -68,14 +71,14 @@ class Attribution:
     names : tuple of N str
     wrong : (N, S) float64
         Share of seeds whose greedy choice in a state is not optimal, with the transfer minus
-        without it; below 0 is help.
+        without it; negative if the transfer helps.
     error : (N, S) float64
-        Standard error of it, over paired seeds.
+        Its standard error, over paired seeds.
     loss : (N, S) float64
-        The same difference of what the choice loses, V*(s) - Q*(s, greedy a), in return. Rare
-        large losses make it a noisier sign of harm.
+        The same difference of the loss V*(s) - Q*(s, greedy a), in return. Rare large losses make
+        it noisier than `wrong`.
     gain : tuple of N Interval
-        Greedy return from the start with the transfer, above that without it.
+        Greedy return from the start with the transfer minus without it.
     """
 
     task: Task
@@ -86,8 +89,10 @@ class Attribution:
     loss: FloatArray = field(repr=False)
     gain: tuple[Interval, ...]
 
-    def replace(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:
-        """Return the states whose choice a transfer surely made worse (or better), (S,) bool.
+    def changed_states(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:
+        """Return the states whose choice a transfer made worse (or better), (S,) bool.
+
+        A state counts if its change exceeds three standard errors.
 
         Parameters
         ----------
@@ -96,7 +101,7 @@ class Attribution:
         harmed : bool
             Worse, or better.
         least : float
-            In this share of seeds, at least.
+            Share of seeds in which the choice must have changed, at least.
         """
         one_of("a transfer", name, self.names, CurriculumError)
         n = self.names.index(name)
@@ -106,8 +111,8 @@ class Attribution:
     def regions(
         self, name: str, *, harmed: bool = True, least: float = LEAST
     ) -> tuple[Region, ...]:
-        """Return those states by regions that moves connect, the largest effect first."""
-        chosen = self.replace(name, harmed=harmed, least=least)
+        """Return the changed states in regions connected by transitions, largest effect first."""
+        chosen = self.changed_states(name, harmed=harmed, least=least)
         n = self.names.index(name)
         found = [
             Region(
@@ -142,7 +147,7 @@ def attribute(
     trained: Mapping[str, LearningResult] | None = None,
     workers: int | None = None,
 ) -> Attribution:
-    """Return which transfers helped and which did harm, and in which states.
+    """Return which transfers helped or did harm, and in which states.
 
     Parameters
     ----------
@@ -150,7 +155,7 @@ def attribute(
     target : str, optional
         By default the task that all others lead to. It must be small enough to solve.
     steps : int
-        Of learning in the target, after which to look; 1 looks at the potentials themselves.
+        Of learning in the target, after which choices are compared; 1 compares the potentials.
     seeds : int or sequence of int
         At least 2.
     trained : dict of str to LearningResult, optional
@@ -161,9 +166,9 @@ def attribute(
     Raises
     ------
     CurriculumError
-        When the target is unknown, not unique or has no transfer into it.
+        If the target is unknown, not unique or has no transfer into it.
     SettingError
-        When a number is out of range; nothing has been trained then.
+        If a number is out of range. Nothing has been trained then.
 
     Examples
     --------
@@ -177,7 +182,7 @@ def attribute(
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
     """
-    instance("what is attributed", curriculum, Curriculum, CurriculumError)
+    instance("the curriculum of an attribution", curriculum, Curriculum, CurriculumError)
     name = curriculum.target if target is None else target
     edges = curriculum.in_edges(name)
     if not edges:
@@ -186,23 +191,23 @@ def attribute(
     if len(numbers) < 2:
         raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")
     steps = whole_number("steps of an attribution", steps, 1, SettingError)
-    solution = solve(curriculum.tasks[name])  # first: nothing is trained for what it refuses
+    solution = solve(curriculum.tasks[name])  # before any training, as it may refuse the task
     sources = curriculum.train(
         numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
     short = curriculum.replace(name, budget=steps, eval_freq=steps)
     elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
 
-    def learnt(into: Sequence[Transfer]) -> LearningResult:
+    def learn_with(into: Sequence[Transfer]) -> LearningResult:
         fewer = replace(short, transfers=[*elsewhere, *into])
         return fewer.train(numbers, only=[name], trained=sources, workers=workers)[name]
 
-    with_all = learnt(edges)
-    without = [learnt([edge for edge in edges if edge is not left_out]) for left_out in edges]
+    with_all = learn_with(edges)
+    without = [learn_with([edge for edge in edges if edge is not left_out]) for left_out in edges]
     loss, wrong = _choices(with_all.values, solution)
     others = [_choices(result.values, solution) for result in without]
     more_wrong = np.stack([wrong.astype(float) - other for _, other in others])
-    earned = with_all.greedy_return[:, -1]
+    returns = with_all.greedy_return[:, -1]
     return Attribution(
         task=curriculum.tasks[name],
         steps=steps,
@@ -210,14 +215,14 @@ def attribute(
         wrong=more_wrong.mean(axis=1),
         error=more_wrong.std(axis=1, ddof=1) / np.sqrt(len(numbers)),
         loss=np.stack([(loss - other).mean(axis=0) for other, _ in others]),
-        gain=tuple(paired_difference(earned, r.greedy_return[:, -1]) for r in without),
+        gain=tuple(paired_difference(returns, r.greedy_return[:, -1]) for r in without),
     )
 
 
 def _choices(values: FloatArray, solution: Solution) -> tuple[FloatArray, BoolArray]:
-    """Return what the greedy choices on values (K, S, A) lose, and which are wrong: (K, S) each.
+    """Return the loss of the greedy choices on values (K, S, A), and which are wrong: (K, S) each.
 
-    The loss is V*(s) - Q*(s, a), the mean where several actions are greedy.
+    The loss is V*(s) - Q*(s, a), averaged over the greedy actions.
     """
     greedy = values == values.max(axis=-1, keepdims=True)
     kept = (greedy * solution.action_values).sum(axis=-1) / greedy.sum(axis=-1)
@@ -225,28 +230,21 @@ def _choices(values: FloatArray, solution: Solution) -> tuple[FloatArray, BoolAr
 
 
 def _connected(mdp: FiniteMDP, chosen: BoolArray) -> Iterator[IntArray]:
-    """Yield the chosen states by regions that one move connects, in either direction."""
+    """Yield the chosen states in regions connected by one transition, in either direction."""
     states = np.flatnonzero(chosen)
-    if not states.size:
-        return
     rows = mdp.outcome_row[states]
-    after = mdp.next_state[rows].reshape(len(states), -1)
-    possible = (mdp.probability[rows] > 0).reshape(len(states), -1) & chosen[after]
-    one, other = np.repeat(states, possible.sum(axis=1)), after[possible]
-    region = np.arange(mdp.states.size)
-    while True:  # each state takes the lowest name that a move away is known
-        lower = region.copy()
-        np.minimum.at(lower, one, region[other])
-        np.minimum.at(lower, other, region[one])
-        if (lower == region).all():
-            break
-        region = lower
-    for name in np.unique(region[states]):
-        yield states[region[states] == name]
+    after = mdp.next_state[rows]
+    here = np.broadcast_to(states[:, None, None], after.shape)
+    possible = (mdp.probability[rows] > 0) & chosen[after]
+    edges = here[possible], after[possible]
+    graph = coo_array((np.ones(len(edges[0])), edges), shape=(len(chosen), len(chosen)))
+    labels = connected_components(graph, directed=False)[1][states]
+    for label in np.unique(labels):
+        yield states[labels == label]
 
 
 def _where(task: Task, states: IntArray) -> str:
-    """Return the values of each component over some states, as a span where there are many."""
+    """Return the values of each component over some states, as a span if there are many."""
     space = tables(task).states
     parts = []
     for component, values in zip(space.components, space.decode(states).values(), strict=True):

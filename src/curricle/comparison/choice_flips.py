@@ -1,7 +1,7 @@
-"""Flips: in which states a learner's greedy choice became right, or wrong, between two times.
+"""Choice flips: states in which a greedy choice became right, or wrong, between two times.
 
-A mean return falls for many reasons; a state in which the best action was preferred and no longer
-is says where what was known got lost.
+A mean return falls for many reasons. The states whose greedy choice was optimal and no longer is
+show where learning lost something.
 """
 
 import numpy as np
@@ -13,30 +13,14 @@ from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation
 from curricle.planning.solution import policy_table, right_choices
 from curricle.tasks.task import Task, tables
 
-__all__ = ["expected_visits", "flips", "right_states"]
-
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
 def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
-    """Return where the greedy choice is right: every action that has the highest value is optimal.
+    """Return the states, (S,) bool, in which every action of the highest value is optimal.
 
-    Parameters
-    ----------
-    values : (S, A) float64
-        What a policy acts on, in return.
-    optimal : (S, A) bool
-        As :attr:`Solution.optimal`.
-
-    Returns
-    -------
-    (S,) bool
-
-    Raises
-    ------
-    SettingError
-        When the shapes are not one (S, A), a value is NaN, or `optimal` is not of booleans.
+    `values` and `optimal` are those of :func:`flips`, which also raises the same errors.
 
     Examples
     --------
@@ -61,7 +45,7 @@ def flips(
 ) -> npt.NDArray[np.int64]:
     """Return where the greedy choice became right (+1) or wrong (-1) between two times.
 
-    flip(s) = right_after(s) - right_before(s), where a choice is right if every action with the
+    flip(s) = right_after(s) - right_before(s), where a choice is right if every action of the
     highest value is optimal (:func:`right_states`).
 
     Parameters
@@ -74,18 +58,19 @@ def flips(
     Returns
     -------
     (S,) int64
-        0 where the choice is right at both times, or wrong at both.
+        0 if the choice is right at both times, or wrong at both.
 
     Raises
     ------
     SettingError
-        When the shapes are not one (S, A), a value is NaN, or `optimal` is not of booleans.
+        If the shapes are not one (S, A), a value is NaN, or `optimal` is not boolean.
 
     Notes
     -----
-    The values at an earlier time need not have been kept: :func:`learn` with a smaller budget in
-    steps, and all else the same (seeds, stream, potential), gives exactly the table that the longer
-    learning had then. Before the first step it is the initial value, or phi where Q starts as phi.
+    Values of an earlier time need not have been kept: :func:`learn` with a smaller budget in steps
+    and the same other arguments (seeds, stream, potential) returns exactly the table that the
+    longer training had then. Before the first step it is the initial value, or phi if Q starts at
+    phi.
 
     Examples
     --------
@@ -98,15 +83,15 @@ def flips(
 
 
 def expected_visits(task: Task, policy: npt.ArrayLike) -> FloatArray:
-    """Return how often an episode of a policy is expected to be in each state, before its end.
+    """Return the expected number of visits to each state in an episode of a policy.
 
-    n(s) = sum_t P(s_t = s), s not terminal, over the steps up to the task's time limit; without
-    one, up to where a discounted reward would weigh less than 1e-9 or as many are still on the way.
+    n(s) = sum_t P(s_t = s), s not terminal, up to the task's time limit. Without one the sum ends
+    when a discounted reward would weigh less than 1e-9, or P(not yet terminated) is below that.
 
     Parameters
     ----------
     task : Task
-        That has tables.
+        With tables.
     policy : (S,) int array or (S, A) float array
         As in :func:`evaluate`.
 
@@ -118,7 +103,7 @@ def expected_visits(task: Task, policy: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     SettingError
-        When the policy is malformed.
+        If the policy is malformed.
 
     Examples
     --------

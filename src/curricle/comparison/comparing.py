@@ -111,7 +111,8 @@ def compare(
     most = plan.budget // plan.eval_freq + 1
     if window > most:
         raise SettingError(
-            f"window must be at most {most}, the checkpoints within the target's budget: got {window}"
+            f"window must be at most {most}, the checkpoints within the target's budget: "
+            f"got {window}"
         )
     if threshold is not None:
         number("threshold", threshold, SettingError)

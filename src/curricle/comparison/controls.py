@@ -1,16 +1,15 @@
-"""Controls: arms that share everything with a curriculum but what is supposed to help.
+"""Controls: arms that equal a curriculum except in what is supposed to help.
 
 - ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
-  helps as much, seeing many states was the help, not the easier task.
-- ``pretraining``: the source is the target itself, for as many steps. If it helps as much,
-  training longer was the help.
+  helps as much, visiting many states helped, not the easier task.
+- ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
+  longer training helped.
 - ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
   of that size do.
-- ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong size.
-- ``negated``: -phi. It should do harm where phi helps.
+- ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
+- ``negated``: -phi. It should do harm if phi helps.
 
-A target seen through observations has no pairs to shuffle and no states to start in anywhere, so
-that ``placebo`` and ``random_start`` make no sense there.
+An observation task has no numbered states, so ``placebo`` and ``random_start`` are refused there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,7 +39,7 @@ SOURCE = "control source"
 
 
 def check_controls(controls: Sequence[str]) -> None:
-    """Raise SettingError unless all are names of controls."""
+    """Raise SettingError unless all names are controls."""
     for name in controls:
         one_of("a control", name, CONTROLS, SettingError)
 
@@ -48,7 +47,7 @@ def check_controls(controls: Sequence[str]) -> None:
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
 
-    TaskError comes from a target whose tables, which all but ``scaled`` need, do not exist.
+    TaskError if the target has no tables, which all controls but ``scaled`` need.
     """
     if not controls:
         return
@@ -85,7 +84,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 
 
 def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
-    """Return the curriculum whose only source is its target, trained for so many steps.
+    """Return a curriculum whose only source is its target, trained for `steps`.
 
     Parameters
     ----------
@@ -93,7 +92,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     control : {"random_start", "pretraining"}
         With a uniform start, or the target's own.
     steps : int
-        What the curriculum's own sources took.
+        The steps that the curriculum's own sources took.
 
     Examples
     --------
@@ -104,7 +103,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     """
     name = curriculum.target
     task = curriculum.tasks[name]
-    source = _started_anywhere(task) if control == "random_start" else task
+    source = _with_uniform_start(task) if control == "random_start" else task
     settings = {
         which: {SOURCE: own, name: own}
         for which in ("learner", "evaluation")
@@ -113,7 +112,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     storage = curriculum.setting("storage", name)
     return Curriculum(
         tasks={SOURCE: source, name: task},
-        transfers=[Transfer(SOURCE, name, _onto_itself(task, source))],
+        transfers=[Transfer(SOURCE, name, _identity(task, source))],
         shaping={name: curriculum.setting("shaping", name)},
         budget={SOURCE: steps, name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
@@ -127,7 +126,7 @@ Change = Callable[[AnyPotential, int], AnyPotential]
 
 
 def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
-    """Yield the name of each control that changes phi's values, and how it does."""
+    """Yield the name and the function of each control that changes phi's values."""
     if "placebo" in controls:
         yield "placebo", _shuffled
     if "scaled" in controls:
@@ -138,7 +137,7 @@ def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
 
 
 def learn_changed(result: CurriculumResult, change: Change, workers: int | None) -> LearningResult:
-    """Return the target learnt as its curriculum did, sources charged, from changed potentials."""
+    """Return the target trained as in its curriculum, sources charged, from changed potentials."""
     curriculum = result.curriculum
     name = curriculum.target
     seeds = result[name].seeds
@@ -159,21 +158,21 @@ def _negated(phi: AnyPotential, _: int) -> AnyPotential:
 
 
 def _shuffled(phi: PairPotential, seed: int) -> PairPotential:
-    """Return phi with its values dealt anew to all pairs that are not terminal."""
+    """Return phi with its values permuted over all pairs that are not terminal."""
     values, ends = phi.values.copy(), tables(phi.task).terminal
     alive = values[~ends]
     values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
     return StateActionPotential(phi.task, values)
 
 
-def _started_anywhere(task: Task) -> Task:
+def _with_uniform_start(task: Task) -> Task:
     if isinstance(task, GridWorld):
         return task.with_start("uniform")
     mdp = tables(task)
     return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
 
 
-def _onto_itself(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
+def _identity(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
     if isinstance(task, ObservationTask):
         return ObservationMapping(task, source)
     mdp = tables(task)

@@ -1,8 +1,8 @@
-"""Forecast: what a curriculum's potentials are like in the target, before it is trained there."""
+"""Forecast: the quality of a curriculum's potentials in the target, before training there."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from curricle.errors import CurriculumError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.result import LearningResult
 from curricle.learning.threads import over_seeds, threads_for
-from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
@@ -23,22 +23,21 @@ from curricle.transfer.observation_target import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 AGGREGATES = (minimum, mean, maximum, total)
-Place = Any
-"""The target as potentials are judged in it: a Target or an ObservationTarget."""
+JudgedIn = Target | ObservationTarget
 
-# Where the words of a verdict change; benchmarks/check_forecast.py sets them against what came.
+# Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
 GAIN, GOOD = 0.1, 0.5
-"""Shares of the way from untaught to optimal from which a start is a gain, and a good one."""
+"""Shares of the way from the random policy's return to the optimum: weak start, good start."""
 MOST = 0.5
-"""Share of optimistic pairs from which learning is one disappointment after the other."""
+"""Share of optimistic pairs above which learning keeps lowering values."""
 SLIPS, COLLAPSES = 0.2, 0.25
-"""Mean excess, in units of mean abs(V*), from which returns then fall, under epsilon-greedy."""
+"""Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
 ESTIMATED = 0.45
-"""The same where the excess is over what phi's own policy earns, which is less than V*."""
-GLOOM = 20.0
-"""Typical rewards that phi may promise too little on the way before it is said to mislead."""
+"""The same if the excess is over the value of phi's own policy, which is less than V*."""
+UNDERESTIMATE = 20.0
+"""Typical rewards by which phi may be too low on the optimal policy's way."""
 RAISED = 1.15
-"""Scale from which a calibration is worth its steps."""
+"""Scale above which a calibration is worth its steps."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +51,12 @@ class ForecastRow:
     aggregate : bool
         Whether it is an aggregate of all transfers.
     used : bool
-        Whether it is what the curriculum would use.
+        Whether the curriculum would use it.
     seeds : tuple of K PotentialQuality
     calibrations : tuple of K Calibration
-        What following it said about its size.
+        Of its scale, from rollouts of its greedy policy.
     verdict : str
-        In plain words.
+        What to expect, in words.
     """
 
     name: str
@@ -68,12 +67,12 @@ class ForecastRow:
     verdict: str
 
     def mean(self, measure: str) -> float:
-        """Return the mean over seeds of a measure of :class:`PotentialQuality`, such as ``"start"``."""
+        """Return the mean over seeds of a field of :class:`PotentialQuality`."""
         return float(np.mean([getattr(one, measure) for one in self.seeds]))
 
     @property
     def scale(self) -> float:
-        """The mean scale that a calibration finds; NaN where it finds none for most seeds."""
+        """The mean scale that calibration finds; NaN if it finds none for most seeds."""
         found = [one.scale for one in self.calibrations if not one.refusal]
         most = found and 2 * len(found) > len(self.calibrations)
         return float(np.mean(found)) if most else float("nan")
@@ -81,25 +80,25 @@ class ForecastRow:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What is to be expected of a target's transfers. Prints as a table with a verdict each.
+    """The expected effect of the transfers into a target. Prints as a table with verdicts.
 
     Attributes
     ----------
     target : str
     coverage : dict of str to Coverage or ObservationCoverage
-        Of each transfer's mapping; into a task seen through observations over those that the
-        curriculum's potential of the first seed leads to.
-    foreseen : tuple of ForecastRow
+        Of each transfer's mapping. In an observation task: over the observations that the greedy
+        policy of the first seed's potential meets.
+    rows : tuple of ForecastRow
         Aggregates, the best start first, then each transfer alone.
     optimum, random_return : float
-        Expected return of an optimal policy (NaN where the target is too large to solve), and of
-        acting at random, as before learning without transfer.
+        Expected return of an optimal policy (NaN if the target is too large to solve), and of the
+        random policy, with which learning from scratch starts.
     solved : bool
         Whether potentials are compared with the exact Q*.
     exact : bool
         Whether returns are exact too.
     trained : dict of str to LearningResult
-        The sources, for :meth:`Curriculum.train` to go on with.
+        The sources, to be passed to :meth:`Curriculum.train`.
     """
 
     target: str
@@ -113,7 +112,7 @@ class Forecast:
 
     def __getitem__(self, name: str) -> ForecastRow:
         by_name = {one.name: one for one in self.rows}
-        one_of("a potential that was foreseen", name, by_name, CurriculumError)
+        one_of("a row of a forecast", name, by_name, CurriculumError)
         return by_name[name]
 
     @property
@@ -124,10 +123,10 @@ class Forecast:
     def __str__(self) -> str:
         seeds = len(self.rows[0].seeds)
         how = "exact" if self.exact else "returns by rollouts"
-        how += "" if self.solved else "; Q* taken to be what phi's own policy earns"
+        how += "" if self.solved else "; Q* estimated by the values of phi's own policy"
         lines = [
             f"Forecast for {self.target!r} from {seeds} seed{'s' * (seeds > 1)} of its sources: "
-            f"optimum {self.optimum:.4g}, untaught {self.random_return:.4g} ({how})"
+            f"optimum {self.optimum:.4g}, random policy {self.random_return:.4g} ({how})"
         ]
         lines += [f"{name}: {cover}" for name, cover in self.coverage.items()]
         width = max(len(one.name) for one in self.rows) + 2
@@ -154,7 +153,7 @@ def forecast(
     episodes: int | None = None,
     workers: int | None = None,
 ) -> Forecast:
-    """Return what to expect of the transfers into a target; only the sources are trained.
+    """Return a forecast of the transfers into a target. Only the sources are trained.
 
     Parameters
     ----------
@@ -164,12 +163,12 @@ def forecast(
     seeds : int or sequence of int
         Of the sources.
     aggregates : sequence of callable
-        To look at besides the library's four and the curriculum's own.
+        In addition to the library's four and the curriculum's own.
     trained : dict of str to LearningResult, optional
         Sources trained before, for the same seeds.
     episodes : int, optional
-        Rollouts of each potential where the target is too large, or live, to be exact: 1000 by
-        default, 50 of a task seen through observations.
+        Rollouts of each potential if the target is live or too large to evaluate exactly: by
+        default 1000, or 50 for an observation task.
     workers : int, optional
         Threads over seeds.
 
@@ -180,7 +179,7 @@ def forecast(
     Raises
     ------
     CurriculumError
-        When the target is unknown, not unique or has no transfer into it.
+        If the target is unknown, not unique or has no transfer into it.
 
     Examples
     --------
@@ -195,7 +194,7 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
-    instance("what is foreseen", curriculum, Curriculum, CurriculumError)
+    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
@@ -205,109 +204,125 @@ def forecast(
     edges = curriculum.in_edges(name)
     if not edges:
         raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
-    own = curriculum.setting("aggregate", name)
-    evaluation: GreedyEvaluation = curriculum.setting("evaluation", name)
-    place = target_of(curriculum.tasks[name], evaluation, episodes=episodes)
+    judged_in = target_of(
+        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
+    )
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
-    numbers = seed_tuple(seeds)
+    optimum, random_return = judged_in.optimum, judged_in.random_return
+    judge = partial(
+        _row, judged_in=judged_in, optimum=optimum, random_return=random_return, workers=workers
+    )
+    found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), judge)
+    found.sort(key=lambda row: -np.nan_to_num(row.mean("start")))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
-    bounds = place.optimum, place.random_return
-    # Of a single potential the minimum, the mean and the maximum are one.
-    several = AGGREGATES if len(edges) > 1 else ()
-    functions, found = list[Aggregate](), list[ForecastRow]()
-    for function in (*several, own, *aggregates):
-        if not any(function is known for known in functions):
-            functions.append(function)
-    settings = curriculum.calibration(name)
-    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
-    for called, function in zip(names, functions, strict=True):
-        potentials = curriculum.potentials(name, sources, function=function)
-        used = function is own and settings is None
-        found.append(_foresee(called, True, used, potentials, place, bounds, workers))
-        if function is own and settings is not None:
-            fitted = [one.potential for one in calibrated(name, potentials, settings, numbers)]
-            found.append(
-                _foresee(f"{called}, calibrated", True, True, fitted, place, bounds, workers)
-            )
-    found.sort(key=lambda one: -np.nan_to_num(one.mean("start")))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])
-        found.append(_foresee(label, False, False, potentials, place, bounds, workers))
+        found.append(judge(label, potentials, aggregate=False, used=False))
     return Forecast(
         target=name,
-        coverage=_coverage(labels, place, curriculum.potentials(name, sources)[0]),
+        coverage=_coverage(labels, judged_in, curriculum.potentials(name, sources)[0]),
         rows=tuple(found),
-        optimum=bounds[0],
-        random_return=bounds[1],
-        solved=place.solution is not None,
-        exact=place.evaluation.method == "exact",
+        optimum=optimum,
+        random_return=random_return,
+        solved=judged_in.solution is not None,
+        exact=judged_in.evaluation.method == "exact",
         trained=sources,
     )
 
 
+def _aggregate_rows(
+    curriculum: Curriculum,
+    name: str,
+    sources: Mapping[str, LearningResult],
+    aggregates: Sequence[Aggregate],
+    seeds: Sequence[int],
+    judge: Callable[..., ForecastRow],
+) -> list[ForecastRow]:
+    """Return a row for each aggregate of the transfers into a task, calibrated too if it is."""
+    own = curriculum.setting("aggregate", name)
+    settings = curriculum.calibration(name)
+    # The minimum, the mean and the maximum of a single potential are the same.
+    several = AGGREGATES if len(curriculum.in_edges(name)) > 1 else ()
+    functions, found = list[Aggregate](), list[ForecastRow]()
+    for function in (*several, own, *aggregates):
+        if not any(function is known for known in functions):
+            functions.append(function)
+    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
+    for label, function in zip(names, functions, strict=True):
+        potentials = curriculum.potentials(name, sources, function=function)
+        used = function is own and settings is None
+        found.append(judge(label, potentials, aggregate=True, used=used))
+        if function is own and settings is not None:
+            fitted = [one.potential for one in calibrated(name, potentials, settings, seeds)]
+            found.append(judge(f"{label}, calibrated", fitted, aggregate=True, used=True))
+    return found
+
+
 def _coverage(
-    edges: Mapping[str, Transfer], place: Place, potential: AnyPotential
+    edges: Mapping[str, Transfer], judged_in: JudgedIn, potential: AnyPotential
 ) -> dict[str, Coverage | ObservationCoverage]:
     """Return the coverage of each transfer's mapping."""
-    if isinstance(place, ObservationTarget):
-        sample = place.observations(potential)
+    if isinstance(judged_in, ObservationTarget):
+        sample = judged_in.observations(potential)
         return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
     return {label: edge.mapping.coverage() for label, edge in edges.items()}
 
 
-def _foresee(
+def _row(
     name: str,
+    potentials: Sequence[AnyPotential],
+    *,
     aggregate: bool,
     used: bool,
-    potentials: Sequence[AnyPotential],
-    place: Place,
-    bounds: tuple[float, float],
+    judged_in: JudgedIn,
+    optimum: float,
+    random_return: float,
     workers: int | None,
 ) -> ForecastRow:
-    if isinstance(place, ObservationTarget):
-        threads, fit = 1, Calibrate(place.episodes)
-        told = potentials if potentials[0].of_actions else ()
+    if isinstance(judged_in, ObservationTarget):
+        threads, fit = 1, Calibrate(judged_in.episodes)
+        of_actions = potentials if potentials[0].of_actions else ()
     else:
-        fit, told = Calibrate(), potentials
-        threads = threads_for(place.task, workers, len(potentials))
+        fit, of_actions = Calibrate(), potentials
+        threads = threads_for(judged_in.task, workers, len(potentials))
     seeds = over_seeds(
-        lambda k: potential_quality(potentials[k], place, seed=k), len(potentials), threads
+        lambda k: potential_quality(potentials[k], judged_in, seed=k), len(potentials), threads
     )
-    calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(told))
-    bare = ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
-    return replace(bare, verdict=_verdict(bare, place, *bounds))
+    calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
+    row = ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
+    return replace(row, verdict=_verdict(row, judged_in, optimum, random_return))
 
 
-def _verdict(one: ForecastRow, place: Place, optimum: float, random_return: float) -> str:
-    """Return in plain words what to expect, and what to do."""
-    if np.isnan(one.mean("start")):
-        return "tells no actions apart, so no policy of it can be followed: for the shaping StateShaping alone"
-    start = one.mean("start")
-    excess = one.mean("excess") / max(one.mean("mean_absolute_value"), 1e-12)
+def _verdict(row: ForecastRow, target: JudgedIn, optimum: float, random_return: float) -> str:
+    """Return in words what to expect, and what to do."""
+    if np.isnan(row.mean("start")):
+        return "is the same for all actions, so it has no greedy policy: use StateShaping"
+    start = row.mean("start")
+    excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
     words = [f"starts at {start:.3g}"]
-    # Where the optimum is unknown any better start is a good one.
+    # If the optimum is unknown any better start is a good one.
     gain, whole = start - random_return, np.nan_to_num(optimum - random_return)
     good = gain > GOOD * whole
     if not good:
-        words.append("a weak start" if gain > GAIN * whole else "no better than untaught")
-    words.append(f"{one.mean('optimistic'):.0%} optimistic")
-    slips, collapses = (SLIPS, COLLAPSES) if one.seeds[0].exact else (ESTIMATED, ESTIMATED)
+        words.append("a weak start" if gain > GAIN * whole else "no better than a random policy")
+    words.append(f"{row.mean('optimistic'):.0%} optimistic")
+    slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
     advice = []
-    # A weak start has little to lose, and its policy says little about phi's size.
-    if good and one.mean("optimistic") > MOST and excess >= slips:
-        sure = "expect a collapse" if excess >= collapses else "may slip back"
-        advice.append(f"{sure} under epsilon-greedy")
+    # A weak start has little to lose, and its policy is little evidence of phi's scale.
+    if good and row.mean("optimistic") > MOST and excess >= slips:
+        outcome = "expect a collapse" if excess >= collapses else "may slip back"
+        advice.append(f"{outcome} under epsilon-greedy")
     elif good:
         advice.append("expect steady learning")
-    if good and excess > 0 and one.scale > RAISED:
-        advice.append(f"calibrate with c = {one.scale:.1f}")
-    worst = max(one.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
-    if worst.largest_underestimate > GLOOM * place.typical_reward:
-        where = state_name(place.task.states, worst.most_underestimated_state)
+    if good and excess > 0 and row.scale > RAISED:
+        advice.append(f"calibrate with c = {row.scale:.1f}")
+    worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
+    if worst.largest_underestimate > UNDERESTIMATE * target.typical_reward:
+        where = state_name(target.task.states, worst.most_underestimated_state)
         advice.append(
-            f"speaks ill of {where}, on the way of the optimal policy, by {worst.largest_underestimate:.3g}: "
-            "learn with a guard"
+            f"underestimates {where}, on the optimal policy's way, by"
+            f" {worst.largest_underestimate:.3g}: learn with a guard"
         )
     return ", ".join(words) + (": " + "; ".join(advice) if advice else "")

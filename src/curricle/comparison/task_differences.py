@@ -1,4 +1,4 @@
-"""Whether two tasks are one problem, and what tells them apart if not."""
+"""Whether two tasks are the same problem, and their differences if not."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -23,16 +23,15 @@ FloatArray = npt.NDArray[np.float64]
 LARGEST = 5_000_000
 """Pairs (S x A) up to which tables are compared."""
 CLOSE = 1e-9
-TERMS = {"longest": "time_limit"}
-"""What properties of tasks are called by those who make them."""
+"""Relative difference of moments, and difference of start probabilities, up to which they agree."""
 
 
 def differences(one: Task, other: Task) -> tuple[str, ...]:
-    """Return what two tasks differ in, each with both values or a place; nothing if they are one.
+    """Return the differences of two tasks, with both values or a state; () for the same problem.
 
     Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
-    tables where these fit, and the parameters of tasks of one kind. Tasks seen through observations
-    are one problem where the same function, called alike, makes their environments.
+    tables if they fit in memory, and the parameters of tasks of one type. Observation tasks are the
+    same problem if the same function with the same arguments makes their environments.
 
     Examples
     --------
@@ -45,58 +44,59 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     if same_task(one, other):
         return ()
     if is_observation_task(one) or is_observation_task(other):
-        return tuple(_seen(one, other))
+        return tuple(_of_observation_tasks(one, other))
     mine, yours = generative_model(one), generative_model(other)
-    found = list(_outside(mine, yours))
+    found = list(_of_settings(mine, yours))
     alike = not found or found[0].split()[0] not in ("states", "actions")
     small = mine.states.size * mine.actions.size <= LARGEST
     looked_up = alike and small and has_tables(one) and has_tables(other)
     if looked_up:
-        found += _inside(tables(one), tables(other))
+        found += _of_tables(tables(one), tables(other))
         if not found:
-            return ()  # other words for the same problem
+            return ()  # the same problem from other parameters
     by_parameters = type(one) is type(other) and is_dataclass(one)
     if by_parameters and (not isinstance(one, FiniteMDP) or (alike and not looked_up)):
         firsts = {line.split()[0] for line in found}
-        found += [line for line in _parameters(one, other) if line.split()[0] not in firsts]
+        found += [line for line in _of_parameters(one, other) if line.split()[0] not in firsts]
     if not found and not by_parameters:
         found = ["rules (too large, or given by functions, to be compared)"]
     return tuple(found)
 
 
-def _seen(one: Any, other: Any) -> Iterator[str]:
-    """Yield what tasks differ in of which one at least is seen through observations."""
+def _of_observation_tasks(one: Any, other: Any) -> Iterator[str]:
+    """Yield the differences of two tasks of which at least one is an observation task."""
     if not (is_observation_task(one) and is_observation_task(other)):
-        yield f"what is seen ({one!r} against {other!r})"
+        yield f"observations ({one!r} against {other!r})"
         return
-    for name in ("observations", "actions", "discount", "longest"):
-        mine, yours = getattr(one, name), getattr(other, name)
-        if mine != yours:
-            yield f"{TERMS.get(name, name)} ({mine} against {yours})"
-    if one.make != other.make:
-        yield f"environment ({one.make} against {other.make})"
+    yield from _unequal(one, other, observations="", actions="", discount="", longest="time_limit")
+    yield from _unequal(one, other, make="environment")
 
 
-def _outside(one: GenerativeModel, other: GenerativeModel) -> Iterator[str]:
+def _of_settings(one: GenerativeModel, other: GenerativeModel) -> Iterator[str]:
     for kind in ("states", "actions"):
         mine, yours = getattr(one, kind), getattr(other, kind)
         if mine != yours:
             yield f"{kind} ({mine.size:,} against {yours.size:,})"
-    for name in ("discount", "time_limit"):
-        mine, yours = getattr(one, name), getattr(other, name)
+    yield from _unequal(one, other, discount="", time_limit="")
+
+
+def _unequal(one: Any, other: Any, **names: str) -> Iterator[str]:
+    """Yield the attributes that differ, under the name given for each, if it is not empty."""
+    for attribute, name in names.items():
+        mine, yours = getattr(one, attribute), getattr(other, attribute)
         if mine != yours:
-            yield f"{name} ({mine} against {yours})"
+            yield f"{name or attribute} ({mine} against {yours})"
 
 
-def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
-    """Name a state of each kind of difference between tables over the same spaces."""
+def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
+    """Yield each kind of difference between tables over the same spaces, with one state."""
     space = one.states
     ends = np.flatnonzero(one.terminal != other.terminal)
     if ends.size:
         yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
     alive = ~(one.terminal | other.terminal)
-    # A random weight for each state: two distributions of successors with the same mean weight are
-    # the same, but for chance.
+    # With a random weight for each state, two distributions over successors with the same mean
+    # weight are equal with probability 1.
     weight = np.random.default_rng(0).normal(size=space.size)
     unit = max(_largest_reward(one), _largest_reward(other))
     names = ("reward", "transitions", "rewarded outcomes")
@@ -109,7 +109,7 @@ def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
             s, a = where[0]
             values = f": {mine[s, a]:g} against {yours[s, a]:g}" if name == "reward" else ""
             yield f"{name} (from {state_name(space, int(s))}{values})"
-            break  # the others differ in consequence
+            break  # the later moments differ as a consequence
     if abs(one.start - other.start).max() > CLOSE:
         s = int(abs(one.start - other.start).argmax())
         yield f"start ({state_name(space, s)}: {one.start[s]:.3g} against {other.start[s]:.3g})"
@@ -118,7 +118,7 @@ def _inside(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
 def _moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
     """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A).
 
-    The last tells joint distributions of reward and successor apart that agree in the others.
+    The last separates joint distributions of reward and successor with the same first two.
     """
     reward, weighed = _rewards(mdp), weight[mdp.next_state]
     each = (reward, weighed, np.cos(reward / unit + weighed))
@@ -126,7 +126,7 @@ def _moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray
 
 
 def _rewards(mdp: FiniteMDP) -> FloatArray:
-    """Return the rewards, 0 where nothing pays them: rows of terminal states may hold anything."""
+    """Return the rewards, 0 for outcomes that cannot occur, which may hold any number."""
     used = np.zeros((len(mdp.reward), 1), dtype=bool)
     used[mdp.outcome_row[~mdp.terminal]] = True
     return np.where(used & (mdp.probability > 0), mdp.reward, 0.0)
@@ -136,7 +136,7 @@ def _largest_reward(mdp: FiniteMDP) -> float:
     return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
 
 
-def _parameters(one: Any, other: Any) -> Iterator[str]:
+def _of_parameters(one: Any, other: Any) -> Iterator[str]:
     for part in fields(one):
         mine, yours = getattr(one, part.name), getattr(other, part.name)
         if part.compare and part.init and not _equal(mine, yours):
