@@ -4,12 +4,13 @@ import numpy as np
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from curricle.statistics.intervals import bootstrap, interquartile_mean
-from curricle.statistics.metrics import (
+from curricle.statistics import (
     Curve,
     asymptotic_performance,
+    bootstrap,
     charge_source,
     fraction_of_optimum,
+    interquartile_mean,
     jumpstart,
     mean_return,
     midpoint,

@@ -32,7 +32,7 @@ def test_a_source_with_the_treasure_elsewhere_makes_choices_wrong_at_once():
     found = cr.comparison.attribute(plan(WRONG_WAY), steps=1, seeds=5)
     (name,) = found.names
     assert name == "source 0 -> line"
-    # Untaught all four actions tie, so the choice is wrong already; a source cannot add to that.
+    # Before any learning all four actions tie, so the choice is wrong without the source too.
     assert (found.wrong[0] <= 0).all()
     assert (found.loss[0, 1:5] > 0).any()
     later = cr.comparison.attribute(plan(WRONG_WAY), steps=150, seeds=10)
@@ -54,7 +54,7 @@ def test_a_source_that_is_the_target_makes_choices_right():
     assert found.gain[0].low > 0
 
 
-def test_each_of_two_sources_is_blamed_for_its_own():
+def test_each_source_accounts_for_its_own_changes():
     found = cr.comparison.attribute(plan(LINE, WRONG_WAY, aggregate=cr.total), steps=1, seeds=5)
     good, bad = found.wrong[:, 1:4].mean(axis=1)
     assert good < 0 <= bad
@@ -95,7 +95,7 @@ def test_the_differences_are_those_of_runs_with_and_without():
 
 
 def test_the_corner_of_the_maze_is_found_to_mislead():
-    """The 3x3 source speaks ill of its lower row, which the optimal path leads through."""
+    """The 3x3 source underestimates its lower row, which the optimal path crosses."""
     arena = maze(-5)
     block = corner(arena, 3)
     curriculum = cr.Curriculum(
@@ -112,7 +112,7 @@ def test_the_corner_of_the_maze_is_found_to_mislead():
     assert "worse in" in str(found)
 
 
-def test_regions_are_what_moves_connect():
+def test_regions_are_connected_by_transitions():
     rooms = cr.GridWorld(["S.#.", "..#T"], time_limit=50)
     found = cr.comparison.Attribution(
         task=rooms,
@@ -131,7 +131,8 @@ def test_regions_are_what_moves_connect():
 
 def test_numbers_and_names_are_checked():
     with pytest.raises(
-        cr.errors.CurriculumError, match="what is attributed must be a Curriculum: got"
+        cr.errors.CurriculumError,
+        match="the curriculum of an attribution must be a Curriculum: got",
     ):
         cr.comparison.attribute(LINE, steps=10)
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""What is foreseen of a curriculum before its target is trained."""
+"""Forecasts: rows and verdicts, before the target is trained."""
 
 import re
 from dataclasses import replace
@@ -38,12 +38,12 @@ def trained(monkeypatch):
     return calls
 
 
-# -- pursuit: the order that training will have, before it -----------------------------------------
+# -- pursuit ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seeds", [1, [7, 8]])
-def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
-    """Trained, minimum and mean start best and mean falls from -10 to -17 a training episode."""
+def test_pursuit_is_ranked_as_training_ranks_it(seeds, trained):
+    """In training, minimum and mean start best, and mean falls from -10 to -17 an episode."""
     found = cr.forecast(pursuit(5, cr.minimum, budget=400_000), seeds=seeds)
     assert trained == ["chase"]
     assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
@@ -58,7 +58,7 @@ def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
         r", 99% optimistic: expect a collapse under epsilon-greedy; calibrate with c = 1\.[6-9]$",
         middle.verdict,
     )
-    assert "no better than untaught" in most.verdict
+    assert "no better than a random policy" in most.verdict
     assert "expect" not in most.verdict
     # Twice the mean: the same policy, hence the same start, and no longer optimistic.
     assert twice.mean("start") == middle.mean("start")
@@ -71,7 +71,7 @@ def test_pursuit_is_foreseen_as_it_comes(seeds, trained):
     assert [one.used for one in found.rows] == [one.name == "minimum" for one in found.rows]
 
 
-def test_a_target_too_large_to_solve_is_foreseen_along_its_way(trained):
+def test_a_target_too_large_to_solve_is_judged_by_rollouts(trained):
     """8x8 pursuit has 6.6 million pairs."""
     plan = pursuit(8, cr.mean, budget=400_000)
     found = cr.forecast(plan, seeds=1, episodes=200)
@@ -80,7 +80,7 @@ def test_a_target_too_large_to_solve_is_foreseen_along_its_way(trained):
     assert np.isnan(found.optimum)
     assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
     assert "optimum nan" in str(found)
-    assert "(returns by rollouts; Q* taken to be what phi's own policy earns)" in str(found)
+    assert "(returns by rollouts; Q* estimated by the values of phi's own policy)" in str(found)
     assert "expect a collapse under epsilon-greedy" in found["mean"].verdict
     assert "calibrate with c = " in found["minimum"].verdict
 
@@ -105,13 +105,13 @@ def copy_of(task, values, **settings):
     return plan, {"source": replace(source, values=np.asarray(values, dtype=float)[None])}
 
 
-def foreseen(task, values):
+def row_of(task, values):
     plan, sources = copy_of(task, values)
     return cr.forecast(plan, seeds=1, trained=sources)["mean"]
 
 
-def test_the_optimum_promises_steady_learning():
-    assert foreseen(LINE, Q).verdict == "starts at 98.5, 0% optimistic: expect steady learning"
+def test_at_the_optimum_learning_is_steady():
+    assert row_of(LINE, Q).verdict == "starts at 98.5, 0% optimistic: expect steady learning"
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_the_optimum_promises_steady_learning():
     ],
 )
 def test_optimism_is_measured_against_the_values(share, words):
-    verdict = foreseen(LINE, Q + share * SIZE).verdict
+    verdict = row_of(LINE, Q + share * SIZE).verdict
     assert verdict == f"starts at 98.5, 100% optimistic: {words}"
 
 
@@ -131,29 +131,29 @@ def test_optimism_is_measured_against_the_values(share, words):
 def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
     """It is over what is earned on the way, (98.5 + 199) / 2 a step here too."""
     monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
-    assert f": expect {words}" in foreseen(LINE, Q + share * SIZE).verdict
+    assert f": expect {words}" in row_of(LINE, Q + share * SIZE).verdict
 
 
 def test_optimism_about_few_pairs_is_no_danger():
-    """Half of the pairs overrated a lot: excess 150 of 148.75."""
+    """Half of the pairs far too high: excess 150 of 148.75."""
     values = Q.copy()
     values[:2, 1] = Q[:2, 1] + 600
-    assert foreseen(LINE, values).verdict.endswith("25% optimistic: expect steady learning")
+    assert row_of(LINE, values).verdict.endswith("25% optimistic: expect steady learning")
 
 
-def test_what_leads_nowhere_is_no_gain(monkeypatch):
+def test_a_policy_that_never_arrives_is_no_gain(monkeypatch):
     """It walks west for ever, for -2."""
-    verdict = foreseen(LINE, -Q).verdict
-    assert verdict.startswith("starts at -2, no better than untaught, ")
+    verdict = row_of(LINE, -Q).verdict
+    assert verdict.startswith("starts at -2, no better than a random policy, ")
     assert "expect" not in verdict
     monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)  # nor where the optimum is unknown
-    assert foreseen(LINE, -Q).verdict.startswith("starts at -2, no better than untaught, ")
+    assert row_of(LINE, -Q).verdict.startswith("starts at -2, no better than a random policy, ")
 
 
-def test_too_small_a_size_is_to_be_calibrated():
-    """Half of Q*, which is negative: 50 % too much, and all of it put right by a factor of 2."""
+def test_too_small_a_scale_is_to_be_calibrated():
+    """Half of Q*, which is negative: 50 % too high, and exact after a factor of 2."""
     half = cr.solve(COST, tolerance=1e-6).action_values / 2
-    found = foreseen(COST, half)
+    found = row_of(COST, half)
     assert found.scale == pytest.approx(2.0)
     assert found.verdict == (
         "starts at -1.75, 100% optimistic: expect a collapse under epsilon-greedy; "
@@ -161,22 +161,22 @@ def test_too_small_a_size_is_to_be_calibrated():
     )
 
 
-def test_modesty_is_no_reason_to_calibrate():
-    """Half of a Q* that is positive would be put right by a factor of 2 too, but does no harm."""
-    found = foreseen(LINE, Q / 2)
+def test_a_potential_below_q_needs_no_calibration():
+    """Half of a positive Q* would also be exact after a factor of 2, but does no harm."""
+    found = row_of(LINE, Q / 2)
     assert found.scale == pytest.approx(2.0)
     assert found.verdict == "starts at 98.5, 0% optimistic: expect steady learning"
 
 
-def test_what_speaks_ill_of_the_way_needs_a_guard():
-    """The second cell is promised 199 - 230 = -31, where nothing would promise 0."""
-    verdict = foreseen(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
+def test_an_underestimate_on_the_way_needs_a_guard():
+    """The second cell has 199 - 230 = -31, below the 0 of no potential."""
+    verdict = row_of(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
     assert verdict == (
-        "starts at 98.5, 0% optimistic: expect steady learning; speaks ill of state 1 (row 0, "
-        "column 1), on the way of the optimal policy, by 31: learn with a guard"
+        "starts at 98.5, 0% optimistic: expect steady learning; underestimates state 1 (row 0, "
+        "column 1), on the optimal policy's way, by 31: learn with a guard"
     )
     # Up to 20 typical rewards, of -1 here, are let pass.
-    assert "ill" not in foreseen(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict
+    assert "underestimates" not in row_of(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict
 
 
 def test_a_scale_that_most_seeds_cannot_be_given_is_none():
@@ -192,10 +192,10 @@ def test_a_scale_that_most_seeds_cannot_be_given_is_none():
     assert cr.forecast(plan, seeds=1, trained=sources)["mean"].scale == pytest.approx(1.0)
 
 
-# -- what is looked at -----------------------------------------------------------------------------
+# -- rows ------------------------------------------------------------------------------------------
 
 
-def test_of_a_single_transfer_one_potential_is_foreseen():
+def test_a_single_transfer_has_one_row():
     plan, sources = copy_of(LINE, Q)
     found = cr.forecast(plan, trained=sources, seeds=1)
     assert found.ranking == ("mean",)
@@ -204,7 +204,7 @@ def test_of_a_single_transfer_one_potential_is_foreseen():
     assert list(found.coverage) == ["source -> target"]
 
 
-def test_aggregates_of_ones_own_are_foreseen_beside_the_others():
+def test_custom_aggregates_have_rows_too():
     def mean(potentials):
         return np.sort(potentials, axis=0)[-1]
 
@@ -263,7 +263,8 @@ def test_the_target_may_be_any_task_with_transfers_into_it(trained):
 def test_a_forecast_prints_as_a_table():
     plan, sources = copy_of(LINE, Q + 1)
     assert str(cr.forecast(plan, seeds=1, trained=sources)) == "\n".join([
-        "Forecast for 'target' from 1 seed of its sources: optimum 98.5, untaught 11.86 (exact)",
+        "Forecast for 'target' from 1 seed of its sources: optimum 98.5, "
+        "random policy 11.86 (exact)",
         "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end, 0.0% "
         "unmapped; 0 of 8 source pairs never used, the others read by 1.0 target pairs on "
         "average, 1 at most",
@@ -325,11 +326,11 @@ def test_settings_that_make_no_sense_are_refused_before_training(settings, messa
     assert trained == []
 
 
-def test_a_name_that_was_not_foreseen():
+def test_a_name_that_is_no_row():
     plan, sources = copy_of(LINE, Q)
     with pytest.raises(cr.errors.CurriculumError) as caught:
         cr.forecast(plan, seeds=1, trained=sources)["minimum"]
-    assert str(caught.value) == "a potential that was foreseen must be one of mean: got 'minimum'"
+    assert str(caught.value) == "a row of a forecast must be one of mean: got 'minimum'"
 
 
 def test_sources_of_other_seeds_are_refused():
@@ -338,7 +339,7 @@ def test_sources_of_other_seeds_are_refused():
         cr.forecast(plan, seeds=2, trained=sources)
 
 
-def test_a_calibrated_curriculum_is_foreseen_as_it_will_enter():
+def test_a_calibrated_curriculum_has_a_calibrated_row():
     raw = pursuit(3, cr.mean, budget=5000)
     transfers = [
         cr.Transfer(edge.source, edge.target, edge.mapping, calibrate=True)
@@ -365,9 +366,9 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
     assert any(one.used for one in found.rows)
 
 
-def test_what_is_no_curriculum_and_no_aggregate_is_refused(trained):
+def test_wrong_types_are_refused(trained):
     with pytest.raises(
-        cr.errors.CurriculumError, match="what is foreseen must be a Curriculum: got"
+        cr.errors.CurriculumError, match="the curriculum of a forecast must be a Curriculum: got"
     ):
         cr.forecast(cr.GridWorld("S.T"))
     with pytest.raises(cr.errors.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
@@ -376,7 +377,7 @@ def test_what_is_no_curriculum_and_no_aggregate_is_refused(trained):
 
 
 def test_a_weak_start_is_said_to_be_one_and_no_more():
-    """Between a tenth and half of the way from untaught to optimal: little to lose by optimism."""
+    """A tenth to half of the way from the random policy to the optimum: little to lose."""
     found = cr.forecast(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
     whole = found.optimum - found.random_return
     assert 0.1 < (found["maximum"].mean("start") - found.random_return) / whole < 0.5

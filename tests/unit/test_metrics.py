@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import SettingError
-from curricle.statistics.metrics import (
+from curricle.statistics import (
     Curve,
     Times,
     asymptotic_performance,
@@ -206,7 +206,9 @@ def test_times_print(steps, reached, text):
 
 
 def test_restricted_mean_keeps_the_censored():
-    assert Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean() == 300.0
+    assert (
+        Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean().estimate == 300.0
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Adding seeds until the answer is clear: what is asked for, when it stops, what it says."""
+"""Adding seeds until the answer is clear: what is measured, when it stops, what it returns."""
 
 import numpy as np
 import pytest
@@ -113,7 +113,10 @@ def test_settings_are_refused_before_anything_is_measured(settings, message):
     [
         (lambda seeds: 1.0, r"one number per seed: got shape \(\) for 10 seeds"),
         (lambda seeds: np.zeros((len(seeds), 1)), r"got shape \(10, 1\) for 10 seeds"),
-        (lambda seeds: ["x"] * len(seeds), "what measure returns must be an array of numbers"),
+        (
+            lambda seeds: ["x"] * len(seeds),
+            "the values that measure returns must be an array of numbers",
+        ),
         (
             lambda seeds: [NAN if seed == 13 else (-1.0) ** seed for seed in seeds],
             "measure must return finite numbers: seed 13 has nan",

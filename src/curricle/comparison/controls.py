@@ -29,7 +29,7 @@ from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.tasks.task import Task, tables
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.edges import Transfer
-from curricle.transfer.mapping import ENDED, StateActionMapping
+from curricle.transfer.mapping import StateActionMapping, identity
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.observation_potential import ObservationPotential
 
@@ -175,6 +175,4 @@ def _with_uniform_start(task: Task) -> Task:
 def _identity(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
     if isinstance(task, ObservationTask):
         return ObservationMapping(task, source)
-    mdp = tables(task)
-    index = np.arange(mdp.outcome_row.size).reshape(mdp.outcome_row.shape)
-    return StateActionMapping(task, source, np.where(mdp.terminal[:, None], ENDED, index))
+    return replace(identity(task), source=source)

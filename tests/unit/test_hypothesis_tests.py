@@ -1,4 +1,4 @@
-"""Which arm is better, against SciPy and against numbers worked out by hand."""
+"""Profiles, tests and their correction, against SciPy, naive code and numbers found by hand."""
 
 import numpy as np
 import pytest
@@ -180,27 +180,27 @@ def test_no_difference_at_all_is_no_evidence():
     assert sign_flip_test(np.zeros(50), resamples=20) == 1.0
 
 
-@pytest.mark.parametrize("digits", [0, 1, 16])  # the first two make ties and zeros
-@pytest.mark.parametrize("seeds", [2, 5, 10, 14])
-def test_all_signs_are_counted_as_scipy_does(seeds, digits):
-    differences = (normal(seeds) + 0.4).round(digits)
-    expected = scipy.stats.permutation_test(
-        (differences,),
-        lambda x, axis: np.abs(np.sum(x, axis=axis)),
-        permutation_type="samples",
-        alternative="greater",
-        n_resamples=np.inf,
-    ).pvalue
-    assert sign_flip_test(differences) == pytest.approx(expected)
-
-
-def test_random_signs_come_close_to_all_signs():
-    # The p-value of all 2^18 sign vectors; 20,000 draws miss it by 5 standard errors at most.
-    differences = normal(18) + 0.3
+def exact_p(differences):
+    """The p-value of all 2^K sign vectors, with sums that are equal but for rounding."""
     sums = np.zeros(1)
     for each in differences:
         sums = np.concatenate([sums - each, sums + each])
-    exact = np.mean(np.abs(sums) >= abs(differences.sum()) - 1e-9)
+    slack = 1e-12 * np.abs(differences).sum()
+    return np.mean(np.abs(sums) >= abs(differences.sum()) - slack)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
+@pytest.mark.parametrize("digits", [0, 1, 16])  # the first two make ties and zeros
+@pytest.mark.parametrize("seeds", [1, 2, 5, 10, 14])
+def test_all_signs_are_counted(seeds, digits, unit):
+    differences = unit * (normal(seeds) + 0.4).round(digits)
+    assert sign_flip_test(differences) == exact_p(differences)
+
+
+def test_random_signs_come_close_to_all_signs():
+    # 20,000 draws miss the p-value of all 2^18 sign vectors by 5 standard errors at most.
+    differences = normal(18) + 0.3
+    exact = exact_p(differences)
     drawn = sign_flip_test(differences, resamples=20_000)
     assert drawn == pytest.approx(exact, abs=5 * np.sqrt(exact * (1 - exact) / 20_000))
     assert 0.01 < exact < 0.99
@@ -261,22 +261,16 @@ def test_sign_flips_refuse(differences, settings, message):
 )
 def test_holm_by_hand(p_values, adjusted):
     assert holm(p_values) == pytest.approx(np.array(adjusted))
-    named = holm(dict(zip("vwxyz", p_values, strict=False)))
-    assert named == pytest.approx(dict(zip("vwxyz", adjusted, strict=False)))
-    assert all(type(each) is float for each in named.values())
 
 
 @pytest.mark.parametrize(
     ("p_values", "message"),
     [
         ([], r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
-        ({}, r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
         (0.5, r"got \(\)"),
         ([0.5, 1.5], r"p-values must lie in \[0, 1\]: test 1 has 1.5"),
         ([NAN], r"p-values must lie in \[0, 1\]: test 0 has nan"),
-        ({"maze": -0.1}, r"p-value of maze must lie in \[0, 1\]: got -0.1"),
-        ({"maze": NAN}, "p-value of maze must be finite: got nan"),
-        ({"maze": None}, "p-value of maze must be a number: got None"),
+        (["low"], "p-values must be an array of numbers"),
     ],
 )
 def test_holm_refuses(p_values, message):

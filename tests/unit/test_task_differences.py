@@ -1,4 +1,4 @@
-"""What two tasks differ in, and that one problem in other words differs in nothing."""
+"""Differences of two tasks, and that the same problem in another form has none."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle.comparison import task_differences
 from curricle.comparison.task_differences import differences
 
 MAZE = GridWorld(["S.F", "..T"])
@@ -34,7 +35,7 @@ def names(one, other):
     return found
 
 
-# -- one problem ---------------------------------------------------------------------------------
+# -- the same problem ------------------------------------------------------------------------------
 
 
 def permuted(mdp, seed):
@@ -49,14 +50,14 @@ def permuted(mdp, seed):
     return replace(mdp, outcome_row=np.argsort(rows)[mdp.outcome_row], **moved)
 
 
-def split(mdp, unheard_of=99):
-    """Return the same MDP with each outcome in two halves, and one that never happens."""
+def split(mdp, impossible=99):
+    """Return the same MDP with each outcome in two halves, and an impossible one."""
     nothing = np.zeros((len(mdp.probability), 1))
     return replace(
         mdp,
         probability=np.hstack([mdp.probability / 2, nothing, mdp.probability / 2]),
         next_state=np.hstack([mdp.next_state, nothing.astype(int), mdp.next_state]),
-        reward=np.hstack([mdp.reward, nothing + unheard_of, mdp.reward]),
+        reward=np.hstack([mdp.reward, nothing + impossible, mdp.reward]),
     )
 
 
@@ -74,7 +75,7 @@ def unshared(mdp):
 
 
 @pytest.mark.parametrize("task", [MAZE, HUNT, coin()], ids=["maze", "pursuit", "coin"])
-def test_one_problem_in_other_words(task):
+def test_the_same_problem_in_another_form(task):
     for other in (task.mdp, permuted(task.mdp, 1), split(task.mdp), unshared(task.mdp)):
         assert differences(task, other) == ()
         assert differences(other, task) == ()
@@ -204,10 +205,10 @@ def test_tables(other, line):
     assert differences(coin(), other) == (line,)
 
 
-def test_what_never_happens_blunts_no_comparison():
+def test_an_impossible_outcome_changes_no_comparison():
     gamble = changed((0, 1), [(0.5, 1, -7.0), (0.5, 1, 7.0)])
-    for unheard_of in (1e100, -1e100):
-        lottery = split(coin(), unheard_of)
+    for impossible in (1e100, -1e100):
+        lottery = split(coin(), impossible)
         assert differences(coin(), lottery) == ()
         assert names(gamble, lottery) == ["rewarded outcomes"]
 
@@ -264,7 +265,7 @@ def test_the_same_functions_on_equal_data_are_one_problem():
         (computed(time_limit=None), "time_limit"),
     ],
 )
-def test_functions_and_data_are_told_apart(other, name):
+def test_functions_and_data_are_compared(other, name):
     assert names(computed(), other) == [name]
 
 
@@ -295,7 +296,7 @@ class Mine:
         return self._mdp
 
 
-def test_a_task_of_ones_own_is_compared_by_its_tables():
+def test_a_custom_task_is_compared_by_its_tables():
     assert differences(Mine(coin()), coin()) == ()
     assert differences(Mine(coin()), coin(start=1)) == ("start (state 0: 1 against 0)",)
 

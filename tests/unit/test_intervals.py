@@ -27,9 +27,10 @@ def normal(*shape, seed=7):
 
 
 @pytest.mark.parametrize("seeds", range(1, 14))
-def test_interquartile_mean_equals_scipy(seeds):
+def test_interquartile_mean_leaves_out_a_quarter_at_each_end(seeds):
     values = normal(seeds, 3)
-    expected = scipy.stats.trim_mean(values, 0.25, axis=0)
+    cut = seeds // 4
+    expected = np.sort(values, axis=0)[cut : seeds - cut].mean(axis=0)
     np.testing.assert_allclose(interquartile_mean(values), expected)
     np.testing.assert_allclose(interquartile_mean(values.T, axis=1), expected)
 

@@ -1,9 +1,7 @@
-"""Times with censored seeds, against SciPy and against numbers worked out by hand."""
+"""Times to a threshold with censored seeds, against naive code and numbers worked out by hand."""
 
 import numpy as np
 import pytest
-import scipy.stats
-from curricle.statistics.censored import median_time, restricted_mean_time, survival
 
 from curricle.errors import SettingError
 from curricle.statistics.intervals import bootstrap
@@ -31,40 +29,34 @@ def numbers(interval):
 
 
 def test_curve_by_hand():
-    # 4 of 5 remain after 10; the seed left at 20 was there until then; 2 of 3 remain after 20;
-    # the last arrives at 40 when it alone is followed.
-    curve = survival(times(10.0, 20.0, -20.0, -30.0, 40.0))
-    assert curve.steps.tolist() == [10.0, 20.0, 30.0, 40.0]
-    assert curve.share == pytest.approx([4 / 5, 3 / 5, 3 / 5, 0.0])
+    # 4 of 5 remain after 10; the seed censored at 20 was followed until then; 2 of 3 remain after
+    # 20; the last arrives at 40 when it alone is followed.
+    curve = times(10.0, 20.0, -20.0, -30.0, 40.0).survival()
+    assert curve.quantiles.tolist() == [10.0, 20.0, 30.0, 40.0]
+    assert curve.probabilities == pytest.approx([4 / 5, 3 / 5, 3 / 5, 0.0])
 
 
 def test_without_censoring_the_curve_is_the_share_still_on_the_way():
-    curve = survival(times(3.0, 1.0, 3.0, 0.0))
-    assert curve.steps.tolist() == [0.0, 1.0, 3.0]
-    assert curve.share == pytest.approx([0.75, 0.5, 0.0])
+    curve = times(3.0, 1.0, 3.0, 0.0).survival()
+    assert curve.quantiles.tolist() == [0.0, 1.0, 3.0]
+    assert curve.probabilities == pytest.approx([0.75, 0.5, 0.0])
 
 
 def test_when_nobody_arrives_the_curve_stays_at_one():
-    curve = survival(times(-5.0, -5.0))
-    assert (curve.steps.tolist(), curve.share.tolist()) == ([5.0], [1.0])
+    curve = times(-5.0, -5.0).survival()
+    assert (curve.quantiles.tolist(), curve.probabilities.tolist()) == ([5.0], [1.0])
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_curve_equals_scipys(seed):
+def test_curve_is_the_product_over_the_arrivals(seed):
     sample = random_times(seed)
-    censored = scipy.stats.CensoredData(
-        uncensored=sample.steps[sample.reached], right=sample.steps[~sample.reached]
-    )
-    theirs = scipy.stats.ecdf(censored).sf
-    curve = survival(sample)
-    assert np.array_equal(curve.steps, theirs.quantiles)
-    np.testing.assert_allclose(curve.share, theirs.probabilities, atol=1e-12)
-
-
-def test_curve_is_frozen():
-    curve = survival(times(1.0, -2.0))
-    assert not curve.steps.flags.writeable
-    assert not curve.share.flags.writeable
+    curve = sample.survival()
+    for steps, share in zip(curve.quantiles, curve.probabilities, strict=True):
+        expected = 1.0
+        for t in np.unique(sample.steps[sample.steps <= steps]):
+            followed = np.sum(sample.steps >= t)
+            expected *= 1 - np.sum(sample.reached & (sample.steps == t)) / followed
+        assert share == pytest.approx(expected, abs=1e-12)
 
 
 # Median
@@ -84,40 +76,40 @@ def test_curve_is_frozen():
     ],
 )
 def test_median_by_hand(steps, median):
-    assert median_time(times(*steps)).estimate == median
+    assert times(*steps).median().estimate == median
 
 
 def test_medians_bounds_by_hand():
     # In 1/4 of the resamples both seeds are the second, which never arrived; in the rest at least
     # half are the first.
     pair = times(10.0, -50.0)
-    assert numbers(median_time(pair, confidence=0.4)) == (10.0, 10.0, 10.0)
-    assert numbers(median_time(pair, confidence=0.6)) == (10.0, 10.0, INF)
+    assert numbers(pair.median(confidence=0.4)) == (10.0, 10.0, 10.0)
+    assert numbers(pair.median(confidence=0.6)) == (10.0, 10.0, INF)
 
 
 def test_median_prints_what_is_infinite():
     few = times(100.0, 200.0, -900.0, -900.0, -900.0, -900.0)
-    assert str(median_time(few)) == "inf [100, inf], 6 seeds"
-    assert str(median_time(times(-900.0, -900.0))) == "inf [inf, inf], 2 seeds"
-    assert str(median_time(times(-900.0))) == "inf, 1 seed (no interval)"
+    assert str(few.median()) == "inf [100, inf], 6 seeds"
+    assert str(times(-900.0, -900.0).median()) == "inf [inf, inf], 2 seeds"
+    assert str(times(-900.0).median()) == "inf, 1 seed (no interval)"
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_medians_bounds_are_those_of_a_curve_drawn_anew(seed):
+def test_medians_bounds_are_those_of_resampled_curves(seed):
     sample = random_times(seed)
     rng, drawn = np.random.default_rng(0), []
     for chosen in rng.integers(12, size=(200, 12)):
-        curve = survival(Times(sample.steps[chosen], sample.reached[chosen]))
-        below = curve.steps[curve.share <= 0.5 + 1e-9]
+        curve = Times(sample.steps[chosen], sample.reached[chosen]).survival()
+        below = curve.quantiles[curve.probabilities <= 0.5 + 1e-9]
         drawn.append(below[0] if below.size else INF)
     expected = np.sort(drawn)[[4, 194]]  # the 5th and the 195th of 200
-    interval = median_time(sample, resamples=200, seed=0)
+    interval = sample.median(resamples=200, seed=0)
     assert [interval.low, interval.high] == expected.tolist()
 
 
 def test_median_of_all_arrived_is_near_the_bootstrap_of_a_median():
     steps = np.random.default_rng(4).uniform(100, 200, size=25)
-    ours = median_time(Times(steps, np.full(25, True)), seed=2)
+    ours = Times(steps, np.full(25, True)).median(seed=2)
     usual = bootstrap(steps, np.median, seed=2)  # 25 is odd: the same medians
     assert ours.estimate == usual.estimate
     assert (ours.low, ours.high) == (
@@ -134,7 +126,7 @@ def test_median_of_all_arrived_is_near_the_bootstrap_of_a_median():
     ],
 )
 def test_median_and_restricted_mean_refuse(settings, message):
-    for call in (median_time, lambda t, **s: restricted_mean_time(t, 5.0, **s)):
+    for call in (Times.median, Times.restricted_mean):
         with pytest.raises(SettingError, match=message):
             call(times(1.0, 2.0), **settings)
 
@@ -144,15 +136,16 @@ def test_median_and_restricted_mean_refuse(settings, message):
 
 def test_restricted_mean_by_hand():
     sample = times(200.0, 400.0, -900.0, -600.0)
-    assert restricted_mean_time(sample, 600.0).estimate == 450.0
-    assert restricted_mean_time(sample, 300.0).estimate == 275.0
-    assert restricted_mean_time(times(10.0, 50.0), 1000.0).estimate == 30.0
+    assert sample.restricted_mean(600.0).estimate == 450.0
+    assert sample.restricted_mean(300.0).estimate == 275.0
+    assert times(10.0, 50.0).restricted_mean(1000.0).estimate == 30.0
+    assert sample.restricted_mean().estimate == 525.0  # each for as long as it was followed
 
 
 def test_restricted_mean_is_the_bootstrap_of_the_minima():
     sample = times(200.0, 400.0, -900.0, 500.0)
     scratch = bootstrap([200.0, 400.0, 450.0, 450.0], seed=3)
-    assert numbers(restricted_mean_time(sample, 450.0, seed=3)) == numbers(scratch)
+    assert numbers(sample.restricted_mean(450.0, seed=3)) == numbers(scratch)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -160,10 +153,10 @@ def test_restricted_mean_is_the_area_under_the_curve(seed):
     sample = random_times(seed)
     left = sample.steps[~sample.reached]
     horizon = float(left.min()) if left.size else 7.0
-    curve = survival(sample)
-    edges = np.clip(np.concatenate([[0.0], curve.steps, [np.inf]]), 0.0, horizon)
-    area = np.sum(np.diff(edges) * np.append(1.0, curve.share))
-    assert restricted_mean_time(sample, horizon).estimate == pytest.approx(area)
+    curve = sample.survival()
+    edges = np.clip(np.concatenate([[0.0], curve.quantiles, [np.inf]]), 0.0, horizon)
+    area = np.sum(np.diff(edges) * np.append(1.0, curve.probabilities))
+    assert sample.restricted_mean(horizon).estimate == pytest.approx(area)
 
 
 @pytest.mark.parametrize(
@@ -173,9 +166,9 @@ def test_restricted_mean_is_the_area_under_the_curve(seed):
         (-5, "horizon must be above 0 steps: got -5"),
         (INF, "horizon must be finite: got inf"),
         ("far", "horizon must be a number: got 'far'"),
-        (601.0, "got 601, seed 2 was left at 600 without having arrived"),
+        (601.0, "got 601, seed 2 was censored at 600"),
     ],
 )
 def test_restricted_mean_refuses_a_horizon(horizon, message):
     with pytest.raises(SettingError, match=message):
-        restricted_mean_time(times(200.0, -900.0, -600.0), horizon)
+        times(200.0, -900.0, -600.0).restricted_mean(horizon)
