@@ -272,7 +272,7 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
     shaped = found.result("state", "cart", values=True).values[0]
     assert shaped.values_offset.values[0].v(seen(short.task)).shape == (40,)
     page = write_report(tmp_path / "out").read_text()
-    assert "tells no actions apart" in page
+    assert "is the same for all actions" in page
     assert "No snapshots were kept" in page
     assert ">nan" not in page
 

@@ -123,7 +123,7 @@ def test_the_total_is_a_whole_number_of_checkpoints():
     assert found.arms["transfer"].curve.steps[-1] == 1330
 
 
-def test_sources_that_take_each_seed_another_time_leave_it_another_time(calls):
+def test_each_seed_has_what_its_own_sources_leave(calls):
     """In a budget of 40 episodes no two seeds take the same steps; 40 x 50 are the most."""
     settings = {"eval_freq": {"far": 20}, "learner": {"near": cr.QLearning(epsilon=0.5)}}
     settings["budget"] = {"near": Episodes(40), "far": 3000}
@@ -146,7 +146,7 @@ def test_sources_that_take_each_seed_another_time_leave_it_another_time(calls):
         assert call["budget"] == spent[call["seeds"][0]]
 
 
-def test_an_arm_that_is_told_nothing_is_the_direct_learner_a_little_later():
+def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
     found = compare(corner(NOWHERE), seeds=4)
     scratch, arm = found.scratch, found["transfer"]
     assert np.ptp(scratch.curve.values) > 0
@@ -172,7 +172,7 @@ def test_an_arm_is_the_training_of_its_curriculum():
     np.testing.assert_array_equal(found.training_return[:, :31], alone["maze"].training_return)
 
 
-def test_the_direct_learner_is_the_targets_own():
+def test_scratch_has_the_settings_of_the_target():
     learner, evaluation = cr.QLearning(epsilon=0.3), GreedyEvaluation(discounted=False)
     found = compare(corner(learner={"maze": learner}, evaluation={"maze": evaluation}), seeds=2)
     alone = cr.learn(
@@ -206,8 +206,11 @@ def test_the_steps_of_a_calibration_are_charged(calls):
     assert curve[0, 0] == pytest.approx(found["raw"].curve.values[0, 0])  # it is the same policy
 
 
-def test_a_guard_watches_over_the_arm_and_its_controls():
-    arms = {"bare": corner(), "guarded": corner(guard={"maze": cr.Guard(pace=0.5)})}
+def test_an_arm_and_its_controls_have_a_guard():
+    arms = {
+        "bare": corner(),
+        "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard(pace=0.5))),
+    }
     found = compare(arms, seeds=2, controls=ALL)
     for name, arm in found.arms.items():
         if name.startswith("guarded"):
@@ -224,7 +227,7 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
     assert compare(corner(), seeds=1, threshold=50).threshold == 50.0
 
 
-def test_the_threshold_of_a_target_too_large_to_solve_is_the_direct_learners(monkeypatch):
+def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
     monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
     found = compare(corner(), seeds=3)
     assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
@@ -248,7 +251,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_direct_learners(mon
     ],
     ids=["nothing to choose", "discount 1", "too impatient"],
 )
-def test_where_an_optimum_tells_nothing_the_direct_learner_does(task):
+def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task):
     summed = GreedyEvaluation(discounted=False)
     found = compare(copied(replace(task, time_limit=20), evaluation=summed), seeds=2)
     assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
@@ -266,7 +269,7 @@ def test_seeds_are_added_as_if_they_had_been_there(source):
         assert_same(grown[name], once[name])
 
 
-def test_no_more_seeds_than_it_takes():
+def test_no_more_seeds_than_the_goal_takes():
     plan = copied(MAZE, budget={"near": 20_000, "far": 2000}, eval_freq={"far": 100})
     assert compare(plan, seeds=3, precision=1000.0).seeds == 3
     found = compare(plan, seeds=3, difference=True, most_seeds=50)
@@ -279,10 +282,10 @@ def test_no_more_seeds_than_it_takes():
     assert alone.values.size == found.seeds
 
 
-def test_progress_is_told_of_each_arm():
-    told = []
-    found = compare(corner(), seeds=1, controls=["scaled"], progress=told.append)
-    assert told == list(found.arms)
+def test_progress_gets_the_name_of_each_arm():
+    names = []
+    found = compare(corner(), seeds=1, controls=["scaled"], progress=names.append)
+    assert names == list(found.arms)
 
 
 def test_the_largest_window_is_the_targets_whole_budget():
@@ -290,7 +293,7 @@ def test_the_largest_window_is_the_targets_whole_budget():
     assert len(str(found).split("\n")) == 4
 
 
-def test_a_curriculum_without_transfers_is_the_direct_learner():
+def test_a_curriculum_without_transfers_equals_scratch():
     plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
     found = compare({"plain": plan}, seeds=3)
     assert found.total == 1000
@@ -303,6 +306,6 @@ def test_sources_may_be_learnt_otherwise():
     assert compare({"one": one, "two": two}, seeds=1).seeds == 1
 
 
-def test_one_problem_in_other_words_is_compared():
+def test_the_same_problem_as_tables_is_compared():
     found = compare({"maze": copied(MAZE), "tables": copied(MAZE.mdp)}, seeds=2)
     assert_same(found["maze"], found["tables"])

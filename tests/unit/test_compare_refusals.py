@@ -111,7 +111,7 @@ def fork(outcomes=FORK, **changes):
     ],
     ids=["end", "reward", "transitions", "start", "discount", "limit", "states"],
 )
-def test_targets_that_are_not_one_problem_are_refused(other, difference, calls):
+def test_targets_that_differ_are_refused(other, difference, calls):
     arms = {"one": copied(fork()), "two": copied(fork()), "three": copied(other)}
     with pytest.raises(CurriculumError) as caught:
         compare(arms, seeds=1)
@@ -139,7 +139,7 @@ def test_all_differences_are_named_at_once():
         ("eval_freq", 10, 20),
     ],
 )
-def test_targets_that_are_not_learnt_alike_are_refused(which, mine, yours, calls):
+def test_targets_with_different_settings_are_refused(which, mine, yours, calls):
     one, two = (copied(MAZE, **{which: {"far": setting}}) for setting in (mine, yours))
     with pytest.raises(CurriculumError) as caught:
         compare({"one": one, "two": two}, seeds=1)

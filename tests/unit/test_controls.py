@@ -52,6 +52,9 @@ def calls(monkeypatch):
         result = learn(task, learner, budget, **settings)
         charged = settings["charged"]
         left = budget if charged is None else budget - int(min(charged))
+        shapings = settings["shaping"] if isinstance(settings["shaping"], list) else []
+        settings["potentials"] = [one.for_task(task).potential for one in shapings]
+        settings["shaping"] = [one.with_potential(None) for one in shapings]
         noted.append({"task": task, "budget": left, "result": result, **settings})
         return result
 
@@ -108,7 +111,7 @@ def test_pretraining_and_a_random_start_cost_what_the_sources_did(calls):
         assert found[name].curve.source_steps.tolist() == [500, 500]
         # What the target starts with is what its source ended with.
         target = calls[calls.index(call) + 1]
-        for k, phi in enumerate(target["potential"]):
+        for k, phi in enumerate(target["potentials"]):
             np.testing.assert_array_equal(phi.values, call["result"].values[k])
     plain = cr.learn(MAZE, budget=500, seeds=2, stream="control source")
     np.testing.assert_array_equal(itself["result"].values, plain.values)
@@ -134,20 +137,19 @@ def test_controls_change_the_values_of_phi_alone(plan, calls):
     arm, placebo, half, twice, negated = (call for call in calls[1:] if call["stream"] == target)
     alive = ~plan().tasks[target].mdp.terminal
     for k in range(2):
-        phi = arm["potential"][k].values
+        phi = arm["potentials"][k].values
         assert len(np.unique(phi)) > 5
-        np.testing.assert_allclose(half["potential"][k].values, phi / 2, rtol=1e-15)
-        np.testing.assert_array_equal(twice["potential"][k].values, 2 * phi)
-        np.testing.assert_array_equal(negated["potential"][k].values, -phi)
-        dealt = placebo["potential"][k].values
-        np.testing.assert_array_equal(np.sort(dealt[alive].ravel()), np.sort(phi[alive].ravel()))
-        assert not dealt[~alive].any()
-        assert (dealt[alive] != phi[alive]).mean() > 0.3
+        np.testing.assert_allclose(half["potentials"][k].values, phi / 2, rtol=1e-15)
+        np.testing.assert_array_equal(twice["potentials"][k].values, 2 * phi)
+        np.testing.assert_array_equal(negated["potentials"][k].values, -phi)
+        shuffled = placebo["potentials"][k].values
+        np.testing.assert_array_equal(np.sort(shuffled[alive].ravel()), np.sort(phi[alive].ravel()))
+        assert not shuffled[~alive].any()
+        assert (shuffled[alive] != phi[alive]).mean() > 0.3
     keep = (
         "task",
         "seeds",
-        "how",
-        "guard",
+        "shaping",
         "eval_freq",
         "evaluation",
         "storage",
@@ -158,23 +160,23 @@ def test_controls_change_the_values_of_phi_alone(plan, calls):
         assert {name: call[name] for name in keep} == {name: arm[name] for name in keep}
 
 
-def test_each_seed_is_dealt_its_own_hand(calls):
+def test_each_seed_has_its_own_permutation(calls):
     """At rate 1 all seeds learn the same of a deterministic maze, after a while."""
     learner = cr.QLearning(learning_rate=1.0, epsilon=1.0)
     plan = copied(MAZE, learner={"near": learner}, budget={"near": 20_000, "far": 100})
     compare(plan, seeds=2, controls=["placebo"], window=1)
-    (one, other), dealt = (call["potential"] for call in calls[2:])
+    (one, other), placebo = (call["potentials"] for call in calls[2:])
     np.testing.assert_array_equal(one.values, other.values)
-    assert (dealt[0].values != dealt[1].values).mean() > 0.5
+    assert (placebo[0].values != placebo[1].values).mean() > 0.5
 
 
 def test_a_potential_of_states_is_changed_before_it_is_one(calls):
-    compare(corner(how="state"), seeds=1, controls=["negated"])
+    compare(corner(shaping=cr.StateShaping()), seeds=1, controls=["negated"])
     arm, negated = (call for call in calls[2:] if call["stream"] == "maze")
     (q,) = (call["result"].values[0] for call in calls if call["stream"] == "corner")
     phi = HERE.read(q)
-    np.testing.assert_array_equal(arm["potential"][0].values[0], phi.max(axis=1))
-    np.testing.assert_array_equal(negated["potential"][0].values[0], (-phi).max(axis=1))
+    np.testing.assert_array_equal(arm["potentials"][0].values[0], phi.max(axis=1))
+    np.testing.assert_array_equal(negated["potentials"][0].values[0], (-phi).max(axis=1))
 
 
 def test_controls_of_a_target_whose_values_are_not_kept(calls):
