@@ -11,7 +11,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from curricle import StateActionPotential, StatePotential
+from curricle import (
+    DecayingAdvice,
+    LookAheadAdvice,
+    LookBackAdvice,
+    QInitialisation,
+    RewardBonus,
+    StateActionPotential,
+    StatePotential,
+    StateShaping,
+)
 from curricle.learning.schedules import schedule
 from curricle.tasks.draws import stream_start
 from tests import tasks
@@ -139,11 +148,11 @@ def policy_mean(row, acting, learner, step):
     return (1.0 - parameter) * total / plain_sum(weights) + parameter * mean
 
 
-def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_freq=None, seed=0,
+def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
                   stream="", episodes=math.inf):  # fmt: skip
     """Return what `learn` does for one seed, without the greedy evaluation.
 
-    ``how="literal_look_ahead"`` keeps Q apart from phi and adds F = gamma phi(s', a*) - phi(s, a)
+    `literal` look-ahead advice keeps Q apart from phi and adds F = gamma phi(s', a*) - phi(s, a)
     to the reward, a* = argmax Q + phi (for SARSA the action taken, for Expected SARSA the mean).
     """
     mdp = task.mdp
@@ -153,8 +162,9 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
     pay = mdp.reward.tolist()
     n_states, n_actions = mdp.outcome_row.shape
     kind, rates = type(learner).__name__, schedule(learner.learning_rate)
+    potential = None if shaping is None else shaping.potential
     phi = None if potential is None else potential.values.tolist()
-    literal = how == "literal_look_ahead"
+    starts_at_phi = not literal and isinstance(shaping, QInitialisation | LookAheadAdvice)
     start = stream_start(seed, stream)
     draw = random_bits(start)
     tables = [
@@ -162,7 +172,7 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
          for s in range(n_states)]
         for _ in range(2 if kind == "DoubleQLearning" else 1)
     ]  # fmt: skip
-    if how in ("initialise", "look_ahead"):
+    if starts_at_phi:
         for q in tables:
             for s in range(n_states):
                 q[s] = [x + y for x, y in zip(q[s], phi[s], strict=True)]
@@ -176,14 +186,14 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
         row = list(tables[0][state])
         if len(tables) == 2:
             row = [0.5 * (x + y) for x, y in zip(row, tables[1][state], strict=True)]
-        if how == "advice" or literal:
-            weight = value_of(potential.weight, step)
+        if isinstance(shaping, DecayingAdvice) or literal:
+            weight = 1.0 if literal else value_of(shaping.weight, step)
             row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
         return row
 
     # Plain Q-learning has a loop of its own, which keeps the draw among tied actions at hand.
     ties = None
-    if kind == "QLearning" and (literal or how in ("plain", "initialise", "look_ahead")):
+    if kind == "QLearning" and (literal or starts_at_phi or shaping is None):
         shown = [acting(s, 0) for s in range(n_states)]
         ties = Ties(shown, splitmix64(start))
     eval_freq = eval_freq or max(1, steps // 100)
@@ -205,15 +215,15 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
         length += 1
         ended = terminal[after]
 
-        if how == "state":
+        if isinstance(shaping, StateShaping):
             there = 0.0 if ended else frame_at(after, step + 1)
             reward += gamma * there - frame_at(state, step)
-        elif how == "look_back":
+        elif isinstance(shaping, LookBackAdvice):
             # The end's own term, gamma (0 - phi(s, a) / gamma), takes this step's phi(s, a) off.
             here = phi[state][action]
             reward += (0.0 if ended else here) - before / gamma
             before = here
-        elif how == "bonus":
+        elif isinstance(shaping, RewardBonus):
             reward += phi[state][action]
 
         coin = next(draw) if len(tables) == 2 else 0
@@ -256,10 +266,12 @@ def learn_naively(task, learner, steps, *, how="plain", potential=None, eval_fre
             returns = []
 
     values = np.mean(tables, axis=0)
-    if how == "state":
+    if isinstance(shaping, StateShaping):
         values += np.array([frame_at(s, step) for s in range(n_states)])[:, None]
-    elif how == "advice" or literal:
-        values += value_of(potential.weight, step) * potential.values
+    elif literal:
+        values += potential.values
+    elif isinstance(shaping, DecayingAdvice):
+        values += value_of(shaping.weight, step) * potential.values
     return SimpleNamespace(
         values=values,
         training_return=np.array(training_return),
@@ -280,15 +292,15 @@ def naive_learn():
 
 
 @pytest.fixture(scope="session")
-def random_potential():
-    """Return a potential of the kind a way of entering takes, with real values."""
+def random_shaping():
+    """Return a shaping of a kind, its potential with real values."""
 
-    def make(task, how, seed=0, **extra):
+    def make(task, kind, seed=0, **extra):
         rng = np.random.default_rng([seed, 1])
         n_states, n_actions = task.mdp.outcome_row.shape
-        if how == "state":
+        if kind is StateShaping:
             frames = len(extra.get("frame_steps", (0,)))
-            return StatePotential(task, rng.normal(size=(frames, n_states)), **extra)
-        return StateActionPotential(task, rng.normal(size=(n_states, n_actions)), **extra)
+            return kind(StatePotential(task, rng.normal(size=(frames, n_states)), **extra))
+        return kind(StateActionPotential(task, rng.normal(size=(n_states, n_actions))), **extra)
 
     return make

@@ -68,21 +68,14 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_potential):
+def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_shaping):
     task = random_mdp(seed, time_limit=[None, 6][seed % 2])
-    phi = random_potential(task, "initialise", seed)
     guard = Guard(share=0.6, min_share=0.2, pace=0.3, standard_errors=0.5, memory=7)
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
-    result = cr.learn(
-        task,
-        learner,
-        3000,
-        shaping=cr.QInitialisation(phi, guard=guard),
-        eval_freq=100,
-        seeds=[seed],
-    )
+    shaping = random_shaping(task, cr.QInitialisation, seed, guard=guard)
+    result = cr.learn(task, learner, 3000, shaping=shaping, eval_freq=100, seeds=[seed])
     tables, ahead, training, guard_share, counts = guarded_naively(
-        task, learner, 3000, phi, guard, eval_freq=100, seed=seed
+        task, learner, 3000, shaping.potential, guard, eval_freq=100, seed=seed
     )
     np.testing.assert_array_equal(result.values[0], tables[ahead])
     np.testing.assert_array_equal(result.training_return[0], training)
@@ -91,18 +84,18 @@ def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_potentia
     assert len(set(guard_share)) > 5  # the comparison moved
 
 
-def test_trust_is_not_a_number_without_a_guard():
+def test_guard_share_is_not_a_number_without_a_guard():
     assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).guard_share).all()
 
 
-def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_potential):
+def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_shaping):
     task = random_mdp(3, time_limit=10)
     result = cr.learn(
         task,
         budget=2000,
         eval_freq=100,
         seeds=4,
-        shaping=cr.QInitialisation(random_potential(task, "initialise"), guard=Guard()),
+        shaping=random_shaping(task, cr.QInitialisation, guard=Guard()),
     )
     for values, last in zip(result.values, result.greedy_return[:, -1], strict=True):
         phi = cr.StateActionPotential(task, values)

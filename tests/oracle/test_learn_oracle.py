@@ -72,38 +72,40 @@ def test_schedules_of_exploration(name, kind, what, random_mdp, naive_learn):
     )
 
 
-WAYS = {
-    "initialise": {},
-    "look_ahead": {},
-    "look_back": {},
-    "bonus": {},
-    "advice": {"weight": cr.learning.linear(1.0, 0.0, steps=1000)},
-    "state": {"frame_steps": (0, 13, 700), "weight": cr.learning.linear(0.5, 2.0, steps=900)},
+SHAPINGS = {
+    cr.QInitialisation: {},
+    cr.LookAheadAdvice: {},
+    cr.LookBackAdvice: {},
+    cr.RewardBonus: {},
+    cr.DecayingAdvice: {"weight": cr.learning.linear(1.0, 0.0, steps=1000)},
+    cr.StateShaping: {
+        "frame_steps": (0, 13, 700),
+        "weight": cr.learning.linear(0.5, 2.0, steps=900),
+    },
 }
 
 
 @pytest.mark.parametrize("time_limit", [None, 5])
 @pytest.mark.parametrize(
-    ("how", "kind"),
-    [(how, kind) for how in WAYS for kind in (LEARNERS if how != "look_back" else [cr.SARSA])],
+    ("way", "kind"),
+    [
+        (way, kind)
+        for way in SHAPINGS
+        for kind in (LEARNERS if way is not cr.LookBackAdvice else [cr.SARSA])
+    ],
 )
-def test_ways_of_entering(how, kind, time_limit, random_mdp, random_potential, naive_learn):
+def test_shapings(way, kind, time_limit, random_mdp, random_shaping, naive_learn):
     task = random_mdp(4, time_limit=time_limit)
-    phi = random_potential(task, how, **WAYS[how])
     learner = kind(learning_rate=0.2, epsilon=0.3)
-    options = {"how": how, "potential": phi, "eval_freq": EVERY}
+    options = {"shaping": random_shaping(task, way, **SHAPINGS[way]), "eval_freq": EVERY}
     result = cr.learn(task, learner, STEPS, **options)
     assert_same(result, naive_learn(task, learner, STEPS, **options))
 
 
-@pytest.mark.parametrize("how", WAYS)
-def test_ways_of_entering_under_softmax(how, random_mdp, random_potential, naive_learn):
+@pytest.mark.parametrize("way", SHAPINGS)
+def test_shapings_under_softmax(way, random_mdp, random_shaping, naive_learn):
     task, learner = random_mdp(5, time_limit=6), cr.SARSA(inverse_temperature=3.0)
-    options = {
-        "how": how,
-        "potential": random_potential(task, how, **WAYS[how]),
-        "eval_freq": EVERY,
-    }
+    options = {"shaping": random_shaping(task, way, **SHAPINGS[way]), "eval_freq": EVERY}
     result = cr.learn(task, learner, STEPS, **options)
     assert_same(result, naive_learn(task, learner, STEPS, **options))
 
@@ -132,7 +134,7 @@ def test_each_seed_equals_the_naive_learner(random_mdp, naive_learn):
 @pytest.mark.parametrize("rate", ["constant", "harmonic"])
 @pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
 def test_fast_loop_equals_the_general_one(
-    exploration, rate, method, random_mdp, random_potential, monkeypatch
+    exploration, rate, method, random_mdp, random_shaping, monkeypatch
 ):
     # phi is continuous: no values tie, where the loops would draw differently.
     tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
@@ -145,14 +147,14 @@ def test_fast_loop_equals_the_general_one(
                 t,
                 learner,
                 3000,
-                shaping=cr.QInitialisation(random_potential(t, "initialise")),
+                shaping=random_shaping(t, cr.QInitialisation),
                 **settings,
             )
             for t in tasks
         ]
 
     fast = train()
-    monkeypatch.setattr(Run, "plain", False)
+    monkeypatch.setattr(Run, "plain", lambda self, shaping: False)
     slow = train()
     for a, b in zip(fast, slow, strict=True):
         for name in ("values", "training_return", "greedy_return", "episodes", "steps_used"):
@@ -175,15 +177,15 @@ def test_fast_loop_breaks_ties_like_the_naive_learner(rate, seed, naive_learn):
 @pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA, cr.ExpectedSARSA])
 @pytest.mark.parametrize("seed", range(4))
-def test_literal_look_ahead_advice_equals_how_look_ahead(
-    seed, kind, exploration, random_mdp, random_potential, naive_learn
+def test_literal_look_ahead_advice_is_look_ahead_advice(
+    seed, kind, exploration, random_mdp, random_shaping, naive_learn
 ):
     # phi is continuous, so no two acting values tie and rounding alone never changes an action.
     task = random_mdp(10 + seed, n_states=5, time_limit=[None, 8][seed % 2])
-    phi = random_potential(task, "look_ahead", seed)
+    shaping = random_shaping(task, cr.LookAheadAdvice, seed)
     learner = kind(learning_rate=0.1, **exploration)
-    result = cr.learn(task, learner, 3000, shaping=cr.LookAheadAdvice(phi))
-    naive = naive_learn(task, learner, 3000, potential=phi, how="literal_look_ahead")
+    result = cr.learn(task, learner, 3000, shaping=shaping)
+    naive = naive_learn(task, learner, 3000, shaping=shaping, literal=True)
     np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
 
@@ -200,9 +202,9 @@ def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, nai
         transition, rng.integers(-4, 5, size=(4, 2)), terminal=[0, 0, 0, 1], start=0, discount=0.5
     )
     phi = cr.StateActionPotential(task, rng.integers(-1, 2, size=(4, 2)))
-    learner = kind(learning_rate=0.5, epsilon=0.25)
-    result = cr.learn(task, learner, 20, shaping=cr.LookAheadAdvice(phi), seeds=[seed])
-    naive = naive_learn(task, learner, 20, potential=phi, how="literal_look_ahead", seed=seed)
+    shaping, learner = cr.LookAheadAdvice(phi), kind(learning_rate=0.5, epsilon=0.25)
+    result = cr.learn(task, learner, 20, shaping=shaping, seeds=[seed])
+    naive = naive_learn(task, learner, 20, shaping=shaping, literal=True, seed=seed)
     np.testing.assert_array_equal(result.values[0], naive.values)
 
 
@@ -249,11 +251,10 @@ def test_exact_greedy_return_without_a_limit_is_the_value_of_the_greedy_policy(r
     assert result.greedy_return[0, -1] == pytest.approx(value, abs=1e-7)
 
 
-@pytest.mark.parametrize("how", ["advice", "initialise", "state"])
-def test_greedy_return_judges_the_values_acted_on(how, random_mdp, random_potential):
+@pytest.mark.parametrize("way", [cr.DecayingAdvice, cr.QInitialisation, cr.StateShaping])
+def test_greedy_return_is_that_of_the_values_acted_on(way, random_mdp, random_shaping):
     task = random_mdp(8, time_limit=15)
-    phi = random_potential(task, how)
-    result = cr.learn(task, cr.SARSA(), 500, potential=phi, how=how)
+    result = cr.learn(task, cr.SARSA(), 500, shaping=random_shaping(task, way))
     expected = propagate(task, result.values[0], 15, discounted=True)
     assert result.greedy_return[0, -1] == pytest.approx(expected, abs=1e-8)
 

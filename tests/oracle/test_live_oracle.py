@@ -10,7 +10,14 @@ from curricle.tasks.draws import stream_start
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
-WAYS = ["initialise", "look_ahead", "look_back", "bonus", "advice", "state"]
+SHAPINGS = [
+    cr.QInitialisation,
+    cr.LookAheadAdvice,
+    cr.LookBackAdvice,
+    cr.RewardBonus,
+    cr.DecayingAdvice,
+    cr.StateShaping,
+]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
 STEPS, EVERY = 900, 100
 
@@ -91,17 +98,15 @@ def test_every_learner_learns_live_what_it_learns_on_tables(kind, exploration, p
     learn_both(pair(1, time_limit=9), kind(learning_rate=0.3, initial_value=0.7, **exploration))
 
 
-@pytest.mark.parametrize("how", WAYS)
-def test_every_way_of_entering(how, pair):
+@pytest.mark.parametrize("way", SHAPINGS)
+def test_every_shaping(way, pair):
     mdp, live = pair(2, time_limit=9)
-    learner = cr.SARSA(epsilon=0.3) if how == "look_back" else cr.QLearning(epsilon=0.3)
-    rng, found = np.random.default_rng(0), []
-    phi = rng.normal(size=(12,) if how == "state" else (12, mdp.actions.size))
-    kind = cr.StatePotential if how == "state" else cr.StateActionPotential
+    learner = cr.SARSA(epsilon=0.3) if way is cr.LookBackAdvice else cr.QLearning(epsilon=0.3)
+    shape = (12,) if way is cr.StateShaping else (12, mdp.actions.size)
+    shaping, found = way(np.random.default_rng(0).normal(size=shape)), []
     for task in (live, mdp):
-        potential = kind(task, phi)
         settings = {"eval_freq": EVERY, "evaluation": ROLLED, "seeds": 2}
-        found.append(cr.learn(task, learner, STEPS, potential=potential, how=how, **settings))
+        found.append(cr.learn(task, learner, STEPS, shaping=shaping, **settings))
     assert_same(*found, mdp.terminal)
 
 
@@ -109,11 +114,9 @@ def test_a_guard(pair):
     mdp, live = pair(3, time_limit=9)
     phi, found = np.random.default_rng(0).normal(size=(12, mdp.actions.size)), []
     for task in (live, mdp):
-        potential = cr.StateActionPotential(task, phi)
-        settings = {"eval_freq": EVERY, "evaluation": ROLLED, "guard": cr.Guard()}
-        found.append(
-            cr.learn(task, budget=STEPS, shaping=cr.QInitialisation(potential), **settings)
-        )
+        shaping = cr.QInitialisation(phi, guard=cr.Guard())
+        settings = {"eval_freq": EVERY, "evaluation": ROLLED}
+        found.append(cr.learn(task, budget=STEPS, shaping=shaping, **settings))
     assert_same(*found, mdp.terminal)
 
 

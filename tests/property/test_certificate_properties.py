@@ -17,6 +17,7 @@ import curricle as cr
 from curricle.certificate import shaped
 from curricle.certificate.bonus import fit, moves_of, second_discount
 from curricle.certificate.certification import certify
+from curricle.certificate.given import ShapingReward
 from curricle.certificate.sampled import discounted_sums
 
 CLOSE = 1e-5
@@ -154,17 +155,17 @@ def agrees_with_enumeration(mdp, found, added):
 @given(mdps(all_discounts), st.data())
 def test_every_state_potential_certifies(mdp, data):
     phi = cr.StatePotential(mdp.task, states_of(data, mdp))
-    found = certify(mdp.task, phi, "state")
+    found = certify(mdp.task, cr.StateShaping(phi))
     assert found.holds is True
     assert found.states == len(mdp.met)
     assert found.residual <= 2 * found.error_bound + 1e-9
     assert found.findings == ()
 
 
-@given(mdps(all_discounts), st.sampled_from(["initialise", "look_ahead"]), st.data())
-def test_every_state_action_potential_certifies(mdp, how, data):
+@given(mdps(all_discounts), st.sampled_from([cr.QInitialisation, cr.LookAheadAdvice]), st.data())
+def test_every_state_action_potential_certifies(mdp, kind, data):
     phi = cr.StateActionPotential(mdp.task, pairs_of(data, mdp))
-    found = certify(mdp.task, phi, how)
+    found = certify(mdp.task, kind(phi))
     assert found.holds is True
     assert found.residual <= 2 * found.error_bound + 1e-9
 
@@ -180,9 +181,7 @@ def test_decaying_advice_certifies(mdp, data):
             ]
         )
     )
-    assert certify(
-        mdp.task, cr.StateActionPotential(mdp.task, pairs_of(data, mdp), weight), "advice"
-    )
+    assert certify(mdp.task, cr.DecayingAdvice(pairs_of(data, mdp), weight))
 
 
 @given(mdps(), st.data())
@@ -192,14 +191,14 @@ def test_a_changing_potential_certifies(mdp, data):
         st.sampled_from([1.0, cr.learning.linear(1, 0.25, steps=8), cr.learning.harmonic(2, -1)])
     )
     phi = cr.StatePotential(mdp.task, frames, frame_steps=(0, 2, 5), weight=weight)
-    assert certify(mdp.task, phi, "state", seed=data.draw(st.integers(0, 9)))
+    assert certify(mdp.task, cr.StateShaping(phi), seed=data.draw(st.integers(0, 9)))
 
 
 @given(mdps((0.3, 0.75, 0.95)), st.data())
 def test_look_back_advice_is_never_refuted_and_promised_only_where_ways_agree(mdp, data):
     # Few different numbers, so that ways that meet may agree.
     phi = pairs_of(data, mdp, st.sampled_from([0, 0, 0, 5]))
-    found = certify(mdp.task, phi, "look_back")
+    found = certify(mdp.task, cr.LookBackAdvice(phi))
     entered = [{0.0} if s == 0 else set() for s in range(mdp.shape[0])]
     for s in mdp.met:
         for a in range(mdp.shape[1]):
@@ -217,21 +216,21 @@ def test_look_back_advice_is_never_refuted_and_promised_only_where_ways_agree(md
 @given(mdps(), st.data())
 def test_bonuses_are_judged_as_enumeration_judges_them(mdp, data):
     phi = pairs_of(data, mdp)
-    found = certify(mdp.task, phi, "bonus")
+    found = certify(mdp.task, cr.RewardBonus(phi))
     agrees_with_enumeration(mdp, found, phi[:, :, None])
 
 
 @given(mdps(), st.data())
 def test_rewards_are_judged_as_enumeration_judges_them(mdp, data):
     f = data.draw(arrays(np.int64, mdp.p.shape, elements=whole)).astype(float)
-    found = certify(mdp.task, lambda s, a, after: f[s, a, after], "reward")
+    found = certify(mdp.task, ShapingReward(lambda s, a, after: f[s, a, after]))
     agrees_with_enumeration(mdp, found, f)
 
 
 @given(mdps(), st.sampled_from([0.1, 0.5, 0.9, 1.0, None]), st.data())
 def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(mdp, second, data):
     phi = states_of(data, mdp)
-    found = certify(mdp.task, phi, "state", shaping_discount=second)
+    found = certify(mdp.task, cr.StateShaping(phi), shaping_discount=second)
     discount = mdp.discount if second is None else second
     added = discount * phi[None, None, :] - phi[:, None, None]
     agrees_with_enumeration(mdp, found, added)
@@ -239,7 +238,7 @@ def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(md
     assert any("has Phi" in said for said in found.findings) is (ends.size > 0)
     assert any("second discount" in said for said in found.findings) is (discount != mdp.discount)
     # The same numbers as a reward of one's own are the same task.
-    again = certify(mdp.task, difference(phi, discount), "reward")
+    again = certify(mdp.task, ShapingReward(difference(phi, discount)))
     assert again.holds is found.holds
     assert again.total_loss == pytest.approx(found.total_loss, abs=CLOSE)
 
@@ -260,7 +259,7 @@ def test_look_ahead_on_open_ends_is_judged_as_its_literal_operator(mdp, data):
     acted = shaped.with_look_ahead(own, met, phi)
     np.testing.assert_array_equal(met.states, mdp.met)
     np.testing.assert_allclose(acted.values, (q + phi)[mdp.met], atol=acted.bound + 1e-9)
-    found = certify(task, phi, "look_ahead")
+    found = certify(task, cr.LookAheadAdvice(phi))
     best, kept = mdp.optimal()
     greedy = (q + phi) >= (q + phi).max(axis=1, keepdims=True) - CLOSE
     optimal = mdp.action_values(best) >= best[:, None] - CLOSE
@@ -277,12 +276,12 @@ def test_a_table_that_starts_with_values_at_its_ends_is_refused():
         0.9,
     )
     phi = np.array([[0.0, 0.0], [-9.0, -9.0]])
-    found = certify(mdp.task, phi, "look_ahead")
+    found = certify(mdp.task, cr.LookAheadAdvice(phi))
     assert found.holds is False
     assert found.counterexample.lost == pytest.approx(0.1)  # once round, then in: 0.9
     assert found.total_loss == pytest.approx(1.0)  # round for ever
     assert found.counterexample.shaped_values == pytest.approx((1 - 8.1, 0.0))
-    assert certify(mdp.task, cr.StateActionPotential(mdp.task, phi), "look_ahead")
+    assert certify(mdp.task, cr.LookAheadAdvice(cr.StateActionPotential(mdp.task, phi)))
 
 
 @given(mdps(), st.floats(0.1, 10.0), st.data())
@@ -293,7 +292,7 @@ def test_constant_advice_is_judged_as_greedy_policies_judge_it(mdp, weight, data
     acted = q + weight * phi
     short = (acted.max(axis=1, keepdims=True) - acted)[mdp.met]
     assume(((short < 1e-9) | (short > CLOSE)).all())
-    found = certify(mdp.task, cr.StateActionPotential(mdp.task, phi, weight), "advice")
+    found = certify(mdp.task, cr.DecayingAdvice(phi, weight))
     optimal = (q >= best[:, None] - CLOSE)[mdp.met]
     assert found.holds is bool(((short < 1e-9) == optimal).all())
     lost = (best[:, None] - q)[mdp.met]
@@ -311,7 +310,7 @@ def taken_apart(mdp, f):
 @given(mdps(all_discounts), st.data())
 def test_f_made_of_a_potential_is_recognised_and_the_potential_found(mdp, data):
     phi = zero_at_ends(mdp, states_of(data, mdp))
-    found = certify(mdp.task, difference(phi, mdp.discount), "reward")
+    found = certify(mdp.task, ShapingReward(difference(phi, mdp.discount)))
     assert found.holds is True
     assert found.residual <= 1e-9
     np.testing.assert_allclose(found.potential[mdp.met], phi[mdp.met], atol=1e-8)
@@ -356,7 +355,7 @@ def test_a_second_discount_is_recovered(mdp, second, seed):
     found = second_discount(taken_apart(mdp, difference(phi, second)))
     assert found.discount == pytest.approx(second, abs=1e-3)
     np.testing.assert_allclose(found.potential[mdp.met], phi[mdp.met], rtol=1e-3)
-    said = certify(mdp.task, difference(phi, second), "reward").findings
+    said = certify(mdp.task, ShapingReward(difference(phi, second))).findings
     assert said[0].startswith("shaped with a second discount: F = ")
 
 
@@ -384,14 +383,14 @@ def test_samples_never_contradict_a_potential(mdp, data):
     phi = states_of(data, mdp)
     pairs, seed = pairs_of(data, mdp), data.draw(st.integers(0, 99))
     task, ended = mdp.task, zero_at_ends(mdp, phi)
-    for potential, how in (
-        (cr.StatePotential(task, phi), "state"),
-        (ended, "state"),
-        (cr.StateActionPotential(task, pairs), "initialise"),
-        (zero_at_ends(mdp, pairs), "look_ahead"),
-        (difference(ended, mdp.discount), "reward"),
+    for shaping in (
+        cr.StateShaping(cr.StatePotential(task, phi)),
+        cr.StateShaping(ended),
+        cr.QInitialisation(cr.StateActionPotential(task, pairs)),
+        cr.LookAheadAdvice(zero_at_ends(mdp, pairs)),
+        ShapingReward(difference(ended, mdp.discount)),
     ):
-        found = certify(task, potential, how, method="sampled", steps=600, seed=seed)
+        found = certify(task, shaping, method="sampled", steps=600, seed=seed)
         assert found.holds is None
         assert "no contradiction" in found.findings[0]
         assert found.residual <= 1e-7
@@ -404,8 +403,8 @@ def test_what_samples_contradict_is_no_potential(mdp, data):
     def bonus(s, a, after):
         return f[s, a, after]
 
-    sampled = certify(mdp.task, bonus, "reward", method="sampled", steps=600)
-    exact = certify(mdp.task, bonus, "reward")
+    sampled = certify(mdp.task, ShapingReward(bonus), method="sampled", steps=600)
+    exact = certify(mdp.task, ShapingReward(bonus))
     if "not potential-based" in sampled.findings[0]:
         assert exact.residual > 1e-5
         assert not exact.findings[0].startswith(f"F = {mdp.discount:g} Phi")

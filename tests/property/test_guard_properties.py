@@ -103,12 +103,12 @@ def test_a_guarded_learner_finds_the_optimum_whatever_it_was_told(problem, guard
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi)
     assert result.guard_share[0, 0] == guard.share
     # Rounding may take the last step of a pace of 1 beyond its goal by an ulp.
-    assert result.guard_share.min() >= guard.least - 1e-12
-    assert result.guard_share.max() <= 1 - guard.least + 1e-12
+    assert result.guard_share.min() >= guard.min_share - 1e-12
+    assert result.guard_share.max() <= 1 - guard.min_share + 1e-12
 
 
 @given(problems(), guards(), st.data())
-def test_trust_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, data):
+def test_the_share_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, data):
     """Checked after each step; within one, an episode ends at most once."""
     phi = data.draw(potentials(problem))
     guard_share = cr.learn(
@@ -120,8 +120,8 @@ def test_trust_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, da
         workers=1,
     ).guard_share[0]
     before, after = guard_share[:-1], guard_share[1:]
-    up = before + guard.pace * (1 - guard.least - before)
-    down = before + guard.pace * (guard.least - before)
+    up = before + guard.pace * (1 - guard.min_share - before)
+    down = before + guard.pace * (guard.min_share - before)
     near = np.minimum(abs(after - before), np.minimum(abs(after - up), abs(after - down)))
     assert near.max() < 1e-12
 

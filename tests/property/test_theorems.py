@@ -194,10 +194,14 @@ def test_a_plain_bonus_can_change_the_optimal_policy():
     assert cr.solve(mdp.task()).optimal[0].tolist() == [True, False]
     assert cr.solve(mdp.task(bonus[:, :, None])).optimal[0].tolist() == [False, True]
     task, fading = mdp.task(), cr.learning.exponential(1.0, half_life=500)
-    for how, expected in (("bonus", 1), ("initialise", 0), ("look_ahead", 0), ("advice", 0)):
-        phi = cr.StateActionPotential(task, bonus, weight=fading if how == "advice" else 1.0)
-        learnt = cr.learn(task, cr.QLearning(epsilon=0.2), 5000, potential=phi, how=how)
-        assert learnt.values[0, 0].argmax() == expected, how
+    for shaping, expected in (
+        (cr.RewardBonus(bonus), 1),
+        (cr.QInitialisation(bonus), 0),
+        (cr.LookAheadAdvice(bonus), 0),
+        (cr.DecayingAdvice(bonus, weight=fading), 0),
+    ):
+        learnt = cr.learn(task, cr.QLearning(epsilon=0.2), 5000, shaping=shaping)
+        assert learnt.values[0, 0].argmax() == expected, shaping
 
 
 # -- F telescopes --------------------------------------------------------------------------------
@@ -264,17 +268,15 @@ def test_learnt_shaping_rewards_sum_to_nothing_but_the_start(length, discount):
     )
     exact = cr.solve(task).values[:-1]
 
-    def learnt(how, potential):
-        sarsa = cr.SARSA(learning_rate=1.0)
-        return cr.learn(task, sarsa, 200, potential=potential, how=how).values[0, :-1, 0]
+    def learnt(shaping):
+        return cr.learn(task, cr.SARSA(learning_rate=1.0), 200, shaping=shaping).values[0, :-1, 0]
 
-    pairs = cr.StateActionPotential(task, phi)
     before = np.concatenate([[0.0], phi[: length - 1, 0]])
-    assert learnt("look_back", pairs) == pytest.approx(exact - before / discount)
-    assert learnt("look_ahead", pairs) == pytest.approx(exact)
-    assert learnt("advice", pairs) == pytest.approx(exact + phi[:-1, 0])
+    assert learnt(cr.LookBackAdvice(phi)) == pytest.approx(exact - before / discount)
+    assert learnt(cr.LookAheadAdvice(phi)) == pytest.approx(exact)
+    assert learnt(cr.DecayingAdvice(phi)) == pytest.approx(exact + phi[:-1, 0])
     # `values` has Phi added again.
-    assert learnt("state", cr.StatePotential(task, phi[:, 0])) == pytest.approx(exact)
+    assert learnt(cr.StateShaping(phi[:, 0])) == pytest.approx(exact)
 
 
 # -- shaping and initialisation ------------------------------------------------------------------
@@ -423,12 +425,13 @@ def test_phi_min_bounds_the_optimum_from_above(size, torus, discount, moves, ste
 # are fixed: there is no false alarm unless the random stream changes. If it does: while epsilon is
 # above 2/3, in 3,300 episodes, each leaf is reached with probability 3^-3 or more, so that it
 # goes unseen with less than e^-120; the first visit, at rate 1, wipes out the misleading start.
-WAYS = {
-    "initialise": [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning],
-    "look_ahead": [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning],
-    "state": [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning],
-    "advice": [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning],
-    "look_back": [cr.SARSA],
+LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
+SHAPINGS = {
+    cr.QInitialisation: LEARNERS,
+    cr.LookAheadAdvice: LEARNERS,
+    cr.StateShaping: LEARNERS,
+    cr.DecayingAdvice: LEARNERS,
+    cr.LookBackAdvice: [cr.SARSA],
 }
 
 
@@ -441,20 +444,19 @@ def tree():
     )
 
 
-@pytest.mark.parametrize(("how", "kind"), [(how, k) for how in WAYS for k in WAYS[how]])
-def test_every_way_of_entering_finds_the_optimal_policy(how, kind):
+@pytest.mark.parametrize(("way", "kind"), [(way, k) for way in SHAPINGS for k in SHAPINGS[way]])
+def test_every_shaping_finds_the_optimal_policy(way, kind):
     task = tree()
     solution = cr.solve(task)
     misleading = -3.0 * solution.action_values
-    phi = cr.StateActionPotential(
-        task, misleading,
-        weight=cr.learning.exponential(1.0, half_life=1000) if how == "advice" else 1.0,
-    )  # fmt: skip
+    phi = cr.StateActionPotential(task, misleading)
+    fading = {"weight": cr.learning.exponential(1.0, half_life=1000)}
+    shaping = way(phi, **(fading if way is cr.DecayingAdvice else {}))
     assert (phi.values.argmax(axis=1) != solution.action_values.argmax(axis=1))[:7].all()
     result = cr.learn(
         task,
         kind(learning_rate=cr.learning.harmonic(half=20), epsilon=cr.learning.linear(1.0, 0.01, steps=30_000)),
-        40_000, seeds=3, how=how, potential=phi.to_state() if how == "state" else phi,
+        40_000, seeds=3, shaping=shaping,
     )  # fmt: skip
     best = result.values[:, :7].argmax(axis=2)
     np.testing.assert_array_equal(best, np.tile(solution.optimal[:7].argmax(axis=1), (3, 1)))
@@ -476,8 +478,7 @@ def test_look_back_advice_can_mislead_where_several_ways_meet():
     phi = np.zeros((5, 2))
     phi[0, 1] = 5.0
     sarsa = cr.SARSA(learning_rate=cr.learning.harmonic(half=20), epsilon=0.1)
-    settings = {"seeds": 3, "potential": cr.StateActionPotential(task, phi)}
-    misled = cr.learn(task, sarsa, 50_000, how="look_back", **settings)
-    safe = cr.learn(task, sarsa, 50_000, how="look_ahead", **settings)
+    misled = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookBackAdvice(phi))
+    safe = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookAheadAdvice(phi))
     assert (misled.values[:, 0].argmax(axis=1) == 1).all()
     assert (safe.values[:, 0].argmax(axis=1) == 0).all()

@@ -142,7 +142,7 @@ def saved(scratch, size, guard, steps):
         learner=paper.LEARNER,
         budget={"source": paper.SOURCE_BUDGET, "target": steps},
         eval_freq={"source": 100 * paper.EVERY, "target": paper.EVERY},
-        guard={"target": guard},
+        shaping={"target": cr.QInitialisation(guard=guard)},
         evaluation=SUMMED,
     )
     result = plan.train(30)["target"]

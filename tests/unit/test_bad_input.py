@@ -340,7 +340,7 @@ SETTINGS = {
         "half_life must be positive: got -1",
     ),
     "half": (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
-    "no shaping": (lambda: ask(shaping=PHI), "shaping must be a Shaping: got StateActionPot"),
+    "no shaping": (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got a StateActionPot"),
     "look-back with Q-learning": (
         lambda: ask(shaping=cr.LookBackAdvice(PHI)),
         "on-policy SARSA .*got QLearning",

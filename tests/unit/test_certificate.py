@@ -9,8 +9,9 @@ import pytest
 
 import curricle as cr
 from curricle.certificate.certification import Certificate, certify
-from curricle.certificate.given import READ, checked
+from curricle.certificate.given import READ, ShapingReward, checked
 from curricle.certificate.shaped import bonus_values, look_ahead_sweep, reached, ways_in
+from curricle.deep import WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.paper import hacking
 from curricle.planning.rollouts import random_rollouts
@@ -40,21 +41,24 @@ def away(distance=1.0):
 
 
 @pytest.mark.parametrize(
-    ("potential", "how"),
+    "shaping",
     [
-        (cr.StatePotential(MAZE, PHI), "state"),
-        (cr.StateActionPotential(MAZE, PAIRS), "initialise"),
-        (cr.StateActionPotential(MAZE, PAIRS), "look_ahead"),
-        (ENDED, "state"),
-        (np.where(MAZE.mdp.terminal[:, None], 0.0, PAIRS), "look_ahead"),
-        (difference(ENDED), "reward"),
+        cr.StateShaping(cr.StatePotential(MAZE, PHI)),
+        cr.QInitialisation(cr.StateActionPotential(MAZE, PAIRS)),
+        cr.LookAheadAdvice(cr.StateActionPotential(MAZE, PAIRS)),
+        cr.StateShaping(cr.StateActionPotential(MAZE, PAIRS)),
+        cr.StateShaping(ENDED),
+        cr.StateShaping(np.where(MAZE.mdp.terminal[:, None], 0.0, PAIRS)),
+        cr.LookAheadAdvice(np.where(MAZE.mdp.terminal[:, None], 0.0, PAIRS)),
+        ShapingReward(difference(ENDED)),
     ],
 )
-def test_potentials_are_safe(potential, how):
-    found = certify(MAZE, potential, how)
+def test_potentials_are_safe(shaping):
+    found = certify(MAZE, shaping)
     assert found
     assert found.holds is True
-    assert (found.method, found.how, found.states, found.steps) == ("exact", how, 7, 0)
+    assert (found.method, found.states, found.steps) == ("exact", 7, 0)
+    assert found.shaping == type(shaping).__name__
     assert found.counterexample is None
     assert 0 <= found.loss <= found.error_bound <= found.tolerance / 4
     assert found.total_loss <= found.error_bound
@@ -74,45 +78,45 @@ def test_states_that_cannot_be_reached_are_not_compared():
         assert not np.isin(after, nowhere).any()
         return np.where(np.isin(s, nowhere), np.nan, 0.0)
 
-    found = certify(walled, bonus, "reward")
+    found = certify(walled, ShapingReward(bonus))
     assert found.holds
     assert found.states == 2
     assert reached(walled.mdp).ends.tolist() == np.flatnonzero(walled.mdp.terminal).tolist()
 
 
 @pytest.mark.parametrize(
-    ("potential", "how"),
+    "shaping",
     [
-        (cr.StatePotential(MAZE, 1e9 * PHI), "state"),
-        (cr.StateActionPotential(MAZE, 1e9 * PAIRS), "look_ahead"),
+        cr.StateShaping(cr.StatePotential(MAZE, 1e9 * PHI)),
+        cr.LookAheadAdvice(cr.StateActionPotential(MAZE, 1e9 * PAIRS)),
     ],
 )
-def test_a_huge_potential_is_safe_and_the_error_told(potential, how):
-    found = certify(MAZE, potential, how)
+def test_a_huge_potential_is_safe_and_the_error_told(shaping):
+    found = certify(MAZE, shaping)
     assert found.holds
     assert found.error_bound > 1e-7
     assert found.tolerance >= 4 * found.error_bound
 
 
 def test_the_tolerance_asked_for_is_the_one_used():
-    found = certify(MAZE, ENDED, "state", tolerance=0.5)
+    found = certify(MAZE, cr.StateShaping(ENDED), tolerance=0.5)
     assert found.holds
     assert found.tolerance == 0.5
     slight = np.zeros((MAZE.states.size, 4))
     slight[0, 0] = 3.0  # worse than generative on by 1.9, but for this
-    assert not certify(MAZE, slight, "advice")
-    assert certify(MAZE, slight, "advice", tolerance=5.0)
+    assert not certify(MAZE, cr.DecayingAdvice(slight))
+    assert certify(MAZE, cr.DecayingAdvice(slight), tolerance=5.0)
     with pytest.raises(SettingError, match=r"tolerance must be at least .*: got 1e-15"):
-        certify(MAZE, ENDED, "state", tolerance=1e-15)
+        certify(MAZE, cr.StateShaping(ENDED), tolerance=1e-15)
 
 
 # -- ends, discounts -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("how", ["state", "initialise", "look_ahead"])
-def test_an_end_that_is_not_zero_is_named_and_its_effect_proven(how):
-    phi = away(100.0) if how == "state" else np.repeat(away(100.0)[:, None], 4, axis=1)
-    found = certify(MAZE, phi, how)
+@pytest.mark.parametrize("kind", [cr.StateShaping, cr.QInitialisation, cr.LookAheadAdvice])
+def test_an_end_that_is_not_zero_is_named_and_its_effect_proven(kind):
+    pairs = np.repeat(away(100.0)[:, None], 4, axis=1)
+    found = certify(MAZE, kind(away(100.0) if kind is cr.StateShaping else pairs))
     assert found.holds is False
     assert f"terminal state {END} (row 2, column 2) has Phi = -100, must be 0" in str(
         found
@@ -127,26 +131,26 @@ def test_an_end_that_is_not_zero_is_named_and_its_effect_proven(how):
 
 
 def test_an_end_that_is_not_zero_may_do_no_harm_and_is_named_all_the_same():
-    found = certify(MAZE, -away(1.0), "state")
+    found = certify(MAZE, cr.StateShaping(-away(1.0)))
     assert found.holds
     assert found.findings == (f"terminal state {END} (row 2, column 2) has Phi = 1, must be 0",)
 
 
 def test_ends_of_the_librarys_potentials_are_zero():
-    assert certify(MAZE, cr.StatePotential(MAZE, away(100.0)), "state").findings == ()
+    assert certify(MAZE, cr.StateShaping(cr.StatePotential(MAZE, away(100.0)))).findings == ()
 
 
 def test_a_second_discount_is_named_and_its_effect_proven():
     # 0.1 Phi(s') is missing: as good as a fine for entering places with a high Phi.
     hint = np.where(MAZE.mdp.terminal, 0.0, 100.0 - 30 * abs(MAZE.cells - 2).sum(axis=1))
     phi = cr.StatePotential(MAZE, hint)
-    assert certify(MAZE, phi, "state")
-    found = certify(MAZE, phi, "state", shaping_discount=0.3)
+    assert certify(MAZE, cr.StateShaping(phi))
+    found = certify(MAZE, cr.StateShaping(phi), shaping_discount=0.3)
     assert found.holds is False
     expected = "shaped with a second discount: F = 0.3 Phi(s') - Phi(s), the task's discount is 0.9"
     assert found.findings == (expected,)
     # The same as a reward of one's own: found out.
-    taken_apart = certify(MAZE, difference(hint, 0.3), "reward")
+    taken_apart = certify(MAZE, ShapingReward(difference(hint, 0.3)))
     assert taken_apart.findings == (expected,)
     assert taken_apart.holds is False
     assert taken_apart.loss == pytest.approx(found.loss, abs=1e-6)
@@ -158,7 +162,7 @@ def test_a_second_discount_is_named_and_its_effect_proven():
 
 
 def test_a_reward_made_of_a_potential_is_recognised():
-    found = certify(MAZE, difference(ENDED), "reward")
+    found = certify(MAZE, ShapingReward(difference(ENDED)))
     states = reached(MAZE.mdp).states
     np.testing.assert_allclose(found.potential[states], ENDED[states], atol=1e-12)
     assert found.residual < 1e-12
@@ -166,7 +170,7 @@ def test_a_reward_made_of_a_potential_is_recognised():
 
 
 def test_a_reward_made_of_a_potential_with_open_ends_is_recognised():
-    found = certify(MAZE, difference(PHI), "reward")
+    found = certify(MAZE, ShapingReward(difference(PHI)))
     met = reached(MAZE.mdp)
     everywhere = np.append(met.states, met.ends)
     np.testing.assert_allclose(found.potential[everywhere], PHI[everywhere], atol=1e-9)
@@ -176,18 +180,18 @@ def test_a_reward_made_of_a_potential_with_open_ends_is_recognised():
 
 
 def test_both_mistakes_at_once_are_recognised():
-    found = certify(MAZE, difference(PHI, 0.97), "reward")
+    found = certify(MAZE, ShapingReward(difference(PHI, 0.97)))
     assert "F = 0.97 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
     assert f"has Phi = {PHI[END]:.4g}, must be 0" in found.findings[1]
 
 
 def test_undiscounted_shaping_is_recognised():
-    found = certify(MAZE, difference(ENDED, 1.0), "reward")
+    found = certify(MAZE, ShapingReward(difference(ENDED, 1.0)))
     assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
     # Where nothing ends every loop leaves a constant open.
     endless = two_ways_round(discount=0.9)
     phi = np.array([3.0, -1.0, 7.0, 2.0])
-    found = certify(endless, difference(phi, 1.0), "reward")
+    found = certify(endless, ShapingReward(difference(phi, 1.0)))
     assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
     assert np.ptp(found.potential - phi) < 1e-9
 
@@ -205,13 +209,13 @@ def test_only_the_ends_that_are_not_zero_are_named(discount):
     task = tree(discount)
     phi = np.append(RNG.normal(size=7), np.zeros(8))
     phi[9] = 3.25
-    found = certify(task, difference(phi, discount), "reward")
+    found = certify(task, ShapingReward(difference(phi, discount)))
     assert found.findings == ("terminal state 9 has Phi = 3.25, must be 0",)
     np.testing.assert_allclose(found.potential, phi, atol=1e-9)
 
 
 def test_a_reward_that_looks_at_the_action_is_no_potential():
-    found = certify(MAZE, lambda s, a, after: 1.0 * (a == 0), "reward")
+    found = certify(MAZE, ShapingReward(lambda s, a, after: 1.0 * (a == 0)))
     assert found.potential is None
     assert found.findings == (
         "not potential-based: from state 0 (row 0, column 0) to state 0 (row 0, column 0), F is 1 "
@@ -221,14 +225,14 @@ def test_a_reward_that_looks_at_the_action_is_no_potential():
 
 def test_a_reward_that_pays_two_ways_differently_is_no_potential():
     # 1 for standing in the east: the way there and back earns, staying in the west does not.
-    found = certify(MAZE, lambda s, a, after: np.sin(7.0 * s), "reward")
+    found = certify(MAZE, ShapingReward(lambda s, a, after: np.sin(7.0 * s)))
     assert found.potential is None
     assert "not potential-based: on from state" in found.findings[0]
     assert found.residual > 0.1
 
 
 def test_a_harmless_bonus_is_safe_yet_called_what_it_is():
-    found = certify(MAZE, lambda s, a, after: 0.01 * (a == 1), "reward")
+    found = certify(MAZE, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
     assert found.holds is False  # of two ways that were as good it takes one
     assert found.loss == pytest.approx(0, abs=1e-6)
     assert found.counterexample.lost == 0
@@ -237,7 +241,7 @@ def test_a_harmless_bonus_is_safe_yet_called_what_it_is():
     )
     assert "shaping gives up south, which is as good as any" in str(found)
     lane = cr.GridWorld("S..T", discount=0.9)
-    safe = certify(lane, lambda s, a, after: 0.01 * (a == 1), "reward")
+    safe = certify(lane, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
     assert safe.holds
     assert "Not potential-based" in str(safe)
 
@@ -249,9 +253,9 @@ def test_the_worst_state_is_the_one_named():
         [*two, [[], []]], terminal=[False, False, True], start=0, discount=0.5
     )
     slight = np.array([[1.0, 0.0], [5.0, 0.0], [0.0, 0.0]])
-    found = certify(task, slight, "bonus")
+    found = certify(task, cr.RewardBonus(slight))
     assert (found.counterexample.state, found.counterexample.action) == (1, 1)
-    other = certify(task, slight[[1, 0, 2]], "bonus")
+    other = certify(task, cr.RewardBonus(slight[[1, 0, 2]]))
     assert (other.counterexample.state, other.counterexample.lost) == (0, 0.0)
 
 
@@ -260,7 +264,7 @@ def test_actions_that_rounding_alone_tells_apart_are_tied():
     task = cr.FiniteMDP.from_outcomes([choice, [[], []]], terminal=[0, 1], start=0, discount=0.5)
     bonus = np.array([[0.1, 0.3], [0.0, 0.0]])
     assert 0.2 + bonus[0, 0] > bonus[0, 1]  # in double precision
-    found = certify(task, bonus, "bonus")
+    found = certify(task, cr.RewardBonus(bonus))
     assert found.holds is False
     assert found.loss == pytest.approx(0.2)
     assert found.total_loss == pytest.approx(0.2)
@@ -268,7 +272,7 @@ def test_actions_that_rounding_alone_tells_apart_are_tied():
 
 def test_a_hint_paid_outright_is_refused_and_as_a_potential_accepted():
     hint = hacking.nearness()
-    paid = certify(hacking.MAZE, hint, "bonus")
+    paid = certify(hacking.MAZE, cr.RewardBonus(hint))
     assert paid.holds is False
     worst = paid.counterexample
     assert worst.components == dict(
@@ -289,12 +293,12 @@ def test_a_hint_paid_outright_is_refused_and_as_a_potential_accepted():
     assert followed.values[states] == pytest.approx(-20.0)
     assert paid.total_loss == pytest.approx((best.values - followed.values)[states].max())
     assert paid.loss == pytest.approx(worst.lost)
-    assert certify(hacking.MAZE, hint.to_state(), "state")
-    assert certify(hacking.MAZE, hint, "look_ahead")
+    assert certify(hacking.MAZE, cr.StateShaping(hint.to_state()))
+    assert certify(hacking.MAZE, cr.LookAheadAdvice(hint))
 
 
 def test_a_reward_is_asked_in_blocks(monkeypatch):
-    whole = certify(HUNT, lambda s, a, after: 1.0 * (s == after), "reward")
+    whole = certify(HUNT, ShapingReward(lambda s, a, after: 1.0 * (s == after)))
     asked = []
 
     def bonus(s, a, after):
@@ -302,7 +306,7 @@ def test_a_reward_is_asked_in_blocks(monkeypatch):
         return 1.0 * (s == after)
 
     monkeypatch.setattr("curricle.certificate.shaped.BLOCK", 5_000)
-    parts = certify(HUNT, bonus, "reward")
+    parts = certify(HUNT, ShapingReward(bonus))
     assert len(asked) > 10
     assert max(asked) <= 5_000
     assert (parts.holds, parts.loss, parts.residual) == (whole.holds, whole.loss, whole.residual)
@@ -323,7 +327,7 @@ def tree(discount=0.9):
 
 def test_look_back_advice_is_safe_where_each_state_has_one_past():
     task = tree()
-    found = certify(task, np.random.default_rng(2).normal(size=(15, 2)) * 9, "look_back")
+    found = certify(task, cr.LookBackAdvice(np.random.default_rng(2).normal(size=(15, 2)) * 9))
     assert found.holds
     assert found.residual < 1e-6
 
@@ -334,8 +338,8 @@ def test_look_back_advice_does_not_mind_an_end_with_two_pasts():
         [*fork, [[], []]], terminal=[False, False, False, True], start=0, discount=0.9
     )
     phi = np.array([[1.0, 5.0], [2.0, 7.0], [3.0, -4.0], [0.0, 0.0]])
-    assert certify(task, phi, "look_back")
-    sample = certify(task, phi, "look_back", method="sampled", steps=8_000)
+    assert certify(task, cr.LookBackAdvice(phi))
+    sample = certify(task, cr.LookBackAdvice(phi), method="sampled", steps=8_000)
     assert "no contradiction in" in sample.findings[0]
 
 
@@ -348,7 +352,7 @@ def test_look_back_advice_cannot_be_promised_where_ways_meet():
     )  # fmt: skip
     phi = np.zeros((5, 2))
     phi[0, 1] = 5.0
-    found = certify(task, cr.StateActionPotential(task, phi), "look_back")
+    found = certify(task, cr.LookBackAdvice(cr.StateActionPotential(task, phi)))
     assert found.holds is None
     assert not found
     assert np.isnan(found.loss)
@@ -363,7 +367,7 @@ def test_look_back_advice_cannot_be_promised_where_ways_meet():
 def test_the_start_of_an_episode_is_a_past_of_its_own():
     loop = cr.GridWorld("ST")
     phi = np.full((2, 4), 2.0)
-    found = certify(loop, phi, "look_back")
+    found = certify(loop, cr.LookBackAdvice(phi))
     assert found.holds is None
     assert "with phi = 0 where an episode starts" in str(found)
     least, most = ways_in(reached(loop.mdp), phi)
@@ -382,15 +386,14 @@ def test_the_start_of_an_episode_is_a_past_of_its_own():
 )
 def test_advice_is_judged_by_what_its_weight_goes_to(weight, holds, said):
     q = cr.solve(MAZE).action_values
-    phi = cr.StateActionPotential(MAZE, -9.0 * q, weight=weight)
-    found = certify(MAZE, phi, "advice")
+    found = certify(MAZE, cr.DecayingAdvice(-9.0 * q, weight=weight))
     assert found.holds is holds
     assert found.findings == (f"in the long run the policy acts on {said}",)
 
 
 def test_advice_that_agrees_is_safe_with_any_weight():
     agreeing = cr.StateActionPotential(MAZE, cr.solve(MAZE).action_values)
-    assert certify(MAZE, agreeing, "advice")
+    assert certify(MAZE, cr.DecayingAdvice(agreeing))
 
 
 FRAMES = RNG.normal(size=(3, MAZE.states.size))
@@ -406,10 +409,10 @@ def changing(kind=cr.StatePotential, **settings):
 
 
 def test_a_changing_potential_is_compared_as_it_ends_and_checked_in_time():
-    found = certify(MAZE, changing(), "state")
+    found = certify(MAZE, cr.StateShaping(changing()))
     assert found.holds
     assert found.findings == ("it changes while learning and was compared as it ends up",)
-    ends_as = checked(MAZE, changing(), "state").final()
+    ends_as = checked(MAZE, cr.StateShaping(changing())).final()
     np.testing.assert_array_equal(ends_as, 0.5 * np.where(MAZE.mdp.terminal, 0, FRAMES[2]))
 
 
@@ -427,8 +430,8 @@ def test_a_changing_potential_that_forgets_the_time_is_not_called_safe(change):
             now = self.at(step)
             return 0.9 * now[next_state] - now[state]  # Phi(s', t) in place of Phi(s', t + 1)
 
-    assert certify(MAZE, changing(**change), "state")
-    found = certify(MAZE, changing(Forgetful, **change), "state")
+    assert certify(MAZE, cr.StateShaping(changing(**change)))
+    found = certify(MAZE, cr.StateShaping(changing(Forgetful, **change)))
     assert found.holds is None
     assert "F does not telescope" in str(found)
 
@@ -440,8 +443,8 @@ def test_a_changing_potential_is_checked_all_the_time_that_it_changes():
             return super().shaping_reward(state, next_state, step=when)
 
     weight = cr.learning.linear(1.0, 0.0, steps=100_000)
-    assert certify(MAZE, cr.StatePotential(MAZE, PHI, weight=weight), "state")
-    assert certify(MAZE, Tiring(MAZE, PHI, weight=weight), "state").holds is None
+    assert certify(MAZE, cr.StateShaping(cr.StatePotential(MAZE, PHI, weight=weight)))
+    assert certify(MAZE, cr.StateShaping(Tiring(MAZE, PHI, weight=weight))).holds is None
 
 
 # -- discount 1 ----------------------------------------------------------------------------------
@@ -453,18 +456,18 @@ def test_at_discount_1_every_policy_must_end():
         terminal=[False, False, True], start=0, discount=1.0,
     )  # fmt: skip
     phi = cr.StatePotential(ends, [5.0, -7.0, 0.0])
-    assert certify(ends, phi, "state")
+    assert certify(ends, cr.StateShaping(phi))
     # At discount 1 a constant is no matter, the same at one end: a shift of all.
-    assert certify(ends, [6.0, -6.0, 1.0], "state")
-    halved = certify(ends, difference(np.array([0.0, 10.0, 0.0]), 0.5), "reward")
+    assert certify(ends, cr.StateShaping([6.0, -6.0, 1.0]))
+    halved = certify(ends, ShapingReward(difference(np.array([0.0, 10.0, 0.0]), 0.5)))
     assert halved.holds is False
     assert "F = 0.5 Phi(s') - Phi(s), the task's discount is 1" in halved.findings[0]
     endless = cr.GridWorld(["S..", "..T"], discount=1)
-    found = certify(endless, cr.StatePotential(endless, np.arange(6.0)), "state")
+    found = certify(endless, cr.StateShaping(cr.StatePotential(endless, np.arange(6.0))))
     assert (found.holds, found.method) == (None, "sampled")
     assert "an episode can go on for ever at discount 1" in str(found)
     with pytest.raises(SettingError, match="discount 1 needs every policy considered to end"):
-        certify(endless, np.zeros(6), "state", method="exact")
+        certify(endless, cr.StateShaping(np.zeros(6)), method="exact")
 
 
 # -- large tasks ---------------------------------------------------------------------------------
@@ -486,7 +489,7 @@ def large_mapped():
 
 
 def test_a_large_task_is_sampled():
-    found = certify(LARGE, lambda s, a, t: 0.99 * hidden(t) - hidden(s), "reward", steps=30_000)
+    found = certify(LARGE, ShapingReward(lambda s, a, t: 0.99 * hidden(t) - hidden(s)), steps=30_000)
     assert found.holds is None
     assert (found.method, found.states) == ("sampled", 0)
     assert 25_000 < found.steps <= 30_000
@@ -507,16 +510,16 @@ def test_a_large_task_is_sampled():
     ],
 )
 def test_a_large_task_is_sampled_and_contradicts(bonus):
-    found = certify(LARGE, bonus, "reward", steps=30_000)
+    found = certify(LARGE, ShapingReward(bonus), steps=30_000)
     assert found.holds is None
     assert found.residual > 0.01
     assert "two ways of" in found.findings[0] or "blind to actions" in found.findings[0]
     assert found.findings[-1].startswith(f"this is by {found.steps:,} sampled steps")
 
 
-@pytest.mark.parametrize("how", ["initialise", "look_ahead"])
-def test_a_mapped_potential_of_a_large_task_telescopes(how):
-    found = certify(LARGE, large_mapped(), how, steps=20_000)
+@pytest.mark.parametrize("kind", [cr.QInitialisation, cr.LookAheadAdvice])
+def test_a_mapped_potential_of_a_large_task_telescopes(kind):
+    found = certify(LARGE, kind(large_mapped()), steps=20_000)
     assert found.holds is None
     assert "no contradiction" in str(found)
     assert found.residual < 1e-9
@@ -524,19 +527,17 @@ def test_a_mapped_potential_of_a_large_task_telescopes(how):
 
 def test_a_mapped_potential_of_a_large_task_in_other_ways():
     phi = large_mapped()
-    assert "look-back advice is sure" in str(certify(LARGE, phi, "look_back", steps=20_000))
-    assert "not potential-based" in str(certify(LARGE, phi, "bonus", steps=20_000))
-    advice = certify(LARGE, phi, "advice")
+    assert "look-back advice is sure" in str(certify(LARGE, cr.LookBackAdvice(phi), steps=20_000))
+    assert "not potential-based" in str(certify(LARGE, cr.RewardBonus(phi), steps=20_000))
+    advice = certify(LARGE, cr.DecayingAdvice(phi))
     assert advice.holds is None
     assert str(advice) == "Not proven: in the long run the policy acts on Q + phi."
 
 
 def test_decaying_advice_needs_no_tables():
     task, _ = boat()
-    phi = cr.StateActionPotential(
-        task, np.ones((task.states.size, 5)), weight=cr.learning.exponential(1.0, half_life=9)
-    )
-    found = certify(task, phi, "advice")
+    fading = cr.learning.exponential(1.0, half_life=9)
+    found = certify(task, cr.DecayingAdvice(np.ones((task.states.size, 5)), weight=fading))
     assert found.holds
     assert str(found) == "Safe: in the long run the policy acts on Q alone."
 
@@ -549,10 +550,10 @@ def test_phi_is_read_where_walks_lead():
     np.testing.assert_array_equal(phi.rows(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
     assert len(pairs[0]) > READ  # more than one block
-    np.testing.assert_array_equal(checked(small, phi, "bonus").at_pairs(*pairs), phi.values[pairs])
-    whole = certify(small, phi, method="sampled", steps=5_000)
+    np.testing.assert_array_equal(checked(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs])
+    whole = certify(small, cr.QInitialisation(phi), method="sampled", steps=5_000)
     given = certify(
-        small, cr.StateActionPotential(small, phi.values), method="sampled", steps=5_000
+        small, cr.QInitialisation(cr.StateActionPotential(small, phi.values)), method="sampled", steps=5_000
     )
     assert whole.residual == pytest.approx(given.residual, abs=1e-12)
     assert whole.findings == given.findings
@@ -575,12 +576,12 @@ def test_a_computed_task_is_sampled():
     ended = np.where(harbour, 0.0, phi)
     # Which states are ends is not known; learning takes them for 0 when it comes there.
     for own in (
-        certify(task, cr.StatePotential(task, phi), "state", steps=10_000),
-        certify(task, ended, "state", steps=10_000),
-        certify(task, difference(ended, 0.99), "reward", steps=10_000),
-        certify(task, cr.StateActionPotential(task, np.outer(phi, [1, 2, 3, 4, 5])), steps=10_000),
+        certify(task, cr.StateShaping(cr.StatePotential(task, phi)), steps=10_000),
+        certify(task, cr.StateShaping(ended), steps=10_000),
+        certify(task, ShapingReward(difference(ended, 0.99)), steps=10_000),
+        certify(task, cr.QInitialisation(cr.StateActionPotential(task, np.outer(phi, [1, 2, 3, 4, 5]))), steps=10_000),
         certify(
-            task, cr.StatePotential(task, phi, weight=cr.learning.linear(1, 0, steps=30)), "state"
+            task, cr.StateShaping(cr.StatePotential(task, phi, weight=cr.learning.linear(1, 0, steps=30)))
         ),
     ):
         assert own.holds is None
@@ -588,44 +589,44 @@ def test_a_computed_task_is_sampled():
         assert "Not proven: no contradiction in" in str(own)
         assert "(the task has no tables)" in str(own)
     for wrong in (
-        certify(task, phi, "state", steps=10_000),
-        certify(task, ended, "state", shaping_discount=0.9, steps=10_000),
-        certify(task, np.outer(phi, [1, 2, 3, 4, 5]), "look_ahead", steps=10_000),
-        certify(task, difference(phi, 0.99), "reward", steps=10_000),
-        certify(task, difference(ended, 0.9), "reward", steps=10_000),
+        certify(task, cr.StateShaping(phi), steps=10_000),
+        certify(task, cr.StateShaping(ended), shaping_discount=0.9, steps=10_000),
+        certify(task, cr.LookAheadAdvice(np.outer(phi, [1, 2, 3, 4, 5])), steps=10_000),
+        certify(task, ShapingReward(difference(phi, 0.99)), steps=10_000),
+        certify(task, ShapingReward(difference(ended, 0.9)), steps=10_000),
     ):
         assert wrong.holds is None
         assert "does not telescope" in str(wrong) or "not potential-based" in str(wrong)
     with pytest.raises(TaskError, match="has no tables"):
-        certify(task, phi, "state", method="exact")
+        certify(task, cr.StateShaping(phi), method="exact")
 
 
 def test_a_cut_is_no_end():
     """Potentials that are large where walks are cut off telescope all the same."""
     short = cr.GridWorld(["S....", "....T"], time_limit=3, discount=0.9)
     phi = np.where(short.mdp.terminal, 0.0, 100.0 * np.arange(10))
-    assert "no contradiction" in str(certify(short, phi, "state", method="sampled"))
+    assert "no contradiction" in str(certify(short, cr.StateShaping(phi), method="sampled"))
     pairs = np.outer(phi, [1.0, 2.0, 3.0, 4.0])
-    assert "no contradiction" in str(certify(short, pairs, "look_ahead", method="sampled"))
+    assert "no contradiction" in str(certify(short, cr.LookAheadAdvice(pairs), method="sampled"))
 
 
 def test_loops_at_discount_1_must_earn_nothing():
     endless = cr.GridWorld(["S..", "..T"], discount=1)
-    paid = certify(endless, lambda s, a, after: 1.0 * (after > s), "reward", steps=4_000)
+    paid = certify(endless, ShapingReward(lambda s, a, after: 1.0 * (after > s)), steps=4_000)
     assert "not potential-based" in paid.findings[0]
     assert any("where a potential pays nothing" in said or "asks for Phi" in said
                for said in paid.findings)  # fmt: skip
     assert paid.residual >= 1
-    potential = certify(endless, difference(np.array([4.0, 2, 7, 1, 3, 0]), 1.0), "reward")
+    potential = certify(endless, ShapingReward(difference(np.array([4.0, 2, 7, 1, 3, 0]), 1.0)))
     assert "no contradiction" in str(potential)
     # Round and round, one way only: nothing meets, nothing ends.
     ring = cr.FiniteMDP.from_outcomes(
         [[[(1.0, (s + 1) % 3, 0.0)]] for s in range(3)],
         terminal=[False] * 3, start=0, discount=1.0, time_limit=50,
     )  # fmt: skip
-    paid = certify(ring, lambda s, a, after: 0.5, "reward", steps=400)
+    paid = certify(ring, ShapingReward(lambda s, a, after: 0.5), steps=400)
     assert paid.findings[0].endswith("is paid 1.5, where a potential pays nothing")
-    balanced = certify(ring, lambda s, a, after: np.array([1.0, 2.0, -3.0])[s], "reward", steps=400)
+    balanced = certify(ring, ShapingReward(lambda s, a, after: np.array([1.0, 2.0, -3.0])[s]), steps=400)
     assert "no contradiction" in str(balanced)
 
 
@@ -671,14 +672,14 @@ def test_walks_follow_the_task():
 
 
 def test_records_are_frozen_and_conditions():
-    found = certify(MAZE, away(100.0), "state")
+    found = certify(MAZE, cr.StateShaping(away(100.0)))
     with pytest.raises(dataclasses.FrozenInstanceError):
         found.holds = True
     with pytest.raises(dataclasses.FrozenInstanceError):
         found.counterexample.state = 0
     for holds, truth in ((True, True), (False, False), (None, False)):
         assert bool(dataclasses.replace(found, holds=holds)) is truth
-    assert not certify(MAZE, difference(ENDED), "reward").potential.flags.writeable
+    assert not certify(MAZE, ShapingReward(difference(ENDED))).potential.flags.writeable
     assert isinstance(found, Certificate)
 
 
@@ -693,93 +694,84 @@ def test_the_literal_sweep_pays_what_an_end_says():
 OTHER = cr.GridWorld("S.T")
 BAD = {
     "a shape": (
-        PotentialError, r"shape \(8,\): got \(3,\)", lambda: certify(MAZE, [1, 2, 3], "state"),
-    ),
-    "pairs for states": (
-        PotentialError, r"shape \(8,\)", lambda: certify(MAZE, np.zeros((8, 4)), "state"),
+        PotentialError, r"shape \(8,\): got \(3,\)", lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
     ),
     "states for pairs": (
-        PotentialError, r"shape \(8, 4\): got \(8,\)", lambda: certify(MAZE, np.zeros(8)),
+        PotentialError, r"shape \(8, 4\): got \(8,\)", lambda: certify(MAZE, cr.QInitialisation(np.zeros(8))),
     ),
     "frames as an array": (
-        PotentialError, r"got \(2, 8\)", lambda: certify(MAZE, np.zeros((2, 8)), "state"),
+        PotentialError, r"got \(2, 8\)", lambda: certify(MAZE, cr.StateShaping(np.zeros((2, 8)))),
     ),
     "NaN": (
         PotentialError, r"entry \(4,\) is nan",
-        lambda: certify(MAZE, np.where(np.arange(8) == 4, np.nan, 0), "state"),
+        lambda: certify(MAZE, cr.StateShaping(np.where(np.arange(8) == 4, np.nan, 0))),
     ),
-    "text": (PotentialError, "array of numbers", lambda: certify(MAZE, "hint", "state")),
-    "nothing": (PotentialError, "finite|array|shape", lambda: certify(MAZE, None, "state")),
-    "an unknown way": (
-        SettingError, "how must be one of .*, reward: got 'shape'",
-        lambda: certify(MAZE, ENDED, "shape"),
+    "text": (PotentialError, "array of numbers", lambda: certify(MAZE, cr.StateShaping("hint"))),
+    "nothing": (SettingError, "have a potential", lambda: certify(MAZE, cr.StateShaping())),
+    "no shaping": (
+        SettingError, "must be a shaping, such as StateShaping", lambda: certify(MAZE, ENDED),
+    ),
+    "a shaping of networks": (
+        SettingError, "must be for tables", lambda: certify(MAZE, WeightTransfer(ENDED)),
     ),
     "a function elsewhere": (
-        SettingError, "goes with how='reward', and only it: got how='state' with a function",
-        lambda: certify(MAZE, difference(ENDED), "state"),
+        PotentialError, "phi must be an array of numbers",
+        lambda: certify(MAZE, cr.StateShaping(difference(ENDED))),
     ),
     "no function": (
-        SettingError, "with a ndarray", lambda: certify(MAZE, ENDED, "reward"),
+        SettingError, "ShapingReward takes a function", lambda: certify(MAZE, ShapingReward(ENDED)),
     ),
     "the wrong kind": (
-        SettingError, "how='initialise' takes a StateActionPotential: got a StatePotential",
-        lambda: certify(MAZE, cr.StatePotential(MAZE, PHI)),
-    ),
-    "the wrong kind again": (
-        SettingError, "how='state' takes a StatePotential: got a StateActionPotential",
-        lambda: certify(MAZE, cr.StateActionPotential(MAZE, PAIRS), "state"),
+        SettingError, r"QInitialisation takes a potential phi\(s, a\): got a StatePotential",
+        lambda: certify(MAZE, cr.QInitialisation(cr.StatePotential(MAZE, PHI))),
     ),
     "another task's": (
         SettingError, "made for the task it shapes",
-        lambda: certify(MAZE, cr.StatePotential(OTHER, [0, 0, 0]), "state"),
-    ),
-    "a weight": (
-        SettingError, "only state and advice take a potential with a weight: got how='bonus'",
-        lambda: certify(MAZE, cr.StateActionPotential(MAZE, PAIRS, weight=0.5), "bonus"),
+        lambda: certify(MAZE, cr.StateShaping(cr.StatePotential(OTHER, [0, 0, 0]))),
     ),
     "a discount of 2": (
         SettingError, r"shaping_discount must lie in \[0, 1\]: got 2",
-        lambda: certify(MAZE, ENDED, "state", shaping_discount=2),
+        lambda: certify(MAZE, cr.StateShaping(ENDED), shaping_discount=2),
     ),
     "a discount for nothing": (
-        SettingError, "goes with how='state': got how='advice'",
-        lambda: certify(MAZE, PAIRS, "advice", shaping_discount=0.9),
+        SettingError, "goes with StateShaping: got DecayingAdvice",
+        lambda: certify(MAZE, cr.DecayingAdvice(PAIRS), shaping_discount=0.9),
     ),
     "look-back without discount": (
         SettingError, "must be positive: got 0",
-        lambda: certify(cr.GridWorld("ST", discount=0), np.zeros((2, 4)), "look_back"),
+        lambda: certify(cr.GridWorld("ST", discount=0), cr.LookBackAdvice(np.zeros((2, 4)))),
     ),
     "a tolerance of 0": (
         SettingError, "tolerance must be positive: got 0",
-        lambda: certify(MAZE, ENDED, "state", tolerance=0),
+        lambda: certify(MAZE, cr.StateShaping(ENDED), tolerance=0),
     ),
     "a method": (
         SettingError, "method must be one of auto, exact, sampled: got 'guess'",
-        lambda: certify(MAZE, ENDED, "state", method="guess"),
+        lambda: certify(MAZE, cr.StateShaping(ENDED), method="guess"),
     ),
     "no steps": (
         SettingError, "steps to sample must be a whole number, at least 1: got 0",
-        lambda: certify(MAZE, ENDED, "state", steps=0),
+        lambda: certify(MAZE, cr.StateShaping(ENDED), steps=0),
     ),
     "a seed": (
-        SettingError, "seed must be a whole number", lambda: certify(MAZE, ENDED, "state", seed=-1),
+        SettingError, "seed must be a whole number", lambda: certify(MAZE, cr.StateShaping(ENDED), seed=-1),
     ),
-    "no task": (TaskError, "a task must be", lambda: certify(3, ENDED, "state")),
+    "no task": (TaskError, "a task must be", lambda: certify(3, cr.StateShaping(ENDED))),
     "a reward of NaN": (
         PotentialError, "must be finite: it is nan from state 0 .* by north to state 0",
-        lambda: certify(MAZE, lambda s, a, t: np.where(s == t, np.nan, 0), "reward"),
+        lambda: certify(MAZE, ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0))),
     ),
     "a reward of another shape": (
         PotentialError, r"a number for each of 28 transitions: got \(2,\)",
-        lambda: certify(MAZE, lambda s, a, t: np.zeros(2), "reward"),
+        lambda: certify(MAZE, ShapingReward(lambda s, a, t: np.zeros(2))),
     ),
     "a reward of text": (
         PotentialError, "a number for each of 28 transitions: got 'much'",
-        lambda: certify(MAZE, lambda s, a, t: "much", "reward"),
+        lambda: certify(MAZE, ShapingReward(lambda s, a, t: "much")),
     ),
     "a reward of NaN, sampled": (
         PotentialError, "must be finite: it is nan from state",
-        lambda: certify(LARGE, lambda s, a, t: np.where(s == t, np.nan, 0), "reward", steps=5_000),
+        lambda: certify(LARGE, ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0)), steps=5_000),
     ),
     "starts for other walks": (
         SettingError, r"starts must have shape \(2,\)",

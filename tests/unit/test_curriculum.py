@@ -40,6 +40,10 @@ def edges(pairs, **settings):
     return [Transfer(s, t, same_position(TASKS[t], TASKS[s], **settings)) for s, t in pairs]
 
 
+def one_each(kind, result, name):
+    return [kind(potential) for potential in result.potentials[name]]
+
+
 def build(pairs, **settings):
     names = {name for pair in pairs for name in pair}
     tasks = {name: task for name, task in TASKS.items() if name in names}
@@ -121,7 +125,7 @@ def test_a_target_starts_from_its_source_seed_by_seed():
         TASKS["far"],
         budget=300,
         seeds=[4, 2],
-        shaping=cr.QInitialisation(result.potentials["far"]),
+        shaping=one_each(cr.QInitialisation, result, "far"),
         stream="far",
     )
     assert same(by_hand, result["far"])
@@ -229,14 +233,14 @@ def test_each_task_may_have_its_own_settings():
     assert result["left"].steps.tolist() == [0, 25, 50]
     assert result["far"].steps.tolist() == [0, 50_000, 100_000]
     by_hand = learn(
-        TASKS["left"], SARSA(learning_rate=0.5), 50, shaping=cr.QInitialisation(result.potentials["left"]), eval_freq=25,
+        TASKS["left"], SARSA(learning_rate=0.5), 50, shaping=one_each(cr.QInitialisation, result, "left"), eval_freq=25,
         evaluation=GreedyEvaluation(discounted=False), stream="left",
     )  # fmt: skip
     assert same(by_hand, result["left"])
 
 
-def test_how_state_uses_the_largest_action_value_of_a_state():
-    result = build([("near", "far")], how={"far": "state"}).train()
+def test_state_shaping_uses_the_largest_action_value_of_a_state():
+    result = build([("near", "far")], shaping={"far": cr.StateShaping()}).train()
     (phi,) = result.potentials["far"]
     assert isinstance(phi, StateActionPotential)
     state = phi.to_state()
@@ -246,10 +250,10 @@ def test_how_state_uses_the_largest_action_value_of_a_state():
     assert not same(build([("near", "far")]).train()["far"], result["far"])
 
 
-def test_how_look_back_shapes_the_target_and_leaves_the_source_alone():
-    result = build([("near", "far")], learner=SARSA(), how="look_back").train()
+def test_look_back_advice_shapes_the_target_and_leaves_the_source_alone():
+    result = build([("near", "far")], learner=SARSA(), shaping=cr.LookBackAdvice()).train()
     by_hand = learn(
-        MAZE, SARSA(), 300, shaping=cr.LookBackAdvice(result.potentials["far"]), stream="far"
+        MAZE, SARSA(), 300, shaping=one_each(cr.LookBackAdvice, result, "far"), stream="far"
     )
     assert same(by_hand, result["far"])
     assert same(result["near"], learn(TASKS["near"], SARSA(), 300, stream="near"))
@@ -291,13 +295,18 @@ def test_equal_tasks_are_one_task():
 def test_a_guard_watches_over_the_tasks_that_have_sources():
     tasks = {name: TASKS[name] for name in ("near", "left", "far")}
     plan = {"tasks": tasks, "transfers": edges(CHAIN), "budget": 2000}
-    result = Curriculum(**plan, guard=Guard()).train()
+    result = Curriculum(**plan, shaping=cr.QInitialisation(guard=Guard())).train()
     assert np.isnan(result["near"].guard_share).all()
     assert (result["far"].guard_share > 0).all()
-    with pytest.raises(SettingError, match="a guard watches over the potential of a QLearning"):
-        Curriculum(**plan, guard=Guard(), learner=SARSA())
-    with pytest.raises(SettingError, match="guard must be a Guard: got True"):
-        Curriculum(**plan, guard=True)
+    with pytest.raises(SettingError, match="a guard needs the learner QLearning: got SARSA"):
+        Curriculum(**plan, shaping=cr.QInitialisation(guard=Guard()), learner=SARSA())
+    with pytest.raises(SettingError, match="guard of QInitialisation must be a Guard: got True"):
+        cr.QInitialisation(guard=True)
+
+
+def test_a_curriculum_fills_the_potential_in():
+    with pytest.raises(CurriculumError, match=r"no potential of its own.*: that of far has"):
+        build([("near", "far")], shaping={"far": cr.StateShaping(np.zeros(12))})
 
 
 def test_only_some_tasks_are_trained_with_what_they_build_on():

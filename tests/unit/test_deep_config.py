@@ -215,10 +215,12 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
     )
 
 
-@pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "weights", "policy"])
-def test_every_way_into_a_network_may_be_named(read, how):
-    plan = read(HUNT, ("aggregate", f"how = {how!r}\naggregate")).curriculum("transfer")
-    assert plan.setting("how", "hunt") == how
+@pytest.mark.parametrize(
+    "way", ["QInitialisation", "LookAheadAdvice", "StateShaping", "WeightTransfer", "PolicyReuse"]
+)
+def test_every_shaping_of_a_network_may_be_named(read, way):
+    plan = read(HUNT, ("aggregate", f"shaping = {way!r}\naggregate")).curriculum("transfer")
+    assert type(plan.setting("shaping", "hunt")).__name__ == way
 
 
 @pytest.mark.parametrize(
@@ -239,7 +241,7 @@ def test_every_way_into_a_network_may_be_named(read, how):
         ('"deep"', '"depe"', "DoubleQLearning, deep: got 'depe', did you mean 'deep'?"),
         (
             'aggregate = "minimum"',
-            'how = "bonus"',
+            'shaping = "RewardBonus"',
             "line 5: how must be one of initialise, look_ahead, state, weights, policy for hunt, "
             "which a network learns: got 'bonus'",
         ),
@@ -322,14 +324,14 @@ def test_ways_of_networks_are_none_into_tables(complaint):
     text = HUNT.replace('type = "vector_pursuit"\nsize = 3\npredators = 2', table)
     text = text.replace('learner = { type = "deep", settings = { learning_rate = 1e-3 } }', "")
     sentence = "line 5: how must be a way into tables for hunt: 'weights' is of networks"
-    assert complaint(text, ('aggregate = "minimum"', 'how = "weights"')) == sentence
+    assert complaint(text, ('aggregate = "minimum"', 'shaping = "WeightTransfer"')) == sentence
     assert "transfers[0].observations must be left out: hunt is not seen" in complaint(
         text, ('project = { predator = "predator_1" }', 'observations = "own:leaning"')
     )
 
 
 def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
-    study = read(HUNT + "[arms.a]\n[arms.b]\nhow = 'state'\n")
+    study = read(HUNT + "[arms.a]\n[arms.b]\nshaping = 'StateShaping'\n")
     mine, yours = (study.arms[arm].transfers[0].mapping for arm in "ab")
     assert mine is yours
     again = StudyFile.rebuilt(study.resolved(), tmp_path)
@@ -426,7 +428,7 @@ def test_controls_that_make_no_sense_are_refused(plan):
         with pytest.raises(cr.errors.CurriculumError, match="is seen through observations"):
             check_fit([control], "transfer", plan)
     with pytest.raises(cr.errors.CurriculumError, match="which reads no promises"):
-        check_fit(["scaled"], "transfer", plan.replace("hunt", how="policy"))
+        check_fit(["scaled"], "transfer", plan.replace("hunt", shaping=cr.deep.PolicyReuse()))
 
 
 def test_tasks_seen_through_observations_are_told_apart(plan):

@@ -5,12 +5,14 @@ import pytest
 
 from curricle import (
     SARSA,
+    DecayingAdvice,
     DoubleQLearning,
     Episodes,
     ExpectedSARSA,
     FiniteMDP,
     GreedyEvaluation,
     GridWorld,
+    LookAheadAdvice,
     Pursuit,
     QInitialisation,
     QLearning,
@@ -220,19 +222,17 @@ def test_initial_values_do_not_touch_terminal_rows():
 def test_each_seed_may_have_its_own_potential():
     one, two = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
     frozen = QLearning(learning_rate=0)
-    assert learn(LINE, frozen, 10, seeds=2, shaping=QInitialisation([one, two])).values[
-        :, 0, 0
-    ].tolist() == [1, 2]
-    assert learn(LINE, frozen, 10, seeds=2, shaping=QInitialisation(one)).values[
-        :, 0, 0
-    ].tolist() == [1, 1]
+    for shaping, expected in (
+        ([QInitialisation(one), QInitialisation(two)], [1, 2]),
+        (QInitialisation(one), [1, 1]),
+    ):
+        found = learn(LINE, frozen, 10, seeds=2, shaping=shaping)
+        assert found.values[:, 0, 0].tolist() == expected
 
 
-@pytest.mark.parametrize("how", ["initialise", "look_ahead", "state", "advice"])
-def test_values_speak_of_what_the_policy_acts_on(how):
-    kind = StatePotential if how == "state" else StateActionPotential
-    phi = kind(LINE, np.full(4 if how == "state" else (4, 4), 5.0))
-    result = learn(LINE, SARSA(learning_rate=0), 10, potential=phi, how=how)
+@pytest.mark.parametrize("kind", [QInitialisation, LookAheadAdvice, StateShaping, DecayingAdvice])
+def test_values_are_those_the_policy_acts_on(kind):
+    result = learn(LINE, SARSA(learning_rate=0), 10, shaping=kind(np.full((4, 4), 5.0)))
     assert (result.values[0, :3] == 5).all()
 
 

@@ -47,10 +47,9 @@ def test_look_ahead_advice_by_hand():
 
 
 def test_the_state_potential_of_a_pair_potential_is_its_maximum():
-    phi = StateActionPotential(MAZE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4], weight=2)
+    phi = StateActionPotential(MAZE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
     state = phi.to_state()
     assert state.values.tolist() == [[2, -1, 0]]
-    assert state.weight == phi.weight
 
 
 def test_a_potential_keeps_its_own_values():

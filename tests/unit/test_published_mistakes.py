@@ -10,7 +10,13 @@ import curricle as cr
 from curricle.errors import SettingError
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
-PAIR_WAYS = ["initialise", "look_ahead", "look_back", "bonus", "advice"]
+SHAPINGS = [
+    cr.QInitialisation,
+    cr.LookAheadAdvice,
+    cr.LookBackAdvice,
+    cr.RewardBonus,
+    cr.DecayingAdvice,
+]
 
 
 def small_maze(**rules):
@@ -83,14 +89,12 @@ def test_only_as_published_ends_without_paying():
 # -- terminal rows and unmapped pairs ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("how", [*PAIR_WAYS, "state"])
-def test_a_potential_never_reaches_terminal_rows(how):
+@pytest.mark.parametrize("way", [*SHAPINGS, cr.StateShaping])
+def test_a_potential_never_reaches_terminal_rows(way):
     maze = small_maze()
     potential = cr.StateActionPotential(maze, np.full((9, 4), 50.0))
     assert not potential.values[maze.mdp.terminal].any()
-    if how == "state":
-        potential = potential.to_state()
-    result = cr.learn(maze, cr.SARSA(), 2000, potential=potential, how=how)
+    result = cr.learn(maze, cr.SARSA(), 2000, shaping=way(potential))
     assert not result.values[0, maze.mdp.terminal].any()
 
 
@@ -140,8 +144,8 @@ def test_arrays_handed_out_are_read_only():
 def test_training_leaves_the_callers_table_alone():
     maze, table = small_maze(), np.ones((9, 4))
     phi = cr.StateActionPotential(maze, table)
-    for how in PAIR_WAYS:
-        cr.learn(maze, cr.SARSA(), 500, potential=phi, how=how)
+    for way in SHAPINGS:
+        cr.learn(maze, cr.SARSA(), 500, shaping=way(phi))
     assert (table == 1.0).all()
     assert (phi.values[~maze.mdp.terminal] == 1.0).all()
     table[:] = 9.0
@@ -288,8 +292,7 @@ def test_a_curriculums_task_does_not_depend_on_which_others_are_there():
 
 def test_training_curves_hold_the_unshaped_return():
     task = one_step_task(reward=-1.0)
-    for how in PAIR_WAYS:
-        phi = cr.StateActionPotential(task, [[100.0], [0.0]])
-        result = cr.learn(task, cr.SARSA(), 100, potential=phi, how=how)
+    for way in SHAPINGS:
+        result = cr.learn(task, cr.SARSA(), 100, shaping=way([[100.0], [0.0]]))
         assert (result.training_return[0, 1:] == -1.0).all()
         assert (result.greedy_return[0] == -1.0).all()

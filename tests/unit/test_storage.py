@@ -232,12 +232,12 @@ def test_a_curriculum_asks_for_sources_whose_values_are_kept():
 
 ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
 REFUSED = {
-    "SARSA": ({"learner": cr.SARSA()}, "serve Q-learning .* got SARSA"),
+    "SARSA": ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     "state": (
-        {"potential": ARRAY.to_state(), "how": "state"},
-        "serve Q-learning .* QLearning with how 'state'",
+        {"shaping": cr.StateShaping(ARRAY)},
+        "are for QLearning .* got QLearning with StateShaping",
     ),
-    "bonus": ({"potential": ARRAY, "how": "bonus"}, "with how 'bonus'"),
+    "bonus": ({"shaping": cr.RewardBonus(ARRAY)}, "with RewardBonus"),
     "array": ({"potential": ARRAY}, "got a StateActionPotential, which is an array"),
 }
 

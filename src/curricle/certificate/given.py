@@ -44,7 +44,7 @@ class ShapingReward:
 
     def __post_init__(self) -> None:
         if not callable(self.function):
-            raise SettingError(f"ShapingReward takes a function F(s, a, s'): got {self.function!r}")
+            raise SettingError(f"ShapingReward takes a function F(s, a, s'): got a {type(self.function).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def checked(task: Task, shaping: Any, shaping_discount: float | None = None) -> 
     if not isinstance(shaping, Shaping | ShapingReward):
         raise SettingError(
             "what is certified must be a shaping, such as StateShaping(potential), or a "
-            f"ShapingReward(function): got {shaping!r}"
+            f"ShapingReward(function): got a {type(shaping).__name__}"
         )
     if isinstance(shaping, Shaping) and not (shaping.for_tables and shaping.potential is not None):
         raise SettingError(

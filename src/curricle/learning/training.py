@@ -174,7 +174,11 @@ def one_a_seed(learner: Any, shaping: Any, n_seeds: int) -> list[Any]:
     if len(each) != n_seeds:
         raise SettingError(f"one shaping a seed means {n_seeds} of them: got {len(each)}")
     for one in each:
-        instance("shaping", one, Shaping, SettingError)
+        if not isinstance(one, Shaping):
+            raise SettingError(
+                "shaping must be a Shaping, such as QInitialisation(potential): got a "
+                f"{type(one).__name__}"
+            )
         one.check(learner)
         if one.guard is not None and one.potential is None:
             raise SettingError("a guard needs a potential to watch: got a shaping without one")

@@ -57,7 +57,7 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
     )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
-        found = opens(gate.rule(), np.array(greedy), checkpoint, step)
+        found = opens(gate.kernel(), np.array(greedy), checkpoint, step)
         # Sums in another order may differ in the last digit, but not these: all values are short.
         assert found == oracle(gate, greedy, checkpoint, step)
 
@@ -102,7 +102,7 @@ def test_fraction_stands_for_a_return_between_random_and_optimal():
         StoppingRule(10, threshold=1.0, fraction=0.5)
 
 
-def test_least_and_most_bound_a_gate():
+def test_min_and_max_steps_bound_a_rule():
     easy = StoppingRule(1000, min_steps=600, threshold=-1e9, patience=1)
     assert learn(MAZE, budget=easy, eval_freq=100).steps_used[0] == 600
     never = StoppingRule(1000, threshold=1e9)
@@ -118,13 +118,13 @@ def test_least_and_most_bound_a_gate():
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"most": 0}, "most of a gate must be a whole number, at least 1"),
-        ({"most": 10, "least": 11}, "least of a gate must not exceed most"),
-        ({"most": 10, "evaluations": 0}, "evaluations of a gate"),
-        ({"most": 10, "fraction": 1.5}, "fraction of a gate must lie in"),
-        ({"most": 10, "plateau": -1}, "plateau of a gate"),
-        ({"most": 10, "value": float("nan")}, "value of a gate must be finite"),
-        ({"most": 10, "when": "both"}, "when of a gate must be one of any, all"),
+        ({"max_steps": 0}, "max_steps of a stopping rule must be a whole number, at least 1"),
+        ({"max_steps": 10, "min_steps": 11}, "min_steps .* must not exceed max_steps"),
+        ({"max_steps": 10, "patience": 0}, "patience of a stopping rule"),
+        ({"max_steps": 10, "fraction": 1.5}, "fraction of a stopping rule must lie in"),
+        ({"max_steps": 10, "plateau": -1}, "plateau of a stopping rule"),
+        ({"max_steps": 10, "threshold": float("nan")}, "threshold of a stopping rule must be finite"),
+        ({"max_steps": 10, "when": "both"}, "when of a stopping rule must be one of any, all"),
     ],
 )
 def test_a_gate_that_makes_no_sense_is_refused(wrong, words):

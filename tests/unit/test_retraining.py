@@ -3,15 +3,26 @@
 import numpy as np
 import pytest
 
-from curricle import SARSA, Curriculum, Episodes, Guard, Pursuit, QLearning, Transfer, project
-from curricle.curriculum import Return
+from curricle import (
+    SARSA,
+    Curriculum,
+    Episodes,
+    Guard,
+    Pursuit,
+    QInitialisation,
+    QLearning,
+    StateShaping,
+    Transfer,
+    project,
+)
+from curricle.curriculum import RetrainSources
 from curricle.errors import CurriculumError, SettingError
 
 HUNT = Pursuit(size=3, predators=2, time_limit=50)
 CHASE = Pursuit(size=3, predators=1, time_limit=50)
 
 
-def plan(back, **settings):
+def plan(retrain, **settings):
     """The mean of two hopeful sources: it starts well, and is lost in the first thousand steps."""
     given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}} | settings
     return Curriculum(
@@ -20,14 +31,14 @@ def plan(back, **settings):
             Transfer("chase", "hunt", project(HUNT, CHASE, predator=name))
             for name in HUNT.predator_names
         ],
-        back={"hunt": back},
+        retrain={"hunt": retrain},
         learner=QLearning(learning_rate=0.1, epsilon=0.3),
         **given,
     )
 
 
-ALWAYS = Return(drop=0.0, steps=400, times=2, patience=1)
-NEVER = Return(drop=1e9, steps=400)
+ALWAYS = RetrainSources(drop=0.0, steps=400, times=2, patience=1)
+NEVER = RetrainSources(drop=1e9, steps=400)
 
 
 def test_a_target_that_never_loses_anything_is_trained_as_without():
@@ -68,7 +79,7 @@ def test_a_seed_does_not_depend_on_the_others():
 def test_curves_before_the_first_return_are_those_without_it():
     with_it, without = plan(ALWAYS).train(seeds=3), plan(None).train(seeds=3)
     for k, told in enumerate(with_it.decisions("hunt")):
-        first = next((one.step for one in told if one.lost), 9000) // 150
+        first = next((one.step for one in told if one.dropped), 9000) // 150
         for curve in ("greedy_return", "training_return", "episodes"):
             np.testing.assert_array_equal(
                 getattr(with_it["hunt"], curve)[k, : first + 1],
@@ -84,9 +95,11 @@ def test_episodes_go_on_being_counted():
 
 def test_going_back_takes_what_the_source_knows_by_then():
     """A source that hardly learnt before catches up: the target ends better than without."""
-    back = Return(drop=1.0, steps=20_000, times=1)
+    retrain = RetrainSources(drop=1.0, steps=20_000, times=1)
     budget = {"chase": 500, "hunt": 60_000}
-    found, without = (plan(one, budget=budget).train(seeds=4, charge=True) for one in (back, None))
+    found, without = (
+        plan(one, budget=budget).train(seeds=4, charge=True) for one in (retrain, None)
+    )
     went = found.retrained["hunt"].extra > 0
     assert went.any()
     gained = found["hunt"].greedy_return[went, -1] - without["hunt"].greedy_return[went, -1]
@@ -96,9 +109,9 @@ def test_going_back_takes_what_the_source_knows_by_then():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"how": {"hunt": "state"}}, "needs how 'initialise' or 'look_ahead' and no guard"),
-        ({"guard": {"hunt": Guard()}}, "and a guard"),
-        ({"budget": {"hunt": Episodes(5)}}, "needs a budget in steps or a gate"),
+        ({"shaping": {"hunt": StateShaping()}}, "without a guard: 'hunt' has StateShaping"),
+        ({"shaping": {"hunt": QInitialisation(guard=Guard())}}, "'hunt' has QInitialisation"),
+        ({"budget": {"hunt": Episodes(5)}}, "needs a budget in steps or a StoppingRule"),
     ],
 )
 def test_what_cannot_go_back_is_refused_before_training(settings, words):
@@ -108,8 +121,8 @@ def test_what_cannot_go_back_is_refused_before_training(settings, words):
 
 def test_calibrated_potentials_do_not_go_back():
     edge = Transfer("chase", "hunt", project(HUNT, CHASE, predator="predator_1"), calibrate=True)
-    with pytest.raises(CurriculumError, match="changes a potential that was calibrated"):
-        Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], back=NEVER)
+    with pytest.raises(CurriculumError, match="must then not be calibrated"):
+        Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], retrain=NEVER)
 
 
 def test_other_learners_go_back_too():
@@ -118,8 +131,9 @@ def test_other_learners_go_back_too():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"lost": -1, "again": 5}, {"lost": 1, "again": 0}, {"lost": 1, "again": 5, "most": 0}]
+    "wrong",
+    [{"drop": -1, "steps": 5}, {"drop": 1, "steps": 0}, {"drop": 1, "steps": 5, "times": 0}],
 )
 def test_a_return_that_makes_no_sense_is_refused(wrong):
-    with pytest.raises(SettingError, match="of a return"):
-        Return(**wrong)
+    with pytest.raises(SettingError, match="of RetrainSources"):
+        RetrainSources(**wrong)
