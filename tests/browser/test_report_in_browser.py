@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.report.study_page import StudyRecord, study_page
+from curricle.report.page import StudyRecord, study_page
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
@@ -139,7 +139,7 @@ def visit(browser, files):
         )
         page.clock.install(time=0)
         page.goto(address)
-        page.clock.pause_at(3600)  # from here on time passes when a test says so
+        page.clock.pause_at(3600)  # from here on time passes only when a test advances it
         return page
 
     yield open_page

@@ -169,8 +169,8 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
             eval_freq={"hunt": eval_freq, "chase": 2_000},
             evaluation=ROLLOUTS,
         )
-        known = {"chase": arms["source"]} if "source" in arms else {}
-        result = curriculum.train(seeds, trained=known, workers=workers)
+        trained = {"chase": arms["source"]} if "source" in arms else {}
+        result = curriculum.train(seeds, trained=trained, workers=workers)
         arms["source"], arms[name] = result["chase"], result["hunt"]
         tick(f"{setting.title}: {name}")
     return arms

@@ -23,7 +23,7 @@ falls into pits; with the paper's first-index ties it never did."""
 LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 SETTINGS = {
     "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}, Q0 = 0",
-    "maze": "10x10, discount 0.99, episodes cut at 200 steps",
+    "maze": "10x10, discount 0.99, episodes truncated at 200 steps",
     "budget": "250 source and 800 target episodes",
     "evaluation": "greedy return (sum of rewards), exact, every 100 steps, mean of 10 checkpoints",
     "threshold": "midway between the lowest (after 2,000 steps) and highest value of scratch",

@@ -21,7 +21,7 @@ EPISODE_CAP = 200
 INVERSE_TEMPERATURE = 0.2
 
 SUMMED = GreedyEvaluation(discounted=False)
-"""The paper's measure: the undiscounted return of a greedy episode, cut at the cap."""
+"""The paper's measure: the undiscounted return of a greedy episode, truncated at the cap."""
 
 Tick = Callable[[str], object]
 """Called with a short message whenever a part of a figure is done."""

@@ -12,7 +12,7 @@ from curricle.paper.trust_runs import EXAMINED, HUNTS, LARGE_SEEDS, TrustRuns, r
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve
 
-LOOKS = {
+STYLES = {
     "min": ("green", "--"),
     "min, calibrated": ("green", "-"),
     "mean": ("blue", "--"),
@@ -51,7 +51,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1; Q starts as phi",
             "budget": "400,000 source and 400,000 target steps (7x7: 1,000,000)",
-            "calibration": "a scale fitted to 200 greedy episodes of phi, charged to the target",
+            "calibration": "a scale fitted to 200 greedy episodes of phi, counted as target steps",
             "maze": runs.SETTINGS["maze"] + ", step reward -5; source: top-right 3x3",
         },
     )
@@ -82,7 +82,7 @@ def _draw_forecast(panel: Any, forecast: Forecast) -> None:
 
 
 def _draw_hunt(panel: Any, found: TrustRuns, size: int) -> None:
-    for name, (colour, dashes) in LOOKS.items():
+    for name, (colour, dashes) in STYLES.items():
         result = found.hunts[size, name]
         curve = Curve(result.steps[1:], result.training_return[:, 1:])
         draw_curve(panel, curve, label=name, colour=colour, dashes=dashes)

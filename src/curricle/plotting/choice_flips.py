@@ -80,8 +80,8 @@ def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = 
         row, column = view.cells[turned[view.states] == flip].T
         label = f"{name}: {len(row)}"
         size = 10 if max(view.shape) <= FEW else 7
-        look: Any = {"color": COLOURS[colour], "mec": "w", "ms": size, "label": label, "zorder": 3}
-        axes.plot(column + 0.18, row + 0.18, marker, **look)
+        style: Any = {"color": COLOURS[colour], "mec": "w", "ms": size, "label": label, "zorder": 3}
+        axes.plot(column + 0.18, row + 0.18, marker, **style)
     below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22 - 0.06 * bool(view.words))}
     axes.legend(ncols=2, handletextpad=0.1, columnspacing=1, **below)
 
@@ -149,21 +149,13 @@ def collapse_figure(
         raise SettingError(f"times must be steps from 1 to {steps:,}, at least one: got {times}")
     chosen = GreedyEvaluation(discounted=False) if evaluation is None else evaluation
     numbered = seed_tuple(seeds)
-    potentials = (
-        list(potential) if isinstance(potential, Sequence) else [potential] * len(numbered)
-    )
+    potentials = list(potential) if isinstance(potential, Sequence) else [potential] * len(numbered)
 
     def learnt(so_far: int, evaluated: GreedyEvaluation, eval_freq: int | None) -> LearningResult:
-        how: Any = {"seeds": numbered, "stream": stream, "workers": workers}
-        return learn(
-            task,
-            learner,
-            so_far,
-            shaping=[QInitialisation(phi) for phi in potentials],
-            evaluation=evaluated,
-            eval_freq=eval_freq,
-            **how,
-        )
+        settings: Any = {"seeds": numbered, "stream": stream, "workers": workers}
+        settings |= {"evaluation": evaluated, "eval_freq": eval_freq}
+        shaping = [QInitialisation(phi) for phi in potentials]
+        return learn(task, learner, so_far, shaping=shaping, **settings)
 
     whole = learnt(steps, chosen, None)
     optimal, at_start = solve(task, tolerance=1e-6), [phi.values for phi in potentials]

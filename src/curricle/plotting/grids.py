@@ -122,7 +122,7 @@ def draw_heat(
     palette: str,
     limits: tuple[float, float],
 ) -> AxesImage:
-    """Draw the values of a view's states, (n,), as colours, and as numbers where there is room."""
+    """Draw the values of a view's states, (n,), as colours, and as numbers where cells are few."""
     low, high = limits
     (top, left), (height, width) = view.origin, view.shape
     grid = np.full((height, width), np.nan)
@@ -164,8 +164,8 @@ def _draw_walls(axes: Axes, view: GridView) -> None:
         axes.add_patch(_square(row, column, color="#222222"))
 
 
-def _square(row: float, column: float, **look: Any) -> Rectangle:
-    return Rectangle((column - 0.5, row - 0.5), 1, 1, **look)
+def _square(row: float, column: float, **style: Any) -> Rectangle:
+    return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
 
 
 def _letter(axes: Axes, text: str, row: float, column: float, *, colour: str = "k") -> Text:

@@ -1,4 +1,4 @@
-"""One style for all pictures: colours, Matplotlib's settings, how arms look, text around axes."""
+"""One style for all figures: colours, Matplotlib's settings, styles of arms, text around axes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

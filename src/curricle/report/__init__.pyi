@@ -1,3 +1,3 @@
-from .pages import render as render
-from .study_page import StudyRecord as StudyRecord, study_page as study_page
+from .page import StudyRecord as StudyRecord, study_page as study_page
 from .study_report import write_report as write_report
+from .templates import render as render

@@ -189,8 +189,8 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
     """Return the potential with which the first seed of a target began."""
     curriculum: Curriculum = result.curriculum
     phi: PairPotential
-    if known := result.potentials.get(target):
-        phi = known[0]
+    if kept := result.potentials.get(target):
+        phi = kept[0]
         return phi
     sources = {
         edge.source: first_seeds(result[edge.source], 1) for edge in curriculum.in_edges(target)

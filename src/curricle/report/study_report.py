@@ -6,7 +6,7 @@ from curricle.curriculum.curriculum import CurriculumResult
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
 from curricle.files import write_whole
-from curricle.report.study_page import StudyRecord, study_page
+from curricle.report.page import StudyRecord, study_page
 from curricle.study.runner.study import Study
 from curricle.study.runner.unit import seed_words
 

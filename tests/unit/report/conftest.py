@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import curricle as cr
-from curricle.report.study_page import study_page
+from curricle.report.page import study_page
 
 from .studies import ODD, chain_plan, hunt_plan, maze_plan, record
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import curricle as cr
-from curricle.report.study_page import StudyRecord
+from curricle.report.page import StudyRecord
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $x^2$ </script>"

@@ -32,8 +32,8 @@ def arm(values, source_steps=0, control=False, seeds=4):
 def comparison(seeds=4, **more):
     arms = {
         "scratch": arm(0.0, seeds=seeds),
-        "taught": arm(10.0, 20, seeds=seeds),
-        "taught, placebo": arm(-5.0, 20, control=True, seeds=seeds),
+        "mean": arm(10.0, 20, seeds=seeds),
+        "mean, placebo": arm(-5.0, 20, control=True, seeds=seeds),
         **more,
     }
     return Comparison("hunt", arms, 80, 100, 7.5, 1)
@@ -46,11 +46,11 @@ def greyness(colour):
 def test_a_curve_begins_where_its_sources_end():
     axes = draw_comparison(comparison()).axes[0]
     curves = labelled(axes)
-    assert set(curves) == {"scratch", "taught", "taught, placebo"}
+    assert set(curves) == {"scratch", "mean", "mean, placebo"}
     assert curves["scratch"].get_xdata()[0] == 0
-    taught = curves["taught"]
-    assert (taught.get_xdata() == np.arange(20, 101, 10)).all()
-    assert (taught.get_ydata() == 11.5).all()  # the mean of seeds 10 to 13
+    mean = curves["mean"]
+    assert (mean.get_xdata() == np.arange(20, 101, 10)).all()
+    assert (mean.get_ydata() == 11.5).all()  # the mean of seeds 10 to 13
     lead_in = [line for line in axes.lines if line.get_linestyle() == ":"]
     assert [list(line.get_xdata()) for line in lead_in] == [[0, 20, 20]] * 2
     assert sorted(list(line.get_ydata()) for line in lead_in) == [
@@ -76,16 +76,16 @@ def test_the_curves_show_the_threshold_and_all_steps():
 def test_controls_are_dashed_and_greyer():
     axes = draw_comparison(comparison()).axes[0]
     curves = labelled(axes)
-    assert curves["taught"].get_linestyle() == curves["scratch"].get_linestyle() == "-"
-    assert curves["taught, placebo"].get_linestyle() == "--"  # what Matplotlib calls any dashes
+    assert curves["mean"].get_linestyle() == curves["scratch"].get_linestyle() == "-"
+    assert curves["mean, placebo"].get_linestyle() == "--"  # what Matplotlib calls any dashes
     assert curves["scratch"].get_color() == COLOURS["black"]
-    colours = [curves[name].get_color() for name in ("taught", "taught, placebo")]
+    colours = [curves[name].get_color() for name in ("mean", "mean, placebo")]
     assert greyness(colours[0]) < greyness(colours[1])
 
 
 def test_a_profile_steps_down_where_a_run_ends():
     axes = draw_comparison(comparison()).axes[1]
-    line = labelled(axes)["taught"]
+    line = labelled(axes)["mean"]
     assert line.get_drawstyle() == "steps-post"
     share = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     assert [share[tau] for tau in (3, 10, 11, 12, 13)] == [1, 0.75, 0.5, 0.25, 0]
@@ -99,12 +99,12 @@ def test_gains_have_a_row_each_with_interval_and_p():
     axes = draw_comparison(found).axes[2]
     assert [label.get_text() for label in axes.get_yticklabels()] == [
         "scratch",
-        "taught",
+        "mean",
         "placebo",
     ]
     assert [0, 0] in [list(line.get_xdata()) for line in axes.lines]
     dots = labelled(axes)
-    for row, name in enumerate(["taught", "taught, placebo"], 1):
+    for row, name in enumerate(["mean", "mean, placebo"], 1):
         gain = found.contrasts[name].strong_gain
         assert (*dots[name].get_xdata(), *dots[name].get_ydata()) == (gain.estimate, row)
         segment = axes.collections[row - 1].get_segments()[0]
@@ -116,17 +116,17 @@ def test_gains_have_a_row_each_with_interval_and_p():
 
 def test_significant_gains_are_filled():
     dots = labelled(draw_comparison(comparison(seeds=8)).axes[2])
-    assert dots["taught"].get_markerfacecolor() == COLOURS["blue"]
+    assert dots["mean"].get_markerfacecolor() == COLOURS["blue"]
 
 
 def test_the_caption_says_seeds_intervals_and_correction():
-    said = caption_of(draw_comparison(comparison()))
+    words = caption_of(draw_comparison(comparison()))
     for part in ("4 seeds", "95 % percentile bootstrap", "2 arms by Holm", "controls"):
-        assert part in said
-    alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "taught")}, 80, 100, 7.5, 1)
-    said = caption_of(draw_comparison(alone))
-    assert "controls" not in said
-    assert "of one arm" in said
+        assert part in words
+    alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "mean")}, 80, 100, 7.5, 1)
+    words = caption_of(draw_comparison(alone))
+    assert "controls" not in words
+    assert "of one arm" in words
 
 
 def test_one_seed_has_no_intervals_and_no_p():
@@ -141,8 +141,8 @@ def test_twelve_curricula_differ_in_colour_or_dashes(tmp_path):
     arms = {f"number {i}": arm(float(i), 10) for i in range(12)}
     figure = draw_comparison(comparison(**arms))
     curves = labelled(figure.axes[0])
-    looks = {(line.get_color(), repr(line._dash_pattern)) for line in curves.values()}
-    assert len(looks) == len(curves) == 15
+    styles = {(line.get_color(), repr(line._dash_pattern)) for line in curves.values()}
+    assert len(styles) == len(curves) == 15
     save(figure, tmp_path / "twelve.png")
 
 
@@ -155,7 +155,7 @@ def test_seeds_whose_sources_end_at_other_steps_are_charged_one_by_one():
     late = Curve(STEPS, np.full((4, 11), 8.0), np.array([10, 10, 30, 30]))
     other = Arm(late, np.zeros((4, 11)), np.zeros((4, 11)), False)
     line = labelled(draw_comparison(comparison(other=other)).axes[0])["other"]
-    # At 10 and 20 two seeds are at 8 and two at the direct learner's first values, 2 and 3.
+    # At 10 and 20 two seeds are at 8 and two at the first values of scratch, 2 and 3.
     assert line.get_xdata()[0] == 10
     assert line.get_ydata()[:3].tolist() == [(8 + 8 + 2 + 3) / 4] * 2 + [8]
 
@@ -167,7 +167,7 @@ def test_a_comparison_without_arms_is_refused():
 
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
-    far = {"scratch": arm(-400.0), "taught": arm(-8.0, 20)}
+    far = {"scratch": arm(-400.0), "mean": arm(-8.0, 20)}
     curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
     assert curves.get_yscale() == profile.get_xscale() == "symlog"
     assert "symlog" in curves.get_ylabel()
@@ -246,7 +246,7 @@ def test_a_comparison_is_plotted_too(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "words"),
     [
         ("hunt.bmp", "must end in .png, .svg, .pdf"),
         ("hunt", "must end in .png, .svg, .pdf"),
@@ -254,9 +254,9 @@ def test_a_comparison_is_plotted_too(tmp_path):
         ("folder.png", "a folder that exists"),
     ],
 )
-def test_a_path_is_refused_before_anything_is_drawn(tmp_path, name, said):
+def test_a_path_is_refused_before_anything_is_drawn(tmp_path, name, words):
     (tmp_path / "folder.png").mkdir()
-    with pytest.raises(SettingError, match=said):
+    with pytest.raises(SettingError, match=words):
         plot("no subject", tmp_path / name)
     assert os.listdir(tmp_path) == ["folder.png"]
 

@@ -29,10 +29,10 @@ def compared(seeds=8, threshold=5.0, **arms):
 def test_the_headline_names_what_paid_and_by_how_much():
     found = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
     gain = found.contrasts["better"].strong_gain
-    said = headline(found).replace("\xa0", " ")
-    assert said.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
-    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in said
-    assert said.endswith("over 8 seeds.")
+    words = headline(found).replace("\xa0", " ")
+    assert words.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
+    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in words
+    assert words.endswith("over 8 seeds.")
 
 
 def test_a_headline_claims_nothing_that_was_not_shown():

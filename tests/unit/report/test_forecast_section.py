@@ -7,7 +7,7 @@ import pytest
 import curricle as cr
 from curricle.report import forecast_section
 from curricle.report.forecast_section import forecast_sections
-from curricle.report.study_page import study_page
+from curricle.report.page import study_page
 
 from .studies import Reader, hunt_plan
 

@@ -54,7 +54,7 @@ def test_a_row_and_a_column_make_a_view(keyed):
 
 
 @pytest.mark.parametrize(
-    ("at", "said"),
+    ("at", "words"),
     [
         (None, "leaves prey, predator_1, predator_2"),
         ({"prey": 0}, "leaves predator_1, predator_2"),
@@ -66,8 +66,8 @@ def test_a_row_and_a_column_make_a_view(keyed):
         ([("prey", 0)], "at must be a Mapping"),
     ],
 )
-def test_what_makes_no_grid_is_refused(hunt, at, said):
-    with pytest.raises(SettingError, match=said):
+def test_what_makes_no_grid_is_refused(hunt, at, words):
+    with pytest.raises(SettingError, match=words):
         GridView.of(hunt, at)
 
 
@@ -122,15 +122,15 @@ def test_limits_are_shared_over_what_is_shown(hunt):
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "words"),
     [
         (np.zeros(4), r"shape \(3,\) or \(3, 4\): got \(4,\)"),
         ([0.0, np.nan, 0.0], r"entry \(1,\) is nan"),
         ("no numbers", "must be an array of numbers"),
     ],
 )
-def test_values_that_are_none_of_the_task_are_refused(values, said):
-    with pytest.raises(SettingError, match=said):
+def test_values_that_are_none_of_the_task_are_refused(values, words):
+    with pytest.raises(SettingError, match=words):
         draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
 
 
@@ -234,7 +234,8 @@ def test_a_collapse_is_shown_over_time(plan, trained, hunt, tmp_path):
     for time, place in ((0, 0), (100, 1), (4_000, 3)):
         tables = [one.values for one in phi]
         if time:
-            learning = {"seeds": 2, "potential": phi, "stream": "hunt", "eval_freq": 50}
+            shaping = [cr.QInitialisation(one) for one in phi]
+            learning = {"seeds": 2, "shaping": shaping, "stream": "hunt", "eval_freq": 50}
             tables = cr.learn(hunt, learner, time, **learning).values
         greedy = [values == values.max(axis=1, keepdims=True) for values in tables]
         right = np.array([(optimal | ~each).all(axis=1)[alive].mean() for each in greedy])

@@ -12,7 +12,7 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.report.study_page import StudyRecord, study_page
+from curricle.report.page import StudyRecord, study_page
 from curricle.report.svg import inline_svg
 
 from .studies import ODD, Reader, maze_plan
@@ -85,21 +85,21 @@ def test_every_control_has_a_label(page):
 
 def test_both_axes_have_one_scale_and_all_arms(pursuit):
     comparison = pursuit.comparison
-    free, charged = (figure.axes[0] for figure in draw_learning_curves(comparison))
-    assert free.get_ylim() == charged.get_ylim()
-    assert free.get_xlim() == (0, comparison.budget)
-    assert charged.get_xlim() == (0, comparison.total)
-    for axes in (free, charged):
+    weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
+    assert weak.get_ylim() == strong.get_ylim()
+    assert weak.get_xlim() == (0, comparison.budget)
+    assert strong.get_xlim() == (0, comparison.total)
+    for axes in (weak, strong):
         curves = {line.get_label(): line for line in axes.lines}
         assert set(comparison.arms) <= set(curves)
         assert len(axes.collections) == len(comparison.arms)  # a band each
-    curves = {line.get_label(): line for line in charged.lines}
+    curves = {line.get_label(): line for line in strong.lines}
     assert curves["min"].get_xdata()[0] >= comparison["min"].curve.source_steps.min()
     assert curves["scratch"].get_xdata()[0] == 0
-    free_curves = {line.get_label(): line for line in free.lines}
+    weak_curves = {line.get_label(): line for line in weak.lines}
     mean = comparison["min"].curve.values.mean(axis=0)
-    assert free_curves["min"].get_ydata() == pytest.approx(
-        mean[: len(free_curves["min"].get_ydata())]
+    assert weak_curves["min"].get_ydata() == pytest.approx(
+        mean[: len(weak_curves["min"].get_ydata())]
     )
 
 
@@ -122,7 +122,7 @@ def test_svg_of_two_figures_share_no_identifier(pursuit):
 
 def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     plan = maze_plan(2)
-    study = StudyRecord("alone", cr.compare({"taught": plan}, seeds=1), {"taught": plan.train(1)})
+    study = StudyRecord("alone", cr.compare({"mean": plan}, seeds=1), {"mean": plan.train(1)})
     found = Reader(study_page(study))
     assert found.problems == []
     assert "One seed allows neither intervals nor tests." in found.words

@@ -17,9 +17,9 @@ from curricle.plotting.styles import ArmStyle, arm_styles
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Reasons, default_reasons, graphs
-from curricle.report.pages import asset, render
 from curricle.report.replay import Replay, SnapshotsByTask, replays, shades_of
 from curricle.report.svg import inline_svg
+from curricle.report.templates import asset, render
 from curricle.statistics.curves import SCRATCH
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
