@@ -7,6 +7,7 @@ import pytest
 
 from curricle.study.config.reading import read_study
 from curricle.study.runner.run import run_study
+from tests.comparisons import calls  # noqa: F401  a fixture
 
 # The crop shares its drawing with the target, the middle task is taught and teaches, the gate ends
 # in each seed's own time, and one arm pays for a calibration.

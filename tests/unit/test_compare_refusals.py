@@ -2,84 +2,18 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import curricle as cr
 from curricle import (
-    UNMAPPED,
     Curriculum,
     Episodes,
     FiniteMDP,
     GreedyEvaluation,
-    GridWorld,
-    Pursuit,
-    Transfer,
     compare,
 )
 from curricle.errors import CurriculumError, SettingError
-from curricle.transfer import StateActionMapping
-
-MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
-CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
-HERE = cr.same_position(MAZE, CORNER)
-NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
-ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
-LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
-
-
-def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
-    """Return a curriculum from a corner of the maze to the maze."""
-    return Curriculum(
-        tasks={"corner": CORNER, "maze": MAZE},
-        transfers=[Transfer("corner", "maze", mapping)],
-        budget={"corner": source, "maze": target},
-        eval_freq={"maze": eval_freq},
-        **settings,
-    )
-
-
-def copied(task, target="far", **settings):
-    """Return a curriculum from a task to itself."""
-    return Curriculum(
-        tasks={"near": task, target: task},
-        transfers=[Transfer("near", target, cr.transfer.identity(task))],
-        **({"budget": 100} | settings),
-    )
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """Return the list of all trainings from now on: their arguments, and what came of them."""
-    noted, learn = [], cr.learn
-
-    def noting(task, learner, budget, **settings):
-        result = learn(task, learner, budget, **settings)
-        charged = settings["charged"]
-        left = budget if charged is None else budget - int(min(charged))
-        noted.append({"task": task, "budget": left, "result": result, **settings})
-        return result
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
-    return noted
-
-
-def pursuit(**settings):
-    hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
-    changes = {"calibrate": settings.pop("calibrate", False)}
-    return Curriculum(
-        tasks={"chase": chase, "hunt": hunt},
-        transfers=[
-            Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), **changes)
-            for name in hunt.predator_names
-        ],
-        aggregate=cr.minimum,
-        budget={"chase": 5000, "hunt": 8000},
-        eval_freq={"hunt": 100},
-        evaluation=GreedyEvaluation(method="rollouts", episodes=10),
-        **settings,
-    )
-
+from tests.comparisons import MAZE, copied, corner, pursuit
 
 FORK = [[[(1.0, 1, 1.0)], [(1.0, 2, 1.0)]], [[(1.0, 3, 2.0)]] * 2, [[(1.0, 3, 2.0)]] * 2, [[], []]]
 

@@ -8,36 +8,11 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    UNMAPPED,
-    Curriculum,
-    GridWorld,
-    Transfer,
-    compare,
-)
+from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.errors import CurriculumError
 from curricle.statistics import Curve, charge_source
-from curricle.transfer import StateActionMapping
-
-MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
-CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
-HERE = cr.same_position(MAZE, CORNER)
-NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
-ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
-LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
-
-
-def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
-    """Return a curriculum from a corner of the maze to the maze."""
-    return Curriculum(
-        tasks={"corner": CORNER, "maze": MAZE},
-        transfers=[Transfer("corner", "maze", mapping)],
-        budget={"corner": source, "maze": target},
-        eval_freq={"maze": eval_freq},
-        **settings,
-    )
-
+from tests.comparisons import ALL, HERE, corner
 
 STEPS = np.array([0, 10, 20, 30, 40])
 

@@ -4,89 +4,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    UNMAPPED,
-    Curriculum,
-    GreedyEvaluation,
-    GridWorld,
-    Pursuit,
-    Transfer,
-    compare,
-)
-from curricle.transfer import StateActionMapping
+from curricle import Pursuit, compare
+from tests.comparisons import ALL, HERE, MAZE, assert_same, copied, corner, pursuit
 
-MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
-CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
-HERE = cr.same_position(MAZE, CORNER)
-NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
-ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
 LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
-
-
-def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
-    """Return a curriculum from a corner of the maze to the maze."""
-    return Curriculum(
-        tasks={"corner": CORNER, "maze": MAZE},
-        transfers=[Transfer("corner", "maze", mapping)],
-        budget={"corner": source, "maze": target},
-        eval_freq={"maze": eval_freq},
-        **settings,
-    )
-
-
-def copied(task, target="far", **settings):
-    """Return a curriculum from a task to itself."""
-    return Curriculum(
-        tasks={"near": task, target: task},
-        transfers=[Transfer("near", target, cr.transfer.identity(task))],
-        **({"budget": 100} | settings),
-    )
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """Return the list of all trainings from now on: their arguments, and what came of them."""
-    noted, learn = [], cr.learn
-
-    def noting(task, learner, budget, **settings):
-        result = learn(task, learner, budget, **settings)
-        charged = settings["charged"]
-        left = budget if charged is None else budget - int(min(charged))
-        shapings = settings["shaping"] if isinstance(settings["shaping"], list) else []
-        settings["potentials"] = [one.for_task(task).potential for one in shapings]
-        settings["shaping"] = [one.with_potential(None) for one in shapings]
-        noted.append({"task": task, "budget": left, "result": result, **settings})
-        return result
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
-    return noted
-
-
-def assert_same(one, other):
-    """Two arms are equal, bit for bit."""
-    np.testing.assert_array_equal(one.curve.steps, other.curve.steps)
-    np.testing.assert_array_equal(one.curve.values, other.curve.values)
-    np.testing.assert_array_equal(one.curve.source_steps, other.curve.source_steps)
-    np.testing.assert_array_equal(one.training_return, other.training_return)
-    np.testing.assert_array_equal(one.guard_share, other.guard_share)
-    assert one.control == other.control
-
-
-def pursuit(**settings):
-    hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
-    changes = {"calibrate": settings.pop("calibrate", False)}
-    return Curriculum(
-        tasks={"chase": chase, "hunt": hunt},
-        transfers=[
-            Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), **changes)
-            for name in hunt.predator_names
-        ],
-        aggregate=cr.minimum,
-        budget={"chase": 5000, "hunt": 8000},
-        eval_freq={"hunt": 100},
-        evaluation=GreedyEvaluation(method="rollouts", episodes=10),
-        **settings,
-    )
 
 
 def test_controls_follow_their_arm_in_order():
