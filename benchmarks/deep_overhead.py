@@ -100,14 +100,14 @@ def car():
     """Return a car and the potential of another car's network."""
     task = cr.observation_task("MountainCar-v0", discount=0.98)
     network = NetworkValues(DQN("MlpPolicy", "MountainCar-v0", buffer_size=1).policy)
-    return task, cr.ObservationPotential.of(task, network)
+    return task, cr.transfer.ObservationPotential.of(task, network)
 
 
 def learning(task, potential, envs, settings, reads):
     """Return what has a DQN learn on for some steps, at the rate it returns, steps a second."""
     network = {"learning_starts": 100, "policy_kwargs": {"net_arch": [128, 128], **reads}}
     learner = cr.deep.DeepLearner("DQN", envs=envs, settings=network | settings)
-    model = model_for(task, learner, potential=potential, steps=10_000)
+    model = model_for(task, learner, shaping=cr.QInitialisation(potential), steps=10_000)
     model.learn(1_000)
     on = partial(model.learn, reset_num_timesteps=False)
     return lambda steps: on_one_thread(partial(on, steps), steps)

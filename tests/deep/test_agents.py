@@ -205,7 +205,7 @@ def test_agents_must_end_together():
 
 def test_agents_must_begin_together():
     pair = AgentsVecEnv(Pair(born=("a",)))
-    with pytest.raises(SettingError, match="live and die together: b observed nothing"):
+    with pytest.raises(SettingError, match="begin and end together: b observed nothing"):
         pair.reset()
 
 

@@ -1,4 +1,4 @@
-"""Training deep learners: curves, budgets, gates, ways in, and runs that are resumed."""
+"""Training deep learners: curves, budgets, stopping, shapings, and runs that are resumed."""
 
 import random
 
@@ -67,16 +67,16 @@ def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
     assert counted.steps_used[0] <= 4 * 30
 
 
-def test_a_gate_opens_where_its_predicate_says(observed):
-    gate = cr.StoppingRule(max_steps=2000, threshold=-1e9, patience=2)
-    result = cr.deep.learn_deep(observed, DQN, gate, eval_freq=50)
+def test_a_stopping_rule_ends_a_run_where_it_says(observed):
+    rule = cr.StoppingRule(max_steps=2000, threshold=-1e9, patience=2)
+    result = cr.deep.learn_deep(observed, DQN, rule, eval_freq=50)
     assert result.steps_used.tolist() == [50]
     assert result.steps.tolist() == [0, 50]
     with pytest.raises(cr.errors.SettingError, match="give a return instead"):
         cr.deep.learn_deep(observed, DQN, cr.StoppingRule(max_steps=2000, fraction=0.5))
 
 
-def test_charges_and_preludes_are_on_the_budget(observed):
+def test_charges_and_warm_ups_are_on_the_budget(observed):
     warm_up = cr.learning.WarmUp(np.array([30, 25]), np.array([-30.0, -15.0]))
     result = cr.deep.learn_deep(observed, DQN, 300, eval_freq=50, warm_up=[warm_up], charged=[100])
     assert result.steps_used.tolist() == [200]
@@ -85,26 +85,28 @@ def test_charges_and_preludes_are_on_the_budget(observed):
     assert result.greedy_return[0, 0] == result.greedy_return[0, 1]
 
 
-@pytest.mark.parametrize(("learner", "how"), [(DQN, "initialise"), (DQN, "state"), (PPO, "state")])
+@pytest.mark.parametrize(
+    ("learner", "way"), [(DQN, cr.QInitialisation), (DQN, cr.StateShaping), (PPO, cr.StateShaping)]
+)
 @pytest.mark.parametrize("kills", [1, 4])
 def test_a_killed_run_goes_on_to_the_same_result(
-    observed, tmp_path, monkeypatch, learner, how, kills
+    observed, tmp_path, monkeypatch, learner, way, kills
 ):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values / 2)
-    settings = {"potential": phi, "how": how, "eval_freq": 100, "seeds": [2]}
+    settings = {"shaping": way(phi), "eval_freq": 100, "seeds": [2]}
     whole = cr.deep.learn_deep(observed, learner, 400, **settings)
-    saved, save = [], training.Scribe._save
+    saved, save = [], training.Recorder._save
 
-    def killed(scribe):
-        save(scribe)
-        saved.append(scribe.progress.steps)
+    def killed(recorder):
+        save(recorder)
+        saved.append(recorder.progress.steps)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(training.Scribe, "_save", killed)
+    monkeypatch.setattr(training.Recorder, "_save", killed)
     for _ in range(kills):
         with pytest.raises(KeyboardInterrupt):
             cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
-    monkeypatch.setattr(training.Scribe, "_save", save)
+    monkeypatch.setattr(training.Recorder, "_save", save)
     assert 0 < saved[0] < 400
     assert saved == sorted(set(saved))
     same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
@@ -113,7 +115,7 @@ def test_a_killed_run_goes_on_to_the_same_result(
 
 def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
     cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
-    with pytest.raises(cr.errors.StoreError, match="belongs to one training"):
+    with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
         cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
     with pytest.raises(cr.errors.StoreError, match="one that curricle wrote"):
@@ -132,16 +134,16 @@ def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monk
             raise TypeError("this environment cannot be pickled")
 
     task = cr.tasks.ObservationTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
-    save = training.Scribe._save
+    save = training.Recorder._save
 
-    def killed(scribe):
-        save(scribe)
+    def killed(recorder):
+        save(recorder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(training.Scribe, "_save", killed)
+    monkeypatch.setattr(training.Recorder, "_save", killed)
     with pytest.raises(KeyboardInterrupt):
         cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
-    monkeypatch.setattr(training.Scribe, "_save", save)
+    monkeypatch.setattr(training.Recorder, "_save", save)
     result = cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
     assert result.steps_used.tolist() == [200]
     assert np.isfinite(result.greedy_return).all()
@@ -195,7 +197,7 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     ("arguments", "words"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"how": "look_back"}, "how of a deep learner must be one of"),
+        ({"shaping": cr.learning.LookBackAdvice()}, "is not a shaping for learners with networks"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
         ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
@@ -235,10 +237,8 @@ def test_what_shaping_took_off_is_put_back(observed):
 
 
 def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
-    edge = cr.Transfer(
-        "maze", "deep", cr.transfer.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1)),
-        calibrate=cr.transfer.Calibrate(episodes=20),
-    )  # fmt: skip
+    mapping = cr.transfer.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1))
+    edge = cr.Transfer("maze", "deep", mapping, calibrate=cr.transfer.Calibrate(episodes=20))
     plan = cr.Curriculum(
         {"maze": MAZE, "deep": observed}, [edge],
         learner={"deep": DQN}, budget={"maze": 5000, "deep": 600},

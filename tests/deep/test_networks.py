@@ -27,7 +27,7 @@ def policy_of(algorithm, potential=None, **policy_kwargs):
     settings = SETTINGS[algorithm]
     settings = settings | {"policy_kwargs": settings["policy_kwargs"] | policy_kwargs}
     learner = cr.deep.DeepLearner(algorithm, settings=settings)
-    return model_for(CART, learner, potential=potential, steps=100, seed=3).policy
+    return model_for(CART, learner, shaping=cr.QInitialisation(potential), steps=100, seed=3).policy
 
 
 def said_by_torch(policy, kind, rows):
@@ -72,7 +72,7 @@ def test_what_is_not_plain_is_left_to_torch():
             return super().forward(observations) / 2
 
     height = cr.transfer.FunctionValues(lambda rows, actions: actions + rows[:, :1], actions=2)
-    potential = cr.ObservationPotential.of(CART, height)
+    potential = cr.transfer.ObservationPotential.of(CART, height)
     rows = np.random.default_rng(0).normal(size=(3, 4)).astype(np.float32)
     for policy in (
         policy_of("DQN", potential),

@@ -14,7 +14,7 @@ from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.deep.plain_networks import FEW
 from curricle.deep.residual import residual_policy
-from curricle.deep.residual_networks import ResidualMlpPolicy, Rows
+from curricle.deep.residual_networks import PotentialCache, ResidualMlpPolicy
 
 from .worlds import one_hot, random_task, table_potential
 
@@ -32,7 +32,7 @@ def linear(observed, potential=None, **changed):
         "policy_kwargs": SGD if potential is None else OBSERVING, **changed,
     }  # fmt: skip
     learner = cr.deep.DeepLearner("DQN", settings=settings)
-    model = model_for(observed, learner, potential=potential, seed=3)
+    model = model_for(observed, learner, shaping=cr.QInitialisation(potential), seed=3)
     for net in (model.q_net, model.q_net_target):
         torch.nn.init.zeros_(net.q_net[0].weight)
         torch.nn.init.zeros_(net.q_net[0].bias)
@@ -153,7 +153,9 @@ def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
     observed = one_hot(task)
     q = cr.solve(task).action_values
     learner = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
-    model = model_for(observed, learner, potential=table_potential(task, observed, q))
+    model = model_for(
+        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, q))
+    )
     rows = np.eye(task.states.size, dtype=np.float32)
     live = np.flatnonzero(~task.mdp.terminal)
     for net in (model.q_net, model.q_net_target):
@@ -173,7 +175,9 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
     how = {"net_arch": [16], "reads": reads}
     settings = {"learning_starts": 50, "batch_size": 32, "policy_kwargs": how}
     learner = cr.deep.DeepLearner("DQN", settings=settings)
-    model = model_for(observed, learner, potential=table_potential(task, observed, phi))
+    model = model_for(
+        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, phi))
+    )
     model.learn(44)
     online, target = model.q_net, model.q_net_target
     assert (online.running_shift, online.running_scale) == (0, 1)
@@ -199,8 +203,8 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
 def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
     hunt = cr.interop.observed_pursuit(cr.Pursuit(3, predators=predators))
     height = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
-    phi = cr.ObservationPotential.of(hunt, height)
-    network = model_for(hunt, cr.deep.DeepLearner("DQN"), potential=phi).q_net
+    phi = cr.transfer.ObservationPotential.of(hunt, height)
+    network = model_for(hunt, cr.deep.DeepLearner("DQN"), shaping=cr.QInitialisation(phi)).q_net
     width = hunt.observations.shape[0] + extra
     assert network.q_net[0].in_features == width
 
@@ -209,13 +213,13 @@ def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
 def test_it_acts_on_the_best_of_what_it_says_however_many_are_asked(reads):
     cart = cr.observation_task("CartPole-v1", discount=0.99)
     height = cr.transfer.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
-    potential = cr.ObservationPotential.of(cart, height)
+    potential = cr.transfer.ObservationPotential.of(cart, height)
     settings = {
         "learning_starts": 10, "batch_size": 8, "learning_rate": 0.03,
         "policy_kwargs": {"net_arch": [16], "reads": reads},
     }  # fmt: skip
     learner = cr.deep.DeepLearner("DQN", settings=settings)
-    model = model_for(cart, learner, potential=potential, seed=5)
+    model = model_for(cart, learner, shaping=cr.QInitialisation(potential), seed=5)
     model.learn(60)
     rows = np.random.default_rng(1).normal(size=(FEW + 1, 4)).astype(np.float32)
     with torch.no_grad():
@@ -232,7 +236,9 @@ def test_qr_dqn_starts_at_phi_in_every_quantile():
     observed = one_hot(task)
     q = cr.solve(task).action_values
     learner = cr.deep.DeepLearner("QRDQN", settings={"policy_kwargs": {"n_quantiles": 5}})
-    model = model_for(observed, learner, potential=table_potential(task, observed, q))
+    model = model_for(
+        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, q))
+    )
     rows = np.eye(3, dtype=np.float32)
     with torch.no_grad():
         quantiles = model.quantile_net(torch.as_tensor(rows)).numpy()
@@ -260,11 +266,11 @@ def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
 def test_what_cannot_be_a_residual_is_refused():
     from stable_baselines3 import PPO
 
-    with pytest.raises(cr.errors.SettingError, match="how='state' serves every algorithm"):
+    with pytest.raises(cr.errors.SettingError, match="StateShaping"):
         residual_policy(PPO, "MlpPolicy")
     observed = one_hot(cr.GridWorld("S.T"))
     height = cr.transfer.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
-    with pytest.raises(cr.errors.SettingError, match="how='state' does not"):
+    with pytest.raises(cr.errors.SettingError, match="StateShaping does not"):
         cr.deep.learn_deep(
             observed, cr.deep.DeepLearner("DQN"), 100, shaping=cr.QInitialisation(height)
         )
@@ -274,13 +280,13 @@ def test_what_cannot_be_a_residual_is_refused():
         cr.deep.learn_deep(observed, blind, 100, shaping=cr.QInitialisation(actions))
 
 
-def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
+def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):
     rng = np.random.default_rng(3)
     task = random_task(rng, n_states=50)
     observed = one_hot(task)
     table = rng.normal(size=(50, 3))
-    rows, asked = Rows(table_potential(task, observed, table)), []
-    pairs = cr.ObservationPotential.pairs
+    cache, asked = PotentialCache(table_potential(task, observed, table)), []
+    pairs = cr.transfer.ObservationPotential.pairs
 
     def counted(potential, observations):
         asked.append(len(observations))
@@ -290,10 +296,10 @@ def test_what_is_remembered_of_phi_is_phi_and_has_a_bound(monkeypatch):
     for _ in range(30):
         states = rng.integers(49, size=8)
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-        assert rows.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
-    assert sum(asked) == len(rows.places) <= 49
-    monkeypatch.setattr(residual_networks, "MOST_BYTES", 0)
-    states[0] = 49  # never seen: it is for what is new that room is made
+        assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
+    assert sum(asked) == len(cache.places) <= 49
+    monkeypatch.setattr(residual_networks, "MAX_BYTES", 0)
+    states[0] = 49  # not cached: then room is made for it
     seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-    assert rows.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
-    assert len(rows.places) == len(set(states.tolist()))
+    assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
+    assert len(cache.places) == len(set(states.tolist()))

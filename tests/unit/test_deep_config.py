@@ -449,8 +449,13 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
     (tmp_path / "study.toml").write_text(HUNT)
     code = """
         import sys
-        for name in ("torch", "stable_baselines3", "sb3_contrib"):
-            sys.modules[name] = None
+
+        class NotInstalled:
+            def find_spec(self, name, path=None, target=None):
+                if name.split(".")[0] in ("torch", "stable_baselines3", "sb3_contrib"):
+                    raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+        sys.meta_path.insert(0, NotInstalled())
         from curricle.cli.app import main
         sys.argv = ["curricle", *sys.argv[1:]]
         main()

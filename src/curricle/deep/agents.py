@@ -1,4 +1,4 @@
-"""Agents of PettingZoo as a vector environment of Stable-Baselines3: one model learns for all."""
+"""PettingZoo's agents as a vector environment of Stable-Baselines3: one model for all."""
 
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
@@ -13,7 +13,7 @@ from curricle.errors import SettingError
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
-except ModuleNotFoundError:  # the extra is not installed; making one says so
+except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = object
 
 Indices = int | Iterable[int] | None
@@ -22,29 +22,29 @@ Indices = int | Iterable[int] | None
 class AgentsVecEnv(VecEnv):
     """A PettingZoo environment in which one model of Stable-Baselines3 learns for every agent.
 
-    Each agent is one sub-environment, in the order of ``possible_agents``. What they learn from is
-    theirs alone: independent learners that share their weights. An episode ends for all at once and
-    the next begins by itself, as in ``DummyVecEnv``: ``infos`` then have the last observation,
-    ``terminal_observation``, and whether the episode was cut off, ``TimeLimit.truncated``.
+    Each agent is one sub-environment, in the order of ``possible_agents``: independent learners
+    that share their weights. An episode ends for all at once and the next begins by itself, as in
+    ``DummyVecEnv``: ``infos`` then have the last observation, ``terminal_observation``, and
+    ``TimeLimit.truncated``.
 
-    A model counts agents' steps: its ``num_timesteps`` are `num_envs` times the steps that the
-    agents took together, which are ``joint_steps``; so are the steps that it is told to learn.
+    A model counts the steps of each agent: its ``num_timesteps``, and the steps given to ``learn``,
+    are `num_envs` times ``joint_steps``.
 
-    Agents are one environment: attributes and methods are the environment's, the same for all
-    indices; a method is called once. Of seeds and options the first agent's count. Episodes are
-    recorded by ``VecMonitor``, once for each agent.
+    Attributes and methods are those of the one environment, the same for all indices; a method is
+    called once. The first agent's seed and options are used. ``VecMonitor`` records an episode once
+    for each agent.
 
     Parameters
     ----------
     parallel_env : pettingzoo.ParallelEnv
-        Whose agents observe and act alike, and live and die together.
+        All agents have the same spaces, and their episodes begin and end together.
 
     Attributes
     ----------
     environment : pettingzoo.ParallelEnv
     agents : tuple of str
     joint_steps : int
-        Steps that the agents took together, episodes' resets aside.
+        Steps of the environment, without resets.
 
     Raises
     ------
@@ -156,8 +156,8 @@ class AgentsVecEnv(VecEnv):
 
     def _stacked(self, observed: dict[str, Any]) -> Any:
         space = self.observation_space
-        room: Any = create_empty_array(space, self.num_envs)
-        return concatenate(space, [observed[agent] for agent in self.agents], room)
+        empty: Any = create_empty_array(space, self.num_envs)
+        return concatenate(space, [observed[agent] for agent in self.agents], empty)
 
     def _many(self, indices: Indices) -> int:
         return len(list(self._get_indices(indices)))
@@ -166,12 +166,12 @@ class AgentsVecEnv(VecEnv):
         missing = [agent for agent in self.agents if agent not in observed]
         if missing:
             raise SettingError(
-                f"agents must live and die together: {', '.join(missing)} observed nothing"
+                f"agents must begin and end together: {', '.join(missing)} observed nothing"
             )
 
     def _check_together(self, over: npt.NDArray[np.bool_]) -> None:
         if over.any() and not over.all():
             ended = ", ".join(np.array(self.agents)[over])
             raise SettingError(
-                f"agents must live and die together: the episode ended for {ended} alone"
+                f"agents must begin and end together: the episode ended for {ended} alone"
             )

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: everything it needs to go on as if nothing had happened.
+"""Checkpoints of a run: all that it needs to resume with the same result.
 
 They are pickles, of one's own run, for one's own machine; results never are.
 """
@@ -17,48 +17,48 @@ from curricle.errors import StoreError
 from curricle.files import write_whole
 
 LEFT_OUT = ("_logger",)
-"""What of a model holds files or the screen, and is made anew."""
+"""Attributes of a model that hold files or the screen, and are made anew."""
 
 
 class Saved(NamedTuple):
-    """A run at rest."""
+    """A checkpoint."""
 
-    words: str
+    run: str
     """What is trained: a checkpoint of something else is refused."""
     model: tuple[type, dict[str, Any]]
     """An algorithm's class and attributes: network, optimizer, replay buffer, environments."""
     progress: Any
-    """What has been written down so far."""
+    """What has been recorded so far."""
     states: tuple[Any, ...]
     """Of the random number generators."""
 
 
-def save(path: Path, words: str, model: Any, progress: Any) -> None:
+def save(path: Path, run: str, model: Any, progress: Any) -> None:
     """Write a checkpoint, whole or not at all.
 
-    An environment that cannot be pickled is left out; the run then goes on with a new episode.
+    An environment that cannot be pickled is left out; the run then resumes with a new episode.
 
     Parameters
     ----------
     path : Path
-    words : str
+    run : str
         What is trained.
     model : BaseAlgorithm
     progress : object
         That can be pickled.
     """
     held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
-    kept = Saved(words, (type(model), held), progress, generator_states())
+    saved = Saved(run, (type(model), held), progress, generator_states())
     try:
-        content = cloudpickle.dumps(kept)
+        content = cloudpickle.dumps(saved)
     except Exception:  # whatever an environment's own code raises
         held |= {"env": None, "_last_obs": None}
-        content = cloudpickle.dumps(kept)
+        content = cloudpickle.dumps(saved)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, content)
 
 
-def load(path: Path, words: str) -> Saved | None:
+def load(path: Path, run: str) -> Saved | None:
     """Return a checkpoint; None if there is none.
 
     Raises
@@ -75,15 +75,15 @@ def load(path: Path, words: str) -> Saved | None:
         saved = cloudpickle.loads(content)
     if not isinstance(saved, Saved):
         raise StoreError(f"a checkpoint must be one that curricle wrote, here: {path} is not")
-    if saved.words != words:
+    if saved.run != run:
         raise StoreError(
-            f"a checkpoint belongs to one training: {path} is of {saved.words}, this is {words}"
+            f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}"
         )
     return saved
 
 
 def restored(saved: Saved) -> Any:
-    """Return the model of a checkpoint, and set the random number generators to where it was."""
+    """Return the model of a checkpoint, and set the random number generators to its states."""
     kind, held = saved.model
     model: Any = object.__new__(kind)
     model.__dict__.update(held)
@@ -105,8 +105,8 @@ def set_generators(states: tuple[Any, ...]) -> None:
 
 
 @contextmanager
-def apart(threads: int) -> Iterator[None]:
-    """Keep what a run does to torch's threads and to the generators from everybody else."""
+def isolated(threads: int) -> Iterator[None]:
+    """Use so many of torch's threads, and restore their number and the generators afterwards."""
     before, states = torch.get_num_threads(), generator_states()
     torch.set_num_threads(threads)
     try:

@@ -9,9 +9,9 @@ from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
-"""Where algorithms are looked for by name."""
+"""Where an algorithm's name is looked up."""
 SAVES = 20
-"""Checkpoints to resume from that a run writes, by default, in all of its budget."""
+"""Checkpoints to resume from that a run writes in all of its budget."""
 
 
 @dataclass(frozen=True)
@@ -26,21 +26,21 @@ class DeepLearner:
     policy : str
         ``"MlpPolicy"``, ``"CnnPolicy"`` or ``"MultiInputPolicy"``.
     envs : int
-        Environments played side by side. Steps are counted over all of them.
+        Sub-environments. Steps are counted over all of them.
     settings : dict
-        All else that the algorithm takes, such as ``learning_rate``, ``buffer_size`` or
+        Other arguments of the algorithm, such as ``learning_rate``, ``buffer_size`` or
         ``policy_kwargs``. gamma is the task's discount.
     callbacks : callable, optional
         Returns the callbacks (``BaseCallback``) of one run, made anew for each seed.
     progress_bar : bool
-        Whether Stable-Baselines3 shows its own.
+        Whether Stable-Baselines3 shows its progress bar.
     threads : int
-        That torch may use; more than one pays for large networks only.
+        Of torch; more than one helps large networks only.
 
     Raises
     ------
     SettingError
-        When a setting makes no sense.
+        When a setting is invalid.
 
     Examples
     --------
@@ -65,15 +65,15 @@ class DeepLearner:
         taken = {"env", "policy", "seed", "gamma", "verbose"} & set(self.settings)
         if taken - {"verbose"}:
             raise SettingError(
-                "a deep learner's settings leave out what Curricle says itself: got "
+                "a deep learner's settings must leave out what Curricle sets itself: got "
                 f"{', '.join(sorted(taken - {'verbose'}))}"
             )
         object.__setattr__(self, "settings", dict(self.settings))
 
     def __repr__(self) -> str:
-        said = [f"{name}={_said(value)}" for name, value in self.settings.items()]
+        settings = [f"{name}={_text(value)}" for name, value in self.settings.items()]
         envs = [f"envs={self.envs}"] if self.envs > 1 else []
-        return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *said])})"
+        return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *settings])})"
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class.
@@ -100,10 +100,10 @@ class DeepLearner:
         )
 
 
-def _said(value: Any) -> str:
-    """Return a setting in words that are the same in every process."""
+def _text(value: Any) -> str:
+    """Return a setting as text that is the same in every process."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{name!r}: {_said(one)}" for name, one in value.items()) + "}"
+        return "{" + ", ".join(f"{name!r}: {_text(one)}" for name, one in value.items()) + "}"
     return str(getattr(value, "__qualname__", None) or repr(value))
 
 

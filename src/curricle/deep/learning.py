@@ -37,18 +37,18 @@ def learn_deep(
     saves: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
 ) -> LearningResult:
-    """Return what a deep learner makes of a task, for each of several seeds, one after another.
+    """Return what a deep learner learns of a task, for each of several seeds, one after another.
 
     Parameters
     ----------
     task : ObservationTask
     learner : DeepLearner
-        Default DQN as Stable-Baselines3 sets it up.
+        By default DQN with the settings of Stable-Baselines3.
     budget : int, Episodes or StoppingRule
-        As in :func:`learn`. A run ends at the very step, within a rollout if need be.
+        As in :func:`learn`. A run ends at the exact step, even within a rollout.
     seeds : int or sequence of int
-        As in :func:`learn`: a seed's result depends on nothing but it, the stream and the settings
-        (and on torch's version and the machine, whose sums are rounded differently).
+        As in :func:`learn`: a seed's result depends on the seed, the stream and the settings alone
+        (and on torch's version and the machine, which round differently).
     shaping : Shaping or sequence of K Shaping, optional
         One for all seeds or one for each, of an :class:`ObservationPotential` or another
         ``ValueSource``:
@@ -65,7 +65,7 @@ def learn_deep(
     stream, warm_up, charged
         As in :func:`learn`.
     saves : path, optional
-        A folder for checkpoints, from which a killed run goes on, to the same result: network,
+        A folder for checkpoints, from which a killed run resumes, with the same result: network,
         optimizer, replay buffer, environments, generators.
     progress : callable, optional
         Called with each seed when it is done.
@@ -78,7 +78,7 @@ def learn_deep(
     Raises
     ------
     SettingError
-        When an argument makes no sense; nothing has run then.
+        When an argument is invalid, before anything runs.
     ImportError
         When Stable-Baselines3 is not installed.
 
@@ -102,25 +102,25 @@ def learn_deep(
     learner.algorithm_class()
     each_shaping = _shapings(task, learner, shaping, len(numbers))
     spent = charges(charged, len(numbers), steps)
-    acted = warm_ups(warm_up, spent, steps, episodes)
-    gate = NEVER_STOPS
+    warmed_up = warm_ups(warm_up, spent, steps, episodes)
+    stopping = NEVER_STOPS
     if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
-        gate = budget.kernel()
+        stopping = budget.kernel()
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
     from curricle.deep.training import DeepRun
 
-    run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, gate, stream)
-    done = []
+    run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, stopping, stream)
+    outcomes = []
     for k, seed in enumerate(numbers):
         place = None if saves is None else Path(saves) / f"seed-{seed}.checkpoint"
-        done.append(run.train(seed, each_shaping[k], acted[k], spent[k], place))
+        outcomes.append(run.train(seed, each_shaping[k], warmed_up[k], spent[k], place))
         if progress is not None:
             progress(seed)
-    values = tuple(outcome.values for outcome in done)
-    return learning_result(task, learner, numbers, values, done, eval_freq)  # type: ignore[arg-type]
+    values = tuple(outcome.values for outcome in outcomes)
+    return learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
 
 
 def _shapings(
@@ -143,7 +143,6 @@ def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:
         )
     if shaping.starts_at_potential and not potential.of_actions:
         raise SettingError(
-            f"{shaping.name} needs a potential that tells numbered actions apart; StateShaping "
-            "does not"
+            f"{shaping.name} needs a potential of numbered actions; StateShaping does not"
         )
     return shaping.with_potential(potential)

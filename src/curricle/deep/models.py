@@ -9,20 +9,19 @@ import numpy.typing as npt
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from curricle.deep.checkpoint import apart
+from curricle.deep.checkpoint import isolated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
-from curricle.deep.reuse import reusing
 from curricle.deep.shaped import ShapedVecEnv
-from curricle.deep.shaping import PolicyReuse, WeightTransfer
+from curricle.deep.shaping import PolicyReuse, WeightTransfer, reusing
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_potential import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
-"""What of an actor-critic's parameters is the critic's."""
+"""Prefixes of the critic's parameters in an actor-critic."""
 
 
 def model_for(
@@ -33,23 +32,23 @@ def model_for(
     seed: int = 0,
     steps: int | None = None,
 ) -> Any:
-    """Return a model, ready to learn, with all that a potential does to it.
+    """Return a model, ready to learn, with its shaping.
 
     Parameters
     ----------
     task : ObservationTask
     learner : DeepLearner
     shaping : Shaping, optional
-        Of an :class:`ObservationPotential`, as :func:`learn_deep` says.
+        Of an :class:`ObservationPotential`; as in :func:`learn_deep`.
     seed : int
         Below 2^32.
     steps : int, optional
-        That will be learnt; a replay buffer need not be larger.
+        That it will learn; a replay buffer is not made larger.
 
     Raises
     ------
     SettingError
-        When the algorithm does not take a setting, or cannot be taught in this way.
+        When the algorithm does not take a setting or the shaping.
 
     Examples
     --------
@@ -62,8 +61,8 @@ def model_for(
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
-        whole = settings.get("buffer_size", 1_000_000)
-        settings["buffer_size"] = max(min(whole, steps), learner.envs)
+        size = settings.get("buffer_size", 1_000_000)
+        settings["buffer_size"] = max(min(size, steps), learner.envs)
     guided = False
     potential = None if shaping is None else shaping.potential
     if shaping is not None and shaping.starts_at_potential and potential is not None:
@@ -110,7 +109,7 @@ def network_values(
     shaping: Shaping | None,
     parameters: Mapping[str, npt.NDArray[Any]],
 ) -> NetworkValues:
-    """Return what a network valued that was trained before, from its parameters alone.
+    """Return the values of a network that was trained before, from its parameters.
 
     Parameters
     ----------
@@ -123,7 +122,8 @@ def network_values(
     --------
     >>> from curricle import observation_task
     >>> from curricle.deep import learn_deep
-    >>> cart, dqn = observation_task("CartPole-v1"), DeepLearner("DQN", settings={"learning_starts": 50})
+    >>> cart = observation_task("CartPole-v1")
+    >>> dqn = DeepLearner("DQN", settings={"learning_starts": 50})
     >>> trained = learn_deep(cart, dqn, 100).values[0]
     >>> again = network_values(cart, dqn, None, trained.parameters())
     >>> import numpy as np
@@ -132,7 +132,7 @@ def network_values(
     True
     """
     known = shaping if shaping is not None and shaping.reads_values else None
-    with apart(learner.threads):
+    with isolated(learner.threads):
         model = model_for(task, learner, known, steps=1)
     model.env.close()
     values = NetworkValues(model.policy, subtracted(known))
@@ -150,14 +150,14 @@ def _carry_over(model: Any, potential: ObservationPotential, *, everything: bool
         )
     if hasattr(source.policy, "potential"):
         raise SettingError(
-            "weights are carried over from a network that says all itself: got a residual on a "
+            "weights are carried over from a network that computes all of Q: got a residual on a "
             "potential"
         )
     mine, theirs = model.policy.state_dict(), source.policy.state_dict()
     names = [n for n in theirs if everything or not n.startswith((*VALUE_HEAD, "critic"))]
     for name in names:
         if name not in mine or mine[name].shape != theirs[name].shape:
-            here = tuple(mine[name].shape) if name in mine else "nothing"
+            here = tuple(mine[name].shape) if name in mine else "missing"
             raise SettingError(
                 "weights are carried over between networks of one shape: "
                 f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"

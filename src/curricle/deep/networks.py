@@ -1,4 +1,4 @@
-"""What trained networks value."""
+"""The values of trained networks."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,24 +14,24 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class NetworkValues:
-    """What a policy of Stable-Baselines3 values, in its task's own rewards.
+    """The values of a policy of Stable-Baselines3, in its task's own rewards.
 
     - DQN: Q(s, a) of its network, phi included where it is a residual; QR-DQN: the mean of the
       quantiles. V(s) = max_a Q(s, a).
-    - PPO, A2C and their like: V(s) of the value head; actions are not told apart.
-    - SAC, TD3, DDPG: Q(s, a) is the least of the critics', V(s) that of what the actor does.
+    - PPO, A2C and other actor-critics: V(s) of the value head; there is no Q(s, a).
+    - SAC, TD3, DDPG: Q(s, a) is the least of the critics', V(s) that of the actor's action.
 
     Parameters
     ----------
     policy : stable_baselines3.common.policies.BasePolicy
         ``model.policy`` of a model.
     values_offset : ObservationPotential, optional
-        The Phi that shaped its rewards. What is learnt then is Q - Phi, and Phi is put back.
+        The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
 
     Raises
     ------
     PotentialError
-        When the policy values nothing.
+        When the policy has no values.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class NetworkValues:
         found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
         if not found:
             raise PotentialError(
-                f"a source's policy must value something ({', '.join(kinds)}): got a "
+                f"a source's policy must have one of {', '.join(kinds)}: got a "
                 f"{type(policy).__name__}"
             )
         from curricle.deep.plain_networks import plain_network
@@ -58,7 +58,7 @@ class NetworkValues:
 
     @property
     def of_actions(self) -> bool:
-        """Whether actions are numbered and told apart."""
+        """Whether there is a Q(s, a) for each of numbered actions."""
         return self.kind in ("q_net", "quantile_net")
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
@@ -76,7 +76,7 @@ class NetworkValues:
             with torch.no_grad():
                 taken = torch.as_tensor(scaled, device=self.policy.device)
                 found = self._critics(self._seen(observations), taken)
-        return self._put_back(found, observations)
+        return self._with_offset(found, observations)
 
     def v(self, observations: Any) -> FloatArray:
         """Return V(s), (n,) float64."""
@@ -88,7 +88,7 @@ class NetworkValues:
             with torch.no_grad():
                 seen = self._seen(observations)
                 found = self._critics(seen, self.policy._predict(seen, deterministic=True))
-        return self._put_back(found, observations)
+        return self._with_offset(found, observations)
 
     def act(self, observations: Any) -> npt.NDArray[Any]:
         """Return the action taken in each of n observations, without exploring."""
@@ -123,7 +123,7 @@ class NetworkValues:
         return found
 
     def _by_torch(self, observations: Any) -> FloatArray:
-        """Return what the network says, (n, ...)."""
+        """Return the network's output, computed by PyTorch, (n, ...)."""
         import torch
 
         heads = self.kind == "value_net"
@@ -135,7 +135,7 @@ class NetworkValues:
         each = np.stack([_array(values)[:, 0] for values in self.policy.critic(seen, actions)])
         return np.asarray(each.min(axis=0))
 
-    def _put_back(self, found: FloatArray, observations: Any) -> FloatArray:
+    def _with_offset(self, found: FloatArray, observations: Any) -> FloatArray:
         if self.values_offset is None:
             return found
         phi = self.values_offset.v(observations)

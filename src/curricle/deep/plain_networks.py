@@ -1,4 +1,4 @@
-"""Networks of plain layers, read by NumPy: of few observations PyTorch takes longer to begin."""
+"""Networks of plain layers, computed by NumPy, which is quicker for few observations."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from stable_baselines3.common.torch_layers import FlattenExtractor, MlpExtractor
 from torch.nn import Linear, ReLU, Tanh
 
 FEW = 64
-"""Observations up to which NumPy is the quicker one."""
+"""Observations up to which NumPy is quicker than PyTorch."""
 
 
 def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -24,16 +24,16 @@ ACTIVATIONS: dict[type, Any] = {ReLU: _relu, Tanh: np.tanh}
 
 
 class Layer(NamedTuple):
-    """What comes of x: activation(W x + b)."""
+    """x -> activation(W x + b)."""
 
-    weight: torch.nn.Parameter  # as it is when read, learning or not
+    weight: torch.nn.Parameter  # the parameter itself, as it is when read
     bias: torch.nn.Parameter
     activation: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
 
 
 @dataclass(frozen=True)
 class PlainNetwork:
-    """Layers one after the other, read by NumPy.
+    """Layers one after the other, computed by NumPy.
 
     Examples
     --------
@@ -48,17 +48,17 @@ class PlainNetwork:
     layers: tuple[Layer, ...]
 
     def is_quicker_for(self, n: int) -> bool:
-        """Return whether n observations are few enough, and the network within NumPy's reach."""
+        """Return whether n observations are few enough and the network is not on another device."""
         return n <= FEW and self.layers[0].weight.device.type == "cpu"
 
     def takes(self, observations: Any) -> bool:
-        """Return whether these are vectors, (n, D), that are better read here."""
+        """Return whether these are vectors, (n, D), for which this is quicker."""
         vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
         fits = vectors and observations.shape[1] == self.layers[0].weight.shape[1]
         return fits and self.is_quicker_for(len(observations))
 
     def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        """Return what the network makes of n vectors, (n, outputs)."""
+        """Return the outputs for n vectors, (n, outputs)."""
         found = observations.astype(np.float32, copy=False)
         for weight, bias, activation in self.layers:
             found = found @ weight.detach().numpy().T + bias.detach().numpy()
@@ -68,9 +68,9 @@ class PlainNetwork:
 
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
-    """Return what lies between vectors and what a policy values; None if it is anything unusual.
+    """Return the network from vectors to a policy's values; None if anything in it is unusual.
 
-    That is Q(s, a) of DQN (of kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
+    Values are Q(s, a) of DQN (kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
     actor-critic ("value_net"), each of ``MlpPolicy``.
 
     Examples

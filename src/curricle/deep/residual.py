@@ -1,4 +1,4 @@
-"""Deep Q-learning started at a potential: which policy of an algorithm does it."""
+"""Deep Q-learning started at a potential: the policy class for each algorithm."""
 
 from curricle.errors import SettingError
 
@@ -6,17 +6,17 @@ from curricle.errors import SettingError
 def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     """Return the policy class with which a network computes phi(s, a) + residual(s, a).
 
-    It acts, bootstraps and is evaluated on the sum, in the online and the target network alike,
-    starts with a residual of 0, and is saved and loaded with its potential. Among the
+    It acts, bootstraps and is evaluated on the sum, in the online and the target network alike;
+    the residual starts at 0, and the potential is saved with the model. Among the
     ``policy_kwargs`` of DQN or QR-DQN it takes
 
     - ``potential``, an :class:`ObservationPotential`;
-    - ``reads``, what the residual sees of phi beside the observation, standardised as in the first
-      batch it learns from: "actions", phi(s, .), by default of fewer than 32 actions; "state",
-      Phi(s) = max_a phi(s, a), by default of more; or "nothing". A linear residual that reads
-      nothing learns exactly what Q-learning learns that starts at phi (Wiewiora 2003); but where
-      phi jumps, as tables do between cells, a network of the observation alone cannot follow it,
-      and may diverge.
+    - ``reads``, which part of phi is an input of the residual beside the observation, standardised
+      by the first batch it learns from: "actions", phi(s, .), the default for fewer than 32
+      actions; "state", Phi(s) = max_a phi(s, a), the default for more; or "nothing". A linear
+      residual that reads nothing learns exactly what Q-learning from phi learns (Wiewiora 2003);
+      but where phi jumps, as tables do between cells, a network of the observation alone cannot
+      follow it, and may diverge.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     Raises
     ------
     SettingError
-        When the algorithm has no such policy: it does not learn the values of numbered actions.
+        When the algorithm has no such policy, as it does not learn values of numbered actions.
 
     Examples
     --------

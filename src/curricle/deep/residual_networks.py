@@ -1,7 +1,7 @@
 """Networks that compute phi(s, a) + residual(s, a): Q-initialisation for deep Q-learning.
 
-Wiewiora 2003: look-ahead advice learns what Q-learning learns that starts at phi. A network cannot
-be started at phi, but the sum of phi and a network that starts at 0 can; acting, bootstrapping and
+Wiewiora 2003: look-ahead advice learns what Q-learning from phi learns. A network cannot be started
+at phi, but the sum of phi and a network that starts at 0 can be learnt; acting, bootstrapping and
 evaluation all read the sum, so nothing else of the algorithm changes.
 """
 
@@ -22,34 +22,36 @@ from curricle.transfer.value_sources import no_actions
 try:
     from sb3_contrib.qrdqn import policies as qrdqn
     from sb3_contrib.qrdqn.policies import QuantileNetwork
-except ModuleNotFoundError:  # sb3-contrib is not installed; asking for QR-DQN says so
+except ModuleNotFoundError:  # sb3-contrib is not installed: QR-DQN is refused
     qrdqn, QuantileNetwork = None, object
 
 
 READS = "actions", "state", "nothing"
-"""What a residual reads of phi: phi(s, .), Phi(s) = max_a phi(s, a), or none of it."""
-MANY = 32
-"""Actions from which on it reads Phi(s) unless told otherwise: a wider network costs more."""
-MOST_BYTES = 2**28
-"""That remembered values of phi may take, with the observations they are known by."""
+"""What a residual reads beside the observation: phi(s, .), Phi(s) = max_a phi(s, a), or nothing."""
+MANY_ACTIONS = 32
+"""From so many actions on it reads Phi(s) by default: a wider network costs more."""
+MAX_BYTES = 2**28
+"""Of cached values of phi, with their observations."""
 
 
 class _OnPhi:
-    """What makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
+    """Makes a network one of phi(s, a) + residual(s, a); the residual starts at 0.
 
-    It reads phi beside its features, as much as `reads` says: where phi jumps, as tables do between
-    cells, a smooth residual of the observation alone cannot follow, and bootstraps from its own
-    errors.
+    The residual reads a part of phi, `reads`, beside its features: where phi jumps, as tables do
+    between cells, a smooth residual of the observation alone cannot follow, and bootstraps from its
+    own errors.
     """
 
-    rows: "Rows"
+    cache: "PotentialCache"
     running_shift: torch.Tensor  # so named, they are copied into the target network
     running_scale: torch.Tensor
 
-    def __init__(self, *args: Any, rows: "Rows", reads: str, features_dim: int, **settings: Any):
-        seen = features_dim + {"actions": rows.n_actions, "state": 1, "nothing": 0}[reads]
-        super().__init__(*args, features_dim=seen, **settings)  # type: ignore[call-arg]
-        self.rows, self.reads, self.silent = rows, reads, True
+    def __init__(
+        self, *args: Any, cache: "PotentialCache", reads: str, features_dim: int, **settings: Any
+    ):
+        inputs = features_dim + {"actions": cache.n_actions, "state": 1, "nothing": 0}[reads]
+        super().__init__(*args, features_dim=inputs, **settings)  # type: ignore[call-arg]
+        self.cache, self.reads, self.untrained = cache, reads, True
         self.register_buffer("running_shift", torch.zeros(()))  # type: ignore[attr-defined]
         self.register_buffer("running_scale", torch.ones(()))  # type: ignore[attr-defined]
         torch.nn.init.zeros_(self._last.weight)
@@ -57,7 +59,7 @@ class _OnPhi:
 
     @property
     def _last(self) -> Any:
-        """The layer that is silent at first."""
+        """The last layer, which is 0 at first."""
         raise NotImplementedError
 
     def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
@@ -65,20 +67,20 @@ class _OnPhi:
         own: torch.Tensor = self.extract_features(obs, self.features_extractor)  # type: ignore[attr-defined]
         if self.reads == "nothing":
             return own
-        told = phi if self.reads == "actions" else best
-        if self.silent and torch.is_grad_enabled():  # nothing learnt before, perhaps
-            self._look_at(told)
-        scaled = torch.addcmul(self.running_shift, told, self.running_scale)
+        read = phi if self.reads == "actions" else best
+        if self.untrained and torch.is_grad_enabled():
+            self._standardise(read)
+        scaled = torch.addcmul(self.running_shift, read, self.running_scale)
         return torch.cat([own, scaled], dim=1)
 
-    def _look_at(self, told: torch.Tensor) -> None:
-        """Standardise phi by its mean and spread in a batch, as long as nothing has been learnt."""
+    def _standardise(self, read: torch.Tensor) -> None:
+        """Set shift and scale by the mean and spread of a batch, until something is learnt."""
         if self._last.weight.any():
-            self.silent = False
+            self.untrained = False
             return
-        spread = told.std(correction=0)
+        spread = read.std(correction=0)
         self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
-        self.running_shift.copy_(-told.mean() * self.running_scale)
+        self.running_shift.copy_(-read.mean() * self.running_scale)
 
 
 class ResidualQNetwork(_OnPhi, QNetwork):
@@ -94,21 +96,21 @@ class ResidualQNetwork(_OnPhi, QNetwork):
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
-        phi, best = self.rows.of(obs)
+        phi, best = self.cache.of(obs)
         return self.q_net(self._features(obs, phi, best)) + phi
 
     def _predict(self, observation: Any, deterministic: bool = True) -> torch.Tensor:
-        """Return the best action of each observation, (n,); of few vectors without PyTorch."""
+        """Return the best action of each observation, (n,), with NumPy where that is quicker."""
         plain = self._plain
         if plain is None or not plain.is_quicker_for(len(observation)):
             return super()._predict(observation, deterministic)
-        seen = observation.numpy()
-        phi, best = self.rows.read(seen)
+        inputs = observation.numpy()
+        phi, best = self.cache.read(inputs)
         if self.reads != "nothing":
-            told = phi if self.reads == "actions" else best
-            scaled = told * self.running_scale.item() + self.running_shift.item()
-            seen = np.concatenate([seen, scaled], axis=1, dtype=np.float32)
-        return torch.from_numpy((plain.read(seen) + phi).argmax(axis=1))
+            read = phi if self.reads == "actions" else best
+            scaled = read * self.running_scale.item() + self.running_shift.item()
+            inputs = np.concatenate([inputs, scaled], axis=1, dtype=np.float32)
+        return torch.from_numpy((plain.read(inputs) + phi).argmax(axis=1))
 
 
 class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
@@ -120,22 +122,22 @@ class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return the quantiles, (n, quantiles, A)."""
-        phi, best = self.rows.of(obs)
+        phi, best = self.cache.of(obs)
         residual = self.quantile_net(self._features(obs, phi, best))
         return residual.view(len(phi), self.n_quantiles, -1) + phi[:, None, :]
 
 
-class Rows:
-    """phi(s, a) of every action, remembered: what is replayed is not computed anew.
+class PotentialCache:
+    """phi(s, a) of every action, cached, so that replayed observations are not computed anew.
 
-    Both networks of a policy share one. It forgets all when it holds too much. Observations that
-    are dicts are not remembered.
+    Both networks of a policy share one. It is emptied when it is too large. Observations that are
+    dicts are not cached.
     """
 
     def __init__(self, potential: ObservationPotential):
         self.potential, self.n_actions = potential, potential.task.n_actions or 0
         self.places: dict[bytes, int] = {}
-        self.kept = np.empty((0, 1 + self.n_actions), dtype=np.float32)
+        self.values = np.empty((0, 1 + self.n_actions), dtype=np.float32)
 
     def of(self, obs: Any) -> tuple[torch.Tensor, torch.Tensor]:
         """Return phi(s, a), (n, A), and Phi(s) = max_a phi(s, a), (n, 1), of tensors."""
@@ -150,41 +152,41 @@ class Rows:
     def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
         if isinstance(seen, dict):
-            found = self._asked(seen)
+            found = self._computed(seen)
         else:
-            found = self._remembered(np.ascontiguousarray(seen))
+            found = self._cached(np.ascontiguousarray(seen))
         return found[:, 1:], found[:, :1]
 
-    def _asked(self, seen: Any) -> npt.NDArray[np.float32]:
+    def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
         """Return Phi(s) and phi(s, a), (n, 1 + A)."""
         phi = self.potential.pairs(seen)
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
-    def _remembered(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        names = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
-        if not all(map(self.places.__contains__, names)):
-            self._learn(names, seen)
-        return self.kept[list(map(self.places.__getitem__, names))]
+    def _cached(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+        keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
+        if not all(map(self.places.__contains__, keys)):
+            self._add(keys, seen)
+        return self.values[list(map(self.places.__getitem__, keys))]
 
-    def _learn(self, names: list[bytes], seen: npt.NDArray[Any]) -> None:
-        """Remember phi of what is new among some observations."""
-        if len(self.places) * (len(names[0]) + 4 * (1 + self.n_actions)) > MOST_BYTES:
+    def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
+        """Cache phi of the new ones among some observations."""
+        if len(self.places) * (len(keys[0]) + 4 * (1 + self.n_actions)) > MAX_BYTES:
             self.places.clear()
-        new = {name: i for i, name in enumerate(names) if name not in self.places}
+        new = {key: i for i, key in enumerate(keys) if key not in self.places}
         used, needed = len(self.places), len(self.places) + len(new)
-        if needed > len(self.kept):
-            room = np.empty((max(2 * needed, 1024), 1 + self.n_actions), np.float32)
-            room[:used] = self.kept[:used]
-            self.kept = room
-        self.kept[used:needed] = self._asked(seen[list(new.values())])
+        if needed > len(self.values):
+            larger = np.empty((max(2 * needed, 1024), 1 + self.n_actions), np.float32)
+            larger[:used] = self.values[:used]
+            self.values = larger
+        self.values[used:needed] = self._computed(seen[list(new.values())])
         self.places |= zip(new, range(used, needed), strict=True)
 
 
 class _Residual:
-    """What makes a policy of DQN or QR-DQN residual; its potential is saved with it."""
+    """Makes a policy of DQN or QR-DQN residual; its potential is saved with it."""
 
     potential: ObservationPotential
-    rows: Rows
+    cache: PotentialCache
     reads: str
 
     def __init__(
@@ -192,34 +194,34 @@ class _Residual:
     ):
         if not potential.of_actions:
             raise no_actions(potential)
-        self.potential, self.rows = potential, Rows(potential)
-        self.reads = reads or ("actions" if self.rows.n_actions < MANY else "state")
+        self.potential, self.cache = potential, PotentialCache(potential)
+        self.reads = reads or ("actions" if self.cache.n_actions < MANY_ACTIONS else "state")
         one_of("what a residual reads of phi", self.reads, READS, SettingError)
         super().__init__(*args, **settings)
 
     @property
     def device(self) -> torch.device:
-        """Where it is, read off a network: SB3 searches all parameters for it, at every action."""
+        """The device of a network: SB3 searches all parameters for it, at every action."""
         for network in self._modules.values():  # type: ignore[attr-defined]
             if isinstance(network, _OnPhi):
                 return network.running_shift.device
         return super().device  # type: ignore[misc]
 
     def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
-        """Return observations as tensors and whether they are several, the usual stack at once."""
+        """Return observations as tensors, usual stacks at once, and whether they are several."""
         if _is_stack(self, observation):
             return torch.as_tensor(observation, device=self.device), True
         return super().obs_to_tensor(observation)  # type: ignore[misc, no-any-return]
 
     def set_training_mode(self, mode: bool) -> None:
-        """Switch between learning and acting, which SB3 asks for anew before every action."""
+        """Switch between learning and acting; SB3 calls this before every action."""
         if mode != self.training:  # type: ignore[attr-defined]
             super().set_training_mode(mode)  # type: ignore[misc]
 
     def _made(self, network: Any) -> Any:
         """Return a network that starts at phi."""
         given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        return network(**given, rows=self.rows, reads=self.reads).to(self.device)
+        return network(**given, cache=self.cache, reads=self.reads).to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         own = {"potential": self.potential, "reads": self.reads}
@@ -227,7 +229,7 @@ class _Residual:
 
 
 def _is_stack(policy: Any, observations: Any) -> bool:
-    """Return whether observations are one array, stacked as a policy wants them."""
+    """Return whether observations are one array, stacked as the policy takes them."""
     wanted = policy.observation_space.shape
     several = isinstance(observations, np.ndarray) and observations.ndim > 0
     return several and observations.shape[1:] == wanted
@@ -250,7 +252,7 @@ class ResidualMlpPolicy(_ResidualDQN, dqn.MlpPolicy):
 
 
 class ResidualCnnPolicy(_ResidualDQN, dqn.CnnPolicy):
-    """DQN's ``CnnPolicy`` on phi + residual; phi sees pictures as the network does."""
+    """DQN's ``CnnPolicy`` on phi + residual; phi gets pictures as the network does."""
 
 
 class ResidualMultiInputPolicy(_ResidualDQN, dqn.MultiInputPolicy):

@@ -1,14 +1,20 @@
-"""Ways of transfer that only networks have: they carry over a network, or what it does."""
+"""Ways of transfer for networks alone: the network itself, or its policy, is carried over."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from curricle.learning.shaping import Shaping
+from curricle.transfer.observation_potential import ObservationPotential
+
+REUSED = 0.5
+"""Part of the budget in which the sources' policy is acted on, with falling probability."""
 
 
 @dataclass(frozen=True)
 class _OfNetworks(Shaping):
-    """What both share: a source, whose values are not read."""
+    """A source whose values are not read."""
 
     source: Any = field(default=None, repr=False)
 
@@ -28,7 +34,7 @@ class _OfNetworks(Shaping):
 
 @dataclass(frozen=True)
 class WeightTransfer(_OfNetworks):
-    """The parameters of the one source's network are those with which learning starts.
+    """Learning starts with the parameters of the one source's network.
 
     Parameters
     ----------
@@ -44,7 +50,7 @@ class WeightTransfer(_OfNetworks):
 
 @dataclass(frozen=True)
 class PolicyReuse(_OfNetworks):
-    """The sources' policy is carried over, and not their values.
+    """The sources' policy is carried over, but not their values.
 
     An off-policy learner of numbered actions acts on it with a probability that falls from 1 to 0
     over the first half of the budget (Fernandez, Veloso 2006); others start with the source's
@@ -60,3 +66,30 @@ class PolicyReuse(_OfNetworks):
     >>> PolicyReuse().reads_values
     False
     """
+
+
+class _Reuse:
+    """Acts greedily on phi with a probability that falls from 1 to 0; learning is unchanged."""
+
+    guide: ObservationPotential
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
+    ) -> Any:
+        past = 1.0 - self._current_progress_remaining  # type: ignore[attr-defined]
+        if np.random.rand() < 1.0 - past / REUSED:  # noqa: NPY002 - as Stable-Baselines3 draws
+            actions = self.guide.pairs(self._last_obs).argmax(axis=1)  # type: ignore[attr-defined]
+            return actions, actions
+        return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc]
+
+
+def reusing(algorithm: type) -> type:
+    """Return an off-policy algorithm that explores by its attribute ``guide``, a potential.
+
+    Examples
+    --------
+    >>> from stable_baselines3 import DQN
+    >>> reusing(DQN).__name__
+    'ReusingDQN'
+    """
+    return type(f"Reusing{algorithm.__name__}", (_Reuse, algorithm), {})

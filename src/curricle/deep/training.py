@@ -1,4 +1,4 @@
-"""Training one seed of a deep learner: what is written down, when it ends, how it is resumed."""
+"""Training one seed of a deep learner: its curves, when it ends, how it is resumed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -33,43 +33,43 @@ class DeepRun(NamedTuple):
     eval_freq: int
     longest: int
     evaluation: GreedyEvaluation
-    gate: StoppingKernel
+    stopping: StoppingKernel
     stream: str
 
     def train(
         self,
         seed: int,
         shaping: Shaping | None,
-        before: WarmUp = NO_WARM_UP,
+        warm_up: WarmUp = NO_WARM_UP,
         charged: int = 0,
         saves: Path | None = None,
     ) -> Outcome:
-        """Return what one seed learns; a file `saves` is resumed from, and kept up to date."""
+        """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
-        entering = None if shaping is None else shaping.name
-        words = f"{self.task}, {self.learner}, {entering}, {self.steps} steps, {start:x}"
-        left = self.steps - charged - before.steps
-        with checkpoint.apart(self.learner.threads):
-            saved = None if saves is None else checkpoint.load(saves, words)
+        shaped = None if shaping is None else shaping.name
+        run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
+        left = self.steps - charged - warm_up.steps
+        with checkpoint.isolated(self.learner.threads):
+            saved = None if saves is None else checkpoint.load(saves, run)
             if saved is None:
                 small = splitmix64_number(start) >> 33
                 model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
-                progress = Progress.begun(self, before)
+                progress = Progress.begun(self, warm_up)
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
             values = NetworkValues(model.policy, subtracted(shaping))
-            scribe = Scribe(self, progress, values, self.steps - charged, start)
+            recorder = Recorder(self, progress, values, self.steps - charged, start)
             if saves is not None:
-                scribe.keep(saves, words)
+                recorder.save_to(saves, run)
             if not progress.over:
-                self._learn(model, scribe, left, fresh=saved is None)
-            scribe.close()
+                self._learn(model, recorder, left, fresh=saved is None)
+            recorder.close()
         return Outcome(progress.record, values, progress.steps, progress.episodes, False)  # type: ignore[arg-type]
 
-    def _learn(self, model: Any, scribe: "Scribe", left: int, *, fresh: bool) -> None:
-        if model.env is None:  # it could not be saved: a new episode begins
-            other = model_for(self.task, self.learner, seed=scribe.start >> 33, steps=1)
-            other.env.seed(splitmix64_number(scribe.start ^ model.num_timesteps) >> 33)
+    def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
+        if model.env is None:  # it could not be pickled: a new episode begins
+            other = model_for(self.task, self.learner, seed=recorder.start >> 33, steps=1)
+            other.env.seed(splitmix64_number(recorder.start ^ model.num_timesteps) >> 33)
             model.set_env(other.env, force_reset=True)
         rollout = getattr(model, "n_steps", 1) * model.n_envs
         if rollout > left and hasattr(model, "rollout_buffer"):
@@ -77,70 +77,70 @@ class DeepRun(NamedTuple):
                 f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
                 f"{rollout:,} steps are more than {left:,}"
             )
-        own = [] if self.learner.callbacks is None else list(self.learner.callbacks())
+        callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
         model.learn(
             left - model.num_timesteps,
-            callback=[scribe, *own],
+            callback=[recorder, *callbacks],
             reset_num_timesteps=fresh,
             progress_bar=self.learner.progress_bar,
         )
-        scribe.end()
+        recorder.end()
 
 
 @dataclass
 class Progress:
-    """What a run has written down so far."""
+    """What a run has recorded so far."""
 
     record: Record
-    before: int
+    warm_up: int
     """Steps spent before learning."""
     steps: int
     episodes: int
     checkpoint: int
-    """The next to be written."""
+    """The next to be recorded."""
     returns: list[float] = field(default_factory=list)
-    """Of the episodes ended since the last."""
+    """Of the episodes ended since the last checkpoint."""
     begun_learning: bool = False
     over: bool = False
 
     @classmethod
-    def begun(cls, run: DeepRun, before: WarmUp) -> "Progress":
-        """Return what is written down at the start."""
+    def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
+        """Return what is recorded at the start."""
         size = run.longest // run.eval_freq + 1
         returns, greedy, guard_share = np.full((3, size), np.nan)
         no_frames = np.zeros(0, np.int64), np.zeros((0, 0, 0), np.float32)
         record = Record(returns, greedy, guard_share, np.zeros(size, np.int64), *no_frames)
-        spent = before.note(record, run.eval_freq)
+        spent = warm_up.note(record, run.eval_freq)
         since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
         first = -(-spent.steps // run.eval_freq)
         return cls(record, spent.steps, spent.steps, spent.episodes, first, since)
 
 
-class Scribe(BaseCallback):
-    """Writes down a run's curves, ends it when its budget is spent, and saves it on the way."""
+class Recorder(BaseCallback):
+    """Records a run's curves, ends it when its budget is spent, and saves it on the way."""
 
     def __init__(
-        self, run: DeepRun, progress: Progress, values: NetworkValues, most: int, start: int
+        self, run: DeepRun, progress: Progress, values: NetworkValues, max_steps: int, start: int
     ):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values
-        self.most, self.start = most, start
+        self.max_steps, self.start = max_steps, start
         off = run.evaluation.method == "off"
         self._environments = None if off else evaluation_environments(run.task, run.evaluation)
         self._saves: tuple[Path, str] | None = None
         self._saved_at = progress.steps
 
-    def keep(self, path: Path, words: str) -> None:
+    def save_to(self, path: Path, run: str) -> None:
         """Save the run on the way, and when it is over."""
-        self._saves = path, words
+        self._saves = path, run
 
     def _on_training_start(self) -> None:
         progress = self.progress
         if not progress.begun_learning:
-            greedy = self._judged(0)
+            greedy = self._evaluation(0)
             progress.record.greedy_return[: progress.checkpoint] = greedy
             if progress.checkpoint == 0:
-                self._write(greedy)
+                self._record(greedy)
             progress.begun_learning = True
 
     def _on_rollout_start(self) -> None:
@@ -151,13 +151,13 @@ class Scribe(BaseCallback):
 
     def _on_step(self) -> bool:
         progress = self.progress
-        progress.steps = progress.before + self.num_timesteps
+        progress.steps = progress.warm_up + self.num_timesteps
         self._count(self.locals["infos"])
-        spent = progress.steps >= self.most or progress.episodes >= self.run.episodes
+        spent = progress.steps >= self.max_steps or progress.episodes >= self.run.episodes
         while progress.checkpoint * self.run.eval_freq <= progress.steps:
             if progress.checkpoint >= len(progress.record.greedy_return):
                 break
-            if self._write(self._judged(progress.checkpoint)):
+            if self._record(self._evaluation(progress.checkpoint)):
                 return False
         return not spent
 
@@ -168,8 +168,8 @@ class Scribe(BaseCallback):
                 self.progress.episodes += 1
                 self.progress.returns.append(float(ended["r"]))
 
-    def _judged(self, number: int) -> float:
-        """Return the greedy policy's mean return at a checkpoint; NaN where it is not judged."""
+    def _evaluation(self, number: int) -> float:
+        """Return the greedy policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self._environments is None:
             return float("nan")
         seed = splitmix64_number(self.start ^ (number + 1))
@@ -180,8 +180,8 @@ class Scribe(BaseCallback):
         actions = self.values.act(observations)
         return actions, np.zeros(len(actions))
 
-    def _write(self, greedy: float) -> bool:
-        """Write a checkpoint and return whether the gate opens there."""
+    def _record(self, greedy: float) -> bool:
+        """Record a checkpoint and return whether the stopping rule ends the run there."""
         progress, record = self.progress, self.progress.record
         here = progress.checkpoint
         record.greedy_return[here] = greedy
@@ -190,16 +190,16 @@ class Scribe(BaseCallback):
             record.training_return[here] = np.mean(progress.returns)
             progress.returns.clear()
         progress.checkpoint += 1
-        return bool(opens(self.run.gate, record.greedy_return, here, here * self.run.eval_freq))
+        return bool(opens(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
 
     def end(self) -> None:
-        """Note that the run is over."""
+        """Mark the run as over."""
         self.progress.over = True
         if self._saves is not None:
             self._save()
 
     def close(self) -> None:
-        """Close the environments in which the policy was judged."""
+        """Close the environments in which the policy was evaluated."""
         if self._environments is not None:
             self._environments.close()
 
