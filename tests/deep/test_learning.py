@@ -197,7 +197,7 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     ("arguments", "words"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"shaping": cr.learning.LookBackAdvice()}, "is not a shaping for learners with networks"),
+        ({"shaping": cr.LookBackAdvice()}, "is not a shaping for learners with networks"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
         ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
