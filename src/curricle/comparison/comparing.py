@@ -114,16 +114,17 @@ def compare(
             f"window must be at most {most}, the checkpoints within the target's budget: "
             f"got {window}"
         )
-    if threshold is not None:
-        number("threshold", threshold, SettingError)
-    target = plan.solved_target() if threshold is None else None
+    if threshold is None:
+        target = plan.solved_target()
+    else:
+        threshold = number("threshold", threshold, SettingError)
     if precision is None and not difference:
         found = plan.run(seed_tuple(seeds))
     else:
         found = plan.run_until(seeds, precision, difference, most_seeds)
-    if target is not None:
+    if threshold is None:
         threshold = default_threshold(target, found[SCRATCH])
-    return Comparison(plan.target, found, plan.budget, plan.total, float(threshold), window)
+    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -137,11 +137,11 @@ class Comparison:
         arm, scratch = self[name], self.scratch
         weak, base = self._weak(name), self._weak(SCRATCH)
         strong, whole = arm.charged(scratch), scratch.curve
-        saved = {"threshold": self.threshold, "window": self.window}
+        saved = partial(steps_saved, threshold=self.threshold, window=self.window)
         return Contrast(
             jumpstart=bootstrap(jumpstart(base, weak)),
-            weak_steps_saved=bootstrap(steps_saved(base, weak, **saved)),
-            strong_steps_saved=bootstrap(steps_saved(whole, strong, **saved)),
+            weak_steps_saved=bootstrap(saved(base, weak)),
+            strong_steps_saved=bootstrap(saved(whole, strong)),
             weak_gain=paired_difference(mean_return(weak), mean_return(base)),
             strong_gain=bootstrap(arm.strong_gain(scratch)),
             asymptotic_gain=paired_difference(

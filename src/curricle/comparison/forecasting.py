@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -320,7 +321,8 @@ def _verdict(row: ForecastRow, target: JudgedIn, optimum: float, random_return: 
         advice.append(f"calibrate with c = {row.scale:.1f}")
     worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
     if worst.largest_underestimate > UNDERESTIMATE * target.typical_reward:
-        where = state_name(target.task.states, worst.most_underestimated_state)
+        task: Any = target.task
+        where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
             f"underestimates {where}, on the optimal policy's way, by"
             f" {worst.largest_underestimate:.3g}: learn with a guard"

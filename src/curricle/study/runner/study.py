@@ -262,4 +262,4 @@ def _check(studies: Sequence[Study], total: int) -> None:
 def _arm(study: Study, name: str, total: int, seeds: Sequence[int]) -> Arm:
     result = study.results[name][study.arms.target]
     arm = Arm.of(result, study.source_steps(name), total, study.arms.eval_freq)
-    return arm.taken(np.flatnonzero(np.isin(result.seeds, seeds)))
+    return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))
