@@ -146,7 +146,7 @@ def _draw_attribution(panel: Any, found: TrustRuns) -> None:
     title = f"attribution to the 3x3 corner, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
     draw_potential(panel, arena, 100 * one.wrong[0], label=title, unit=unit, difference=True)
-    frame_cells(panel, arena, one.replace(one.names[0]))
+    frame_cells(panel, arena, one.changed_states(one.names[0]))
 
 
 def _table(found: TrustRuns) -> dict[str, Any]:
