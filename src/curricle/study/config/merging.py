@@ -4,13 +4,12 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
 from curricle.study.config.graph import Graph, table
 from curricle.study.config.settings import DeepLearnerTable, EpisodesTable, LearnerTable, Settings
 
 SETTINGS = tuple(Settings.model_fields)
-OF_TARGETS = ("aggregate", "shaping", "retrain")
-"""Settings that say how potentials enter a task; a task without sources has none."""
 LASTING = frozenset({*SETTINGS, *LearnerTable.model_fields})
 """Keys that mean the same in tables of every type."""
 RIVALS = {

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
-from curricle.curriculum.curriculum import SETTINGS, Curriculum
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.errors import SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.graph import Graph
-from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_file import StudyFile
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
