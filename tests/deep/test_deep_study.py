@@ -1,4 +1,4 @@
-"""Studies with networks: stored as arrays, read again, resumed after a kill, shown as a page."""
+"""Studies with networks: stored as arrays, read again, resumed after a kill, told as a page."""
 
 import signal
 import subprocess
@@ -12,19 +12,15 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli.tables import study_lines
 from curricle.comparison.comparing import compare
 from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError
 from curricle.report.study_report import write_report
-from curricle.study.config.reading import read_study
-from curricle.study.runner.folder import VALUES
-from curricle.study.runner.merge import merge
-from curricle.study.runner.run import run_study
-from curricle.study.runner.study import Study
+from curricle.study import StudyResults, merge, read_study, run_study
+from curricle.study.serialization import VALUES
 
-# From a table to a network, which is calibrated, to two others: the last potential needs the network
-# before it, which needs the table.
+# A table teaches a network, which is calibrated and teaches two others: what the last says rests on
+# the network before it, which rests on the table.
 CHAIN = """
 name = "chain"
 seeds = 2
@@ -66,12 +62,12 @@ project = { predator = "predator_2" }
 [arms.state]
 shaping = "StateShaping"
 """
-ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "scratch = false\nseeds_per_unit")
-"""Its units are some of the whole study's."""
+ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "scratch = false\nblock")
+"""Of which the units are some of the whole study's."""
 
 
 def units(folder):
-    """The files of a folder's units."""
+    """What a folder's units hold."""
     files = (path for path in (folder / "units").rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
@@ -104,11 +100,11 @@ def says(values, observations, n_actions):
 
 @pytest.mark.parametrize("arm", ["residual", "state"])
 def test_networks_read_again_say_the_same_bit_for_bit(study, whole, arm):
-    curriculum = Study(whole).arms.curricula[arm]
-    trained = curriculum.train(study.document.seeds, charge=True)
+    curriculum = StudyResults(whole).arms.curricula[arm]
+    trained = curriculum.train(study.seeds, charge=True)
     for node in ("alone", "hunt"):
         task = curriculum.tasks[node]
-        again = Study(whole).result(arm, node, values=True)
+        again = StudyResults(whole).result(arm, node, values=True)
         assert again.seeds == (0, 1)
         assert np.array_equal(again.greedy_return, trained[node].greedy_return)
         for mine, yours in zip(again.values, trained[node].values, strict=True):
@@ -119,20 +115,20 @@ def test_networks_read_again_say_the_same_bit_for_bit(study, whole, arm):
 
 
 def test_the_chain_is_calibrated(whole):
-    found = [unit for unit in Study(whole).folder.units() if unit.node == "alone"]
-    fitted = [one for unit in found for one in Study(whole).folder.calibrations(unit)]
+    found = [unit for unit in StudyResults(whole).store.units() if unit.task == "alone"]
+    fitted = [one for unit in found for one in StudyResults(whole).folder.calibrations(unit)]
     assert any(one["scale"] != 1 for one in fitted)
 
 
 def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
-    units = [unit for unit in Study(whole).folder.units() if unit.node != "chase"]
-    assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the scratch baseline
+    units = [unit for unit in StudyResults(whole).store.units() if unit.task != "chase"]
+    assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the direct learner
     for unit in units:
         with np.load(unit.path / VALUES, allow_pickle=False) as arrays:
             assert {name.split("/")[0] for name in arrays.files} == {"values_0"}
             assert all(arrays[name].dtype == np.float32 for name in arrays.files)
     assert not (whole / ".checkpoints").exists()
-    versions = Study(whole).folder.environments()[0]["versions"]
+    versions = StudyResults(whole).store.runs()[0]["versions"]
     assert {"torch", "stable-baselines3"} <= versions.keys()
 
 
@@ -162,8 +158,7 @@ def test_processes_and_shards_change_nothing(whole, one_arm, tmp_path):
 
 KILLED = """
     import sys
-    from curricle.study.config.reading import read_study
-    from curricle.study.runner.run import run_study
+    from curricle.study import read_study, run_study
     run_study(read_study(sys.argv[1]), sys.argv[2], resume=True)
 """
 
@@ -188,7 +183,7 @@ def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp
 # -- what comes before and after ---------------------------------------------------------------
 
 
-def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path):
+def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     page = write_report(whole, tmp_path / "report.html").read_text()
     for words in (
         "observations, Box(10,) → Discrete(25)",
@@ -200,7 +195,8 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path):
     ):
         assert words in page, words
     assert ">nan<" not in page
-    lines = "\n".join(study_lines(Study(whole), None, None))
+    print_results(StudyResults(whole), None, None)
+    lines = capsys.readouterr().out
     assert "2 of 2 seeds finished in every arm" in lines
     assert "residual: alone" in lines
 
@@ -283,7 +279,7 @@ def test_values_that_were_not_kept_are_asked_for(tmp_path):
     given = read_study(file, set=["tasks.alone.storage.save_values=false", "seeds=1"])
     with pytest.raises(StudyError, match="a source's values must be kept"):
         run_study(given, tmp_path / "out")
-    assert Study(tmp_path / "out").result("residual", "alone", values=True).values is None
+    assert StudyResults(tmp_path / "out").result("residual", "alone", values=True).values is None
 
 
 @pytest.fixture(scope="module")

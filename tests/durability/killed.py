@@ -11,8 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from curricle.study.config.reading import read_study
-from curricle.study.runner.run import run_study
+from curricle.study import read_study, run_study
 
 
 def killed_run(study, folder, delay):

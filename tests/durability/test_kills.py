@@ -31,7 +31,7 @@ mapping = "same_position"
 [arms.state]
 shaping = "StateShaping"
 """
-VOLATILE = {"environment.json", ".lock"}
+VOLATILE = {"runs.json", ".lock"}
 
 
 def contents(folder):

@@ -5,8 +5,7 @@ import shutil
 
 import pytest
 
-from curricle.study.config.reading import read_study
-from curricle.study.runner.run import run_study
+from curricle.study import read_study, run_study
 from tests.comparisons import calls  # noqa: F401  a fixture
 
 # The crop shares its drawing with the target, the middle task is taught and teaches, the gate ends
@@ -57,7 +56,7 @@ transfers = [
   { source = "easy", target = "maze", mapping = "same_position", calibrate = { episodes = 5 } },
 ]
 """
-OF_RUNS = {"environment.json", ".lock"}
+OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""
 
 

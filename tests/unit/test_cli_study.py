@@ -11,9 +11,7 @@ import pytest
 
 from curricle.cli.app import main
 from curricle.learning.run import Run
-from curricle.study.config.reading import read_study
-from curricle.study.runner.folder import StudyFolder
-from curricle.study.runner.study import Study
+from curricle.study import StudyResults, StudyStore, read_study
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -59,14 +57,14 @@ def test_a_new_study_runs_as_it_is(curricle, tmp_path, kind):
         f"Wrote {kind}.toml: curricle check {kind}.toml, then curricle run {kind}.toml\n",
     )
     study = read_study(tmp_path / f"{kind}.toml")
-    names = {name for plan in study.document.arms.values() for name in plan.tasks}
+    names = {name for plan in study.arms.values() for name in plan.tasks}
     quick = [f"--set=tasks.{name}.budget=400" for name in names]
     code, out, complaint = curricle("run", f"{kind}.toml", "--seeds", "0-1", *quick)
     assert code == 0, complaint
     assert out.startswith(f"Stored in {kind}-results: ")
-    done = Study(tmp_path / f"{kind}-results")
+    done = StudyResults(tmp_path / f"{kind}-results")
     assert done.seeds == (0, 1)
-    assert done.file.document.name == study.document.name
+    assert done.config.name == study.name
 
 
 def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
@@ -88,7 +86,7 @@ def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, t
     lines = out.splitlines()
     assert lines[0] == "chain: 4 arms, 4 seeds"
     heads = [line for line in lines if line.startswith("arm") and ":" not in line]
-    assert heads == ["arm direct", "arms chain, state", "arm calibrated"]  # a graph is drawn once
+    assert heads == ["arm scratch", "arms chain, state", "arm calibrated"]  # a graph is drawn once
     assert "  maze: 14 states x 4 actions; QLearning; 1,500 steps" in lines
     assert any(line.startswith("    easy -> maze: ") for line in lines)
     bill = [line.split() for line in lines if ": " in line and line.endswith(" s")]
@@ -124,8 +122,8 @@ def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, c
     file = tmp_path / "wrong.toml"
     text = study_file.read_text().replace('shaping = "StateShaping"', 'shapign = "StateShaping"')
     file.write_text(text)
-    line = 1 + text[: text.index("hwo")].count("\n")
-    words = f"curricle: {file}, line {line}: arms.state.hwo"
+    line = 1 + text[: text.index("shapping")].count("\n")
+    words = f"curricle: {file}, line {line}: arms.state.shapping"
     refused(1, words, command, file)
     refused(1, "shaping", command, file)  # what was meant
     assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
@@ -160,9 +158,9 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert out == (
         "Stored in chain-results: curricle show chain-results, curricle report chain-results\n"
     )
-    assert "done direct: maze, seeds 0-1\n" in progress
+    assert "done scratch: maze, seeds 0-1\n" in progress
     assert "done chain: corner, seeds 2\n" in progress
-    done = Study(tmp_path / "chain-results")
+    done = StudyResults(tmp_path / "chain-results")
     assert (done.seeds, done.arms.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
     assert code == 1
@@ -173,7 +171,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert "seeds 0" not in progress
     code, _, complaint = curricle("run", study_file, "--resume")
     assert code == 1
-    assert "holds another study: " in complaint
+    assert "holds results of other settings: " in complaint
 
 
 def test_run_in_processes_is_the_same(curricle, study_file, finished, tmp_path, contents):
@@ -196,7 +194,7 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     assert not (tmp_path / "out").exists()
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--shard", "2/2")
     assert out.splitlines()[-1] == "8 units to do, 0 done, in out"
-    shutil.rmtree(StudyFolder(copied).units()[0].path)
+    shutil.rmtree(StudyStore(copied).units()[0].path)
     before = contents(copied)
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)
     assert out.splitlines() == [
@@ -253,7 +251,7 @@ def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study
     last = complaint.splitlines()[-1]
     assert last.startswith("curricle: state: easy, seeds 0-1 failed, and what was stored before is")
     assert last.endswith("LookupError: a rule of the thesis is not met")
-    assert StudyFolder(tmp_path / "chain-results").units()
+    assert StudyStore(tmp_path / "chain-results").units()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
@@ -261,7 +259,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     file = tmp_path / "long.toml"
     # Units that nobody would wait for: ten minutes each, after a quick one of each source.
     text = study_file.read_text().partition("[arms.chain]")[0]
-    file.write_text(f"direct = false\n{text}")
+    file.write_text(f"scratch = false\n{text}")
     command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
     long = ["--set", "tasks.maze.budget=2_000_000_000", "--set", "tasks.maze.eval_freq=1_000_000"]
     with subprocess.Popen(
@@ -273,7 +271,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     assert running.returncode == 130
     assert told[-1] == "curricle: interrupted; what was stored before is whole\n"
     assert "Traceback" not in "".join(told)
-    assert {unit.node for unit in StudyFolder(tmp_path / "out").units()} == {"corner", "easy"}
+    assert {unit.task for unit in StudyStore(tmp_path / "out").units()} == {"corner", "easy"}
     code, out, _ = curricle("run", file, "--out", "out", "--dry-run", *long)
     assert code == 0
     assert out.splitlines()[-1] == "2 units to do, 4 done, in out"
@@ -286,21 +284,21 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, finished):
     code, out, _ = curricle("show", finished)
     assert code == 0
     assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
-    study = Study(finished)
+    study = StudyResults(finished)
     for arm, result in study.results.items():
         for node in result.nodes:
             (line,) = [one for one in out.splitlines() if one.startswith(f"{arm}: {node} ")]
             assert line.split()[2] == "4"
     assert out.endswith(f"\n{study.comparison}\n")
-    code, out, _ = curricle("show", finished, "--arm", "chain", "--node", "easy")
+    code, out, _ = curricle("show", finished, "--arm", "chain", "--task", "easy")
     assert "chain: easy" in out
     assert "chain: maze" not in out
     assert "state: easy" not in out
 
 
 def test_show_of_a_study_that_has_only_begun(curricle, copied):
-    for unit in StudyFolder(copied).units():
-        if unit.node == "maze" or 3 in unit.seeds:
+    for unit in StudyStore(copied).units():
+        if unit.task == "maze" or 3 in unit.seeds:
             shutil.rmtree(unit.path)
     code, out, _ = curricle("show", copied)
     assert code == 0
@@ -314,18 +312,18 @@ def test_decisions_are_sentences(curricle, refused, finished):
     assert code == 0
     assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
     assert lines[0] == "scratch: maze, seed 0: ends; its budget is spent: 1,500 steps, " + (
-        f"{Study(finished).result('scratch', 'maze').episodes_used[0]} episodes"
+        f"{StudyResults(finished).result('scratch', 'maze').episodes_used[0]} episodes"
     )
     code, out, _ = curricle(
-        "show", finished, "--decisions", "--arm", "chain", "--node", "corner", "--seed", "1"
+        "show", finished, "--decisions", "--arm", "chain", "--task", "corner", "--seed", "1"
     )
     assert out.splitlines() == [
         f"chain: corner, seed 1: {words}"
-        for words in Study(finished).decisions("chain", "corner")[1]
+        for words in StudyResults(finished).decisions("chain", "corner")[1]
     ]
     assert out.splitlines()[-1] == (
         "chain: corner, seed 1: ends; greedy 194.5 >= 194.5 over 3 evaluations; "
-        f"{Study(finished).result('chain', 'corner').steps_used[1]} of at most 300 steps used"
+        f"{StudyResults(finished).result('chain', 'corner').steps_used[1]} of at most 300 steps used"
     )
     refused(
         1,
@@ -341,12 +339,12 @@ def test_decisions_are_sentences(curricle, refused, finished):
 @pytest.mark.parametrize("more", [[], ["--decisions"]])
 def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more):
     refused(1, "chian", "show", finished, "--arm", "chian", *more)
-    refused(1, "mace", "show", finished, "--node", "mace", *more)
+    refused(1, "mace", "show", finished, "--task", "mace", *more)
 
 
 @pytest.mark.parametrize("command", ["show", "compare"])
 def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
-    refused(1, "a study's folder holds a study.json: nowhere has none", command, "nowhere")
+    refused(1, "a folder of results holds a study.json: nowhere has none", command, "nowhere")
 
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
@@ -363,7 +361,7 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     assert "1,400 steps" in out.splitlines()[0]  # the smaller total
     assert "3 seeds" in out.splitlines()[0]
     code, alone, _ = curricle("compare", finished)
-    assert alone == f"{Study(finished).comparison}\n"
+    assert alone == f"{StudyResults(finished).comparison}\n"
     refused(1, "need different names", "compare", finished, finished)
 
 

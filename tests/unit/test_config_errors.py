@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle.errors import ConfigError
-from curricle.study.config.positions import Places, line_numbers
-from curricle.study.config.reading import read_study, resolved
+from curricle.study import read_study
+from curricle.study.config.positions import Positions
+from curricle.study.config.reading import configured
 from curricle.study.config.references import load
 
 HUNT = """\
@@ -68,7 +69,7 @@ def complaints(tmp_path, monkeypatch):
             text = text.replace(old, new)
         Path("study.toml").write_text(textwrap.dedent(text), "utf-8")
         with pytest.raises(ConfigError) as caught:
-            _ = read_study("study.toml", set=set).arms
+            _ = read_study("study.toml", set=set).curricula
         lines = str(caught.value).splitlines()
         assert all(line.startswith("study.toml") for line in lines)
         return [line.removeprefix("study.toml").removeprefix(", ") for line in lines]
@@ -90,7 +91,7 @@ def complaints(tmp_path, monkeypatch):
         (
             "[learner]\nepsilon = 0.1",
             "[storage]\nqqq = 1",
-            "line 5: storage.qqq is unknown: known are kind, dtype, memory, keep",
+            "line 5: storage.qqq is unknown: known are kind, dtype, memory_limit, save_values",
         ),
         (
             "size = 3\npred",
@@ -134,13 +135,13 @@ def complaints(tmp_path, monkeypatch):
             'type = "pursuit"\nsize = 3\npred',
             'type = "persuit"\npred',
             "line 8: tasks.chase.type must be one of maze, crop, pursuit, gymnasium, factory, "
-            "observed, vector_pursuit: got 'persuit', did you mean 'pursuit'?",
+            "observation_task, vector_pursuit: got 'persuit', did you mean 'pursuit'?",
         ),
         (
             'type = "pursuit"\nsize = 3\npred',
             "pred",
             "line 7: tasks.chase.type is missing: one of maze, crop, pursuit, gymnasium, factory, "
-            "observed, vector_pursuit",
+            "observation_task, vector_pursuit",
         ),
         ('name = "hunt"\n', "", ": name is missing"),
         ('name = "hunt"', "name = ''", "line 1: name must not be empty: got ''"),
@@ -163,25 +164,26 @@ def complaints(tmp_path, monkeypatch):
         ),
         (
             "[learner]\nepsilon = 0.1",
-            "how = 'initialize'",
-            "line 4: how must be 'initialise', 'look_ahead', 'look_back', 'state', 'bonus', "
-            "'advice', 'weights' or 'policy': got 'initialize', did you mean 'initialise'?",
+            "shaping = 'StateShapping'",
+            "line 4: shaping must be one of QInitialisation, LookAheadAdvice, LookBackAdvice, "
+            "StateShaping, DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse: got "
+            "'StateShapping', did you mean 'StateShaping'?",
         ),
         (
             "[learner]\nepsilon = 0.1",
-            "guard = 3",
-            "line 4: guard must be true, false or a table: got 3",
+            "shaping.guard = 3",
+            "line 4: shaping.guard must be true, false or a table: got 3",
         ),
         ("epsilon = 0.1", "epsilon = nan", "line 5: learner.epsilon must be finite: got nan"),
         (
             "[learner]\nepsilon = 0.1",
             "seeds_per_unit = 0",
-            "line 4: block must be at least 1: got 0",
+            "line 4: seeds_per_unit must be at least 1: got 0",
         ),
         (
             "budget = 2_000",
             "budget = { epsiodes = 3 }",
-            "line 11: tasks.chase.budget.most is missing",
+            "line 11: tasks.chase.budget.max_steps is missing",
         ),
         (
             "budget = 2_000",
@@ -331,7 +333,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
     [
         (
             "[arms.scratch]",
-            ["line 21: arms.direct must have another name: it is the arm without sources"],
+            ["line 21: arms.scratch must have another name: it is the arm without sources"],
         ),
         (
             "[arms.a]\ntasks.chace.budget = 5",
@@ -346,7 +348,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
             [
                 "line 22: arms.a.seeds is unknown: known are tasks, transfers, aggregate, "
                 "learner, budget, "
-                "how, guard, back, every, evaluation, storage"
+                "shaping, retrain, eval_freq, evaluation, storage"
             ],
         ),
         (
@@ -377,12 +379,12 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
         ),
         (
             "[arms.a]\ntasks.chase.budget = 2_000",
-            ["line 21: arms.a changes nothing: what it says is so already, or a task's own"],
+            ["line 21: arms.a changes nothing: its settings are the study's, or a task has its own"],
         ),
         ("[arms]\na = 3", ["line 22: arms.a must be a table: got 3"]),
         (
             "[arms.a]\n[arms.b]\ntransfers = [{ source = 'hunt', target = 'chase', project = {} }]",
-            ["line 21: arms must have one target to be compared in: a has hunt, b has chase"],
+            ["line 21: arms must all have the same target: a has hunt, b has chase"],
         ),
     ],
 )
@@ -424,7 +426,7 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         ),
         (
             "[tasks.corner]",
-            "budget = 9\nevery = 10\n[tasks.corner]",
+            "budget = 9\neval_freq = 10\n[tasks.corner]",
             "line 11: tasks.maze.eval_freq is refused: every must not exceed the budget of 9 steps: "
             "got 10",
         ),
@@ -435,16 +437,15 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         ),
         (
             "[tasks.corner]",
-            "guard = { least = 0 }\n[tasks.corner]",
-            "line 10: tasks.maze.guard is refused: least of a guard must be above 0: without it "
-            "nobody looks: got 0",
+            "shaping.guard = { min_share = 0 }\n[tasks.corner]",
+            "line 10: tasks.maze.shaping is refused: min_share of a guard must be above 0, or one "
+            "learner would never act: got 0",
         ),
         (
             "[tasks.corner]",
-            "guard = true\nhow = 'state'\n[tasks.corner]",
-            "line 10: tasks.maze.guard is refused: a guard watches over the potential of a "
-            "QLearning with how 'initialise' or 'look_ahead': got QLearning with how 'state' and a "
-            "potential",
+            "shaping = 'LookBackAdvice'\n[tasks.corner]",
+            "line 10: tasks.maze.shaping is refused: LookBackAdvice is valid for on-policy SARSA "
+            "only: got QLearning",
         ),
         (
             'mapping = "same_position"',
@@ -465,7 +466,7 @@ def test_what_curricle_refuses_has_its_place(complaints, old, new, sentence):
 
 
 def test_all_that_is_refused_is_told_at_once(complaints):
-    changes = [("...T\nS...", "...T\nS.."), ("[[tr", "learner.epsilon = 2\nevery = 0\n[[tr")]
+    changes = [("...T\nS...", "...T\nS.."), ("[[tr", "learner.epsilon = 2\neval_freq = 0\n[[tr")]
     assert [line.split(" is refused")[0] for line in complaints(MAZES, *changes)] == [
         "line 3: tasks.maze",
         "line 16: tasks.corner.learner",
@@ -615,53 +616,16 @@ def test_a_function_that_maps_nothing(complaints, tmp_path, function, text):
 @pytest.mark.parametrize("which", ["factory = 'own:f'", "mapping = 'identity'"])
 def test_a_value_that_nobody_reads(complaints, which):
     (found,) = complaints(MAZES, ('mapping = "same_position"', f"{which}\nunmapped_value = 3"))
-    assert found.startswith("line 16: transfers[0] has an unmapped_value that nobody reads")
+    assert found.startswith("line 16: transfers[0] has an unmapped_value that is not used")
 
 
-# Lines.
-
-
-def test_lines_of_keys_are_found_through_all_of_toml():
-    text = textwrap.dedent(
-        """\
-        name = "x" # size = 3
-        [tasks."5 x 5"]
-        map = '''
-        size = 4
-        [nothing]
-        '''
-        rewards.step = 1
-        learner = { epsilon = 1 }
-        [[transfers]]
-        scale = 1
-        [[transfers]]
-
-          scale = 2
-        """
-    )
-    assert line_numbers(text) == {
-        ("name",): 1,
-        ("tasks",): 2,
-        ("tasks", "5 x 5"): 2,
-        ("tasks", "5 x 5", "map"): 3,
-        ("tasks", "5 x 5", "rewards"): 7,
-        ("tasks", "5 x 5", "rewards", "step"): 7,
-        ("tasks", "5 x 5", "learner"): 8,
-        ("transfers",): 9,
-        ("transfers", 0): 9,
-        ("transfers", 0, "scale"): 10,
-        ("transfers", 1): 11,
-        ("transfers", 1, "scale"): 13,
-    }
-
-
-# Nothing that TOML can say ends in anything but a document or a ConfigError.
+# Nothing that TOML can say ends in anything but a configuration or a ConfigError.
 
 # fmt: off
 WORDS = st.sampled_from([
     "a", "b", "type", "maze", "crop", "pursuit", "map", "file", "of", "rows", "size", "tasks",
-    "transfers", "arms", "learner", "epsilon", "budget", "episodes", "most", "source", "target",
-    "project", "mapping", "identity", "calibrate", "guard", "seeds", "name", "0", "1",
+    "transfers", "arms", "learner", "epsilon", "budget", "episodes", "max_steps", "source", "target",
+    "project", "mapping", "identity", "calibrate", "shaping", "guard", "seeds", "name", "0", "1",
 ])
 # fmt: on
 VALUES = st.recursive(
@@ -677,7 +641,7 @@ STUDIES = st.fixed_dictionaries(
         "seeds": VALUES,
         "learner": VALUES,
         "budget": VALUES,
-        "guard": VALUES,
+        "shaping": VALUES,
         "tasks": VALUES | st.dictionaries(WORDS, TABLES, max_size=3),
         "transfers": VALUES | st.lists(TABLES, max_size=3),
         "arms": VALUES | st.dictionaries(WORDS, TABLES, max_size=2),
@@ -689,7 +653,7 @@ STUDIES = st.fixed_dictionaries(
 def test_no_study_however_odd_is_worse_than_refused(study):
     sentences = []
     try:
-        resolved(study, Path("nowhere"), Places("x.toml", study))
+        configured(study, Path("nowhere"), Positions("x.toml", study))
     except ConfigError as error:
         sentences = str(error).splitlines()
     assert all(line.startswith("x.toml: ") for line in sentences)

@@ -17,12 +17,10 @@ from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
-from curricle.study.config.document import json_schema
-from curricle.study.config.reading import read_study
-from curricle.study.config.study_file import StudyFile
+from curricle.study import StudyConfig, json_schema, read_study
+from curricle.study.arms import Arms
 from curricle.study.config.templates import template
-from curricle.study.runner.arms import Arms
-from curricle.study.runner.cost import costs
+from curricle.study.cost import costs
 
 HUNT = """
 name = "hunt"
@@ -60,11 +58,11 @@ envs = 2
 threads = 2
 settings = { n_steps = 64, train_freq = [1, "episode"], policy_kwargs = { net_arch = [8, 8] } }
 [tasks.short]
-type = "observed"
+type = "observation_task"
 id = "CartPole-v1"
 time_limit = 50
 [tasks.cart]
-type = "observed"
+type = "observation_task"
 id = "CartPole-v1"
 discount = 0.98
 [[transfers]]
@@ -119,7 +117,7 @@ def read(tmp_path):
 def complaint(read, tmp_path):
     def collect(text, *changes):
         with pytest.raises(ConfigError) as caught:
-            _ = read(text, *changes).arms
+            _ = read(text, *changes).curricula
         return str(caught.value).replace(f"{tmp_path}/study.toml, ", "")
 
     return collect
@@ -165,10 +163,10 @@ def test_environments_of_ones_own_are_made_again_and_again(read):
     assert task.make() is not task.make()
     assert (
         task
-        == read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own)).arms["transfer"].tasks["short"]
+        == read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own)).curricula["transfer"].tasks["short"]
     )
     other = own.replace("7", "8")
-    changed = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', other)).arms["transfer"]
+    changed = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', other)).curricula["transfer"]
     (limit, environment) = differences(task, changed.tasks["short"])
     assert limit == "time_limit (7 against 8)"
     assert "own:corridor(length=7) against" in environment
@@ -188,7 +186,7 @@ def test_classes_of_ones_own_are_named_in_settings(read, tmp_path):
 def test_mappings_are_functions_of_batches(read):
     table = 'observations = "own:leaning"\nstatus = "own:upright"\nactions = [1, -1]\n'
     source = ('id = "CartPole-v1"\ntime_limit = 50', 'map = "ST"')
-    tabular = ('type = "observed"', 'type = "maze"\nlearner = { type = "QLearning" }')
+    tabular = ('type = "observation_task"', 'type = "maze"\nlearner = { type = "QLearning" }')
     edge = ('mapping = "identity"', table + "unmapped_value = -9")
     mapping = read(CART, source, tabular, edge).curriculum("transfer").transfers[0].mapping
     carts = np.zeros((3, 4))
@@ -216,11 +214,11 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
 
 
 @pytest.mark.parametrize(
-    "way", ["QInitialisation", "LookAheadAdvice", "StateShaping", "WeightTransfer", "PolicyReuse"]
+    "name", ["QInitialisation", "LookAheadAdvice", "StateShaping", "WeightTransfer", "PolicyReuse"]
 )
-def test_every_shaping_of_a_network_may_be_named(read, way):
-    plan = read(HUNT, ("aggregate", f"shaping = {way!r}\naggregate")).curriculum("transfer")
-    assert type(plan.setting("shaping", "hunt")).__name__ == way
+def test_every_shaping_of_a_network_may_be_named(read, name):
+    plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
+    assert plan.setting("shaping", "hunt").name == name
 
 
 @pytest.mark.parametrize(
@@ -234,21 +232,21 @@ def test_every_shaping_of_a_network_may_be_named(read, way):
         (
             "budget = 3_000",
             'learner = { type = "deep" }',
-            'line 10: tasks.chase.learner must be of tables for chase, such as { type = "QLear',
+            'line 10: tasks.chase.learner must be tabular for chase, such as { type = "QLear',
         ),
         ("settings =", "setings =", "line 17: tasks.hunt.learner.setings is unknown, did you mean"),
-        ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner.envs must be at least 1"),
+        ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number"),
         ('"deep"', '"depe"', "DoubleQLearning, deep: got 'depe', did you mean 'deep'?"),
         (
             'aggregate = "minimum"',
             'shaping = "RewardBonus"',
-            "line 5: how must be one of initialise, look_ahead, state, weights, policy for hunt, "
-            "which a network learns: got 'bonus'",
+            "line 5: shaping must be one of QInitialisation, LookAheadAdvice, StateShaping, "
+            "WeightTransfer, PolicyReuse for hunt, which a network learns: got 'RewardBonus'",
         ),
         (
             "budget = 2_000",
-            "guard = true",
-            "line 16: tasks.hunt.guard must be left out for hunt: it is of tables",
+            "shaping.guard = true",
+            "line 16: tasks.hunt.shaping.guard must be left out for hunt: it is for tables",
         ),
         (
             "budget = 2_000",
@@ -288,7 +286,7 @@ def test_every_shaping_of_a_network_may_be_named(read, way):
         ("predators = 2", "predaters = 2", "tasks.hunt.predaters is unknown, did you mean"),
         (
             "[tasks.chase]",
-            "[tasks.x]\ntype = 'observed'\n[tasks.chase]",
+            "[tasks.x]\ntype = 'observation_task'\n[tasks.chase]",
             "line 6: tasks.x must have",
         ),
     ],
@@ -309,7 +307,7 @@ def test_a_mistake_is_one_sentence_with_its_place(complaint, old, new, sentence)
         ),
         ('id = "CartPole-v1"', 'factory = "own:corridor"', "own:corridor failed: TypeError"),
         (
-            '[tasks.cart]\ntype = "observed"\nid = "CartPole-v1"\ndiscount = 0.98',
+            '[tasks.cart]\ntype = "observation_task"\nid = "CartPole-v1"\ndiscount = 0.98',
             '[tasks.cart]\ntype = "maze"\nmap = "ST"\nlearner = { type = "QLearning" }',
             "transfers[0].source must have tables as its target has: short is seen through",
         ),
@@ -323,7 +321,7 @@ def test_ways_of_networks_are_none_into_tables(complaint):
     table = 'type = "pursuit"\nsize = 3\npredators = 2'
     text = HUNT.replace('type = "vector_pursuit"\nsize = 3\npredators = 2', table)
     text = text.replace('learner = { type = "deep", settings = { learning_rate = 1e-3 } }', "")
-    sentence = "line 5: how must be a way into tables for hunt: 'weights' is of networks"
+    sentence = "line 5: shaping must be for tables, to learn hunt: got 'WeightTransfer'"
     assert complaint(text, ('aggregate = "minimum"', 'shaping = "WeightTransfer"')) == sentence
     assert "transfers[0].observations must be left out: hunt is not seen" in complaint(
         text, ('project = { predator = "predator_1" }', 'observations = "own:leaning"')
@@ -332,18 +330,18 @@ def test_ways_of_networks_are_none_into_tables(complaint):
 
 def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     study = read(HUNT + "[arms.a]\n[arms.b]\nshaping = 'StateShaping'\n")
-    mine, yours = (study.arms[arm].transfers[0].mapping for arm in "ab")
+    mine, yours = (study.curricula[arm].transfers[0].mapping for arm in "ab")
     assert mine is yours
-    again = StudyFile.rebuilt(study.resolved(), tmp_path)
-    assert again.resolved() == study.resolved()
+    again = StudyConfig.from_data(study.to_data(), tmp_path)
+    assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys
     assert Arms.of(study).live
 
 
 def test_the_schema_knows_them():
     schema = json_schema()
-    assert schema["$defs"]["VectorPursuitTask"]["required"] == ["type"]
-    assert {"DeepLearnerTable", "ObservationTask"} <= schema["$defs"].keys()
+    assert schema["$defs"]["vector_pursuit"]["required"] == ["type"]
+    assert {"deep", "ObservationTaskTable"} <= schema["$defs"].keys()
 
 
 def test_the_template_is_what_it_says(read):
@@ -357,9 +355,9 @@ def test_the_template_is_what_it_says(read):
 
 def test_costs_are_foreseen(read):
     arms = Arms.of(read(HUNT))
-    found = {(one.arm, one.node): one for one in costs(arms, (0, 1), 5)}
+    found = {(one.arm, one.task): one for one in costs(arms, (0, 1), 5)}
     assert found["scratch", "hunt"].steps == 5000
-    assert found["scratch", "hunt"].judged == (5000 // 20 + 1) * 5 * 30
+    assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
     assert found["scratch", "hunt"].table_bytes == 0
     assert found["scratch", "hunt"].seconds > 2 * 5000 * 5e-4
 
@@ -427,7 +425,7 @@ def test_controls_that_make_no_sense_are_refused(plan):
     for control in ("placebo", "random_start"):
         with pytest.raises(cr.errors.CurriculumError, match="is seen through observations"):
             check_fit([control], "transfer", plan)
-    with pytest.raises(cr.errors.CurriculumError, match="which reads no promises"):
+    with pytest.raises(cr.errors.CurriculumError, match="PolicyReuse"):
         check_fit(["scaled"], "transfer", plan.replace("hunt", shaping=cr.deep.PolicyReuse()))
 
 
@@ -442,20 +440,18 @@ def test_tasks_seen_through_observations_are_told_apart(plan):
         "environment",
     ]
     (line,) = differences(hunt, cr.Pursuit(3, 2))
-    assert line.startswith("what is seen (")
+    assert line.startswith("observations (")
 
 
 def test_checking_needs_no_torch_and_says_what_does(tmp_path):
     (tmp_path / "study.toml").write_text(HUNT)
     code = """
         import sys
-
-        class NotInstalled:
+        class Missing:
             def find_spec(self, name, path=None, target=None):
-                if name.split(".")[0] in ("torch", "stable_baselines3", "sb3_contrib"):
-                    raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-        sys.meta_path.insert(0, NotInstalled())
+                if name in ("torch", "stable_baselines3", "sb3_contrib"):
+                    raise ModuleNotFoundError(name)
+        sys.meta_path.insert(0, Missing())
         from curricle.cli.app import main
         sys.argv = ["curricle", *sys.argv[1:]]
         main()

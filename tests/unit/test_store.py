@@ -1,77 +1,88 @@
-"""The results folder: whole files or none, one set of settings, nothing of others touched."""
+"""The results store: whole files or none, results of one description, nothing of others touched."""
 
+import json
 import os
 
 import pyarrow.parquet as pq
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study.store import ResultsFolder
+from curricle.study import StudyStore
+from curricle.study.store import SCHEMA_VERSION, sealed
 
 SETTINGS = {"seeds": 30, "version": "1"}
 
 
+def opened(path, settings=SETTINGS):
+    with StudyStore.opened(path, settings, resume=True) as store:
+        return store
+
+
 def test_reopening_with_the_same_settings_keeps_everything(tmp_path):
-    ResultsFolder(tmp_path / "a", SETTINGS).write_json("x.json", [1, 2])
-    again = ResultsFolder(tmp_path / "a", SETTINGS)
+    opened(tmp_path / "a").write_json("x.json", [1, 2])
+    again = opened(tmp_path / "a")
     assert again.has("x.json")
     assert again.read_json("x.json") == [1, 2]
+    assert again.description == SETTINGS
 
 
 @pytest.mark.parametrize("other", [{"seeds": 5, "version": "1"}, {"seeds": 30}, {}])
 def test_other_settings_are_refused(tmp_path, other):
-    ResultsFolder(tmp_path, SETTINGS)
+    opened(tmp_path)
     with pytest.raises(StoreError, match="holds results of other settings"):
-        ResultsFolder(tmp_path, other)
+        opened(tmp_path, other)
 
 
-def test_a_folder_of_other_files_is_refused_untouched(tmp_path):
-    (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(StoreError, match="holds other files"):
-        ResultsFolder(tmp_path, SETTINGS)
-    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
+@pytest.mark.parametrize("version", [None, 0, SCHEMA_VERSION + 1])
+def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
+    study = SETTINGS if version is None else {"schema_version": version, **SETTINGS}
+    (tmp_path / "study.json").write_bytes(sealed(study))
+    before = (tmp_path / "study.json").read_bytes()
+    found = "no schema version" if version is None else f"schema version {version}"
+    for read in (opened, StudyStore):
+        with pytest.raises(StoreError) as caught:
+            read(tmp_path)
+        assert str(caught.value) == (
+            f"{tmp_path / 'study.json'} has {found} and this Curricle reads {SCHEMA_VERSION}: run "
+            "the study again into a new folder, or read it with the version that wrote it"
+        )
+    assert (tmp_path / "study.json").read_bytes() == before
 
 
-def test_what_a_killed_run_left_unfinished_means_nothing(tmp_path):
-    (tmp_path / ".settings123.part").write_text('{"see')
-    assert ResultsFolder(tmp_path, SETTINGS).read_json("settings.json") == SETTINGS
+def test_the_schema_version_is_stored(tmp_path):
+    opened(tmp_path)
+    assert json.loads((tmp_path / "study.json").read_text())["schema_version"] == SCHEMA_VERSION
 
 
-def test_a_file_in_the_folders_place_is_refused(tmp_path):
-    (tmp_path / "out").write_text("not a folder")
-    with pytest.raises(StoreError, match="is a file"):
-        ResultsFolder(tmp_path / "out", SETTINGS)
+def test_unfinished_files_of_a_killed_run_are_removed(tmp_path):
+    (tmp_path / ".study123.part").write_text('{"see')
+    assert opened(tmp_path).description == SETTINGS
+    assert not (tmp_path / ".study123.part").exists()
 
 
-def test_a_place_below_a_file_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StoreError, match="folder that can be written"):
-        ResultsFolder(tmp_path / "file" / "out", SETTINGS)
-
-
-def test_damaged_settings_are_named(tmp_path):
-    (tmp_path / "settings.json").write_text("{")
-    with pytest.raises(StoreError, match=r"settings\.json must be JSON"):
-        ResultsFolder(tmp_path, SETTINGS)
+def test_a_damaged_file_is_named(tmp_path):
+    store = opened(tmp_path)
+    store.write("claims.json", b"{")
+    with pytest.raises(StoreError, match=r"claims\.json must be JSON"):
+        store.read_json("claims.json")
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_trace(tmp_path, monkeypatch):
-    folder = ResultsFolder(tmp_path, SETTINGS)
-    folder.write("data/x", b"old")
+    store = opened(tmp_path)
+    store.write("data/x", b"old")
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OSError, match="No space left"):
-        folder.write("data/x", b"new")
+    with pytest.raises(StoreError, match="No space left.* what was stored before is whole"):
+        store.write("data/x", b"new")
     assert (tmp_path / "data" / "x").read_bytes() == b"old"
-    assert [p.name for p in (tmp_path / "data").iterdir()] == ["x"]
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["x"]
 
 
 def test_tables_are_parquet(tmp_path):
-    folder = ResultsFolder(tmp_path, SETTINGS)
-    folder.write_table("t.parquet", {"seed": [0, 1], "steps": [5.0, 7.5]})
+    opened(tmp_path).write_table("t.parquet", {"seed": [0, 1], "steps": [5.0, 7.5]})
     assert pq.read_table(tmp_path / "t.parquet").to_pydict() == {
         "seed": [0, 1],
         "steps": [5.0, 7.5],

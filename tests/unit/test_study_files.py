@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from curricle.study.config.document import json_schema
-from curricle.study.config.reading import read_study
-from curricle.study.config.study_file import StudyFile
+from curricle.study import StudyConfig, json_schema, read_study
 from curricle.study.config.templates import KINDS, template
 
 FOLDER = Path(__file__).parents[2] / "examples"
@@ -33,8 +31,8 @@ def reduced(path):
     arms = study.get("arms", {})
     changes = []
     for name, task in study["tasks"].items():
-        gate = "most" in task["budget"] if isinstance(task.get("budget"), dict) else False
-        short = f"{{ max_steps = {STEPS}, min_steps = 0 }}" if gate else STEPS
+        stops = "max_steps" in task["budget"] if isinstance(task.get("budget"), dict) else False
+        short = f"{{ max_steps = {STEPS}, min_steps = 0 }}" if stops else STEPS
         changes.append(f"tasks.{name}.budget={short}")
         changes += [f"tasks.{name}.eval_freq={STEPS}"] if "eval_freq" in task else []
     for arm, patch in arms.items():
@@ -48,25 +46,15 @@ def reduced(path):
     return changes
 
 
-def needed(study):
-    """Skip where a study needs what this installation does not have."""
-    words = json.dumps(study.resolved())
-    if '"gymnasium"' in words:
-        pytest.importorskip("curricle.interop.gymnasium")
-    if '"most"' in words:
-        pytest.importorskip("curricle.learning.stopping")
-
-
 def test_it_reads_and_comes_back_equal(path):
     study = read_study(path)
-    plain = json.loads(json.dumps(study.resolved()))
-    assert StudyFile.rebuilt(plain, study.folder).document == study.document
+    plain = json.loads(json.dumps(study.to_data()))
+    assert StudyConfig.from_data(plain, study.folder) == study
 
 
 def test_its_curricula_have_one_target_and_share_it(path):
     study = read_study(path)
-    needed(study)
-    arms = study.arms
+    arms = study.curricula
     targets = [arm.tasks[arm.target] for arm in arms.values()]
     assert all(target is targets[0] for target in targets)
 
@@ -74,11 +62,10 @@ def test_its_curricula_have_one_target_and_share_it(path):
 @pytest.mark.filterwarnings("ignore:.* take their potential as it is")
 def test_it_is_trained(path):
     study = read_study(path, set=reduced(path))
-    needed(study)
-    if '"deep"' in json.dumps(study.resolved()):
+    if '"deep"' in json.dumps(study.to_data()):
         pytest.importorskip("stable_baselines3")
-    for arm in study.arms.values():
-        result = arm.train(study.document.seeds[:2])
+    for arm in study.curricula.values():
+        result = arm.train(study.seeds[:2])
         assert (result[arm.target].steps_used == STEPS).all()
         assert (result.source_steps(arm.target) > 0).all()
 

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study.config.reading import read_study
-from curricle.study.runner.folder import StudyFolder
-from curricle.study.runner.run import run_study
-from curricle.study.runner.study import Study
+from curricle.study import StudyResults, StudyStore, read_study, run_study
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 UNIT_FILES = (
@@ -29,7 +26,7 @@ UNIT_FILES = (
 
 def read_everything(folder):
     """Read every file of a study's folder, or fail."""
-    study = Study(folder)
+    study = StudyResults(folder)
     for arm, node in study.arms.keys:
         study.result(arm, node, values=True)
         study.decisions(arm, node)
@@ -61,14 +58,14 @@ def refused(contents):
         ("tasks.maze.budget=700", "budget is 600 there and 700 here"),
         ("tasks.maze.rewards.step=-2", r"rewards\.step is -1\.0 there and -2\.0 here"),
         ("arms.state.shaping=LookAheadAdvice", "shaping.type is"),
-        ("scratch=false", "direct is true there and false here"),
+        ("scratch=false", "scratch is true there and false here"),
         ("transfers.0.scale=2", "transfers"),
     ],
 )
 @pytest.mark.parametrize("resume", [False, True])
 def test_another_study_is_refused(study_file, copied, refused, change, words, resume):
     study = read_study(study_file, set=[change])
-    refused(copied, f"another study: .*{words}.*choose another folder", study, resume=resume)
+    refused(copied, f"other settings: .*{words}.*choose another folder", study, resume=resume)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +86,7 @@ def test_another_version_of_curricle_is_refused(study_file, copied, refused, mon
     )
     words = f'curricle is "{re.escape(version("curricle"))}" there and "99.0" here'
     refused(copied, words, read_study(study_file), resume=True)
-    assert Study(copied).comparison.seeds == 4  # it can be read all the same
+    assert StudyResults(copied).comparison.seeds == 4  # it can be read all the same
 
 
 def test_going_on_has_to_be_asked_for(study_file, copied, refused):
@@ -121,13 +118,13 @@ def test_a_file_of_that_name_that_is_no_study_is_refused(study_file, tmp_path, r
     (tmp_path / "out" / "study.json").write_text(text, encoding="latin-1")
     refused(tmp_path / "out", r"study\.json", read_study(study_file), resume=True)
     with pytest.raises(StoreError, match=r"study\.json"):
-        Study(tmp_path / "out")
+        StudyResults(tmp_path / "out")
 
 
 def test_a_folder_without_a_study_cannot_be_read(tmp_path):
     for place in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(StoreError, match=r"holds a study\.json: .* has none"):
-            Study(place)
+            StudyResults(place)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root writes anywhere")
@@ -141,7 +138,7 @@ def test_a_folder_that_cannot_be_written_is_refused(study_file, copied, refused)
 
 def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, copied, contents):
     (copied / ".study123.part").write_text("{")
-    unit = StudyFolder(copied).units()[0].path
+    unit = StudyStore(copied).units()[0].path
     (unit.parent / ".tmp.part").mkdir()
     (unit.parent / ".tmp.part" / "unit.json").write_text("{")
     read_everything(copied)
@@ -150,7 +147,7 @@ def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, c
 
 
 def test_an_arm_or_a_task_that_is_not_there_is_said_so(finished):
-    study = Study(finished)
+    study = StudyResults(finished)
     for arm, node in (("chian", "maze"), ("chain", "mace"), ("calibrated", "corner")):
         with pytest.raises(StoreError, match=r"mace|chian|corner"):
             study.result(arm, node)
@@ -179,7 +176,7 @@ def flipped(content):
 @pytest.mark.parametrize("harm", [cut, emptied, flipped])
 @pytest.mark.parametrize("name", UNIT_FILES)
 def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, name, harm):
-    file = StudyFolder(copied).units()[0].path / name  # the first has a snapshots
+    file = StudyStore(copied).units()[0].path / name  # the first has a snapshots
     file.write_bytes(harm(file.read_bytes()))
     before = contents(copied)
     with pytest.raises(StoreError, match=re.escape(str(file))) as caught:
@@ -200,7 +197,7 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
     file.write_bytes(harm(file.read_bytes()))
     before = contents(copied)
     study = read_study(study_file)
-    for read in (lambda: Study(copied), lambda: run_study(study, copied, resume=True)):
+    for read in (lambda: StudyResults(copied), lambda: run_study(study, copied, resume=True)):
         with pytest.raises(StoreError, match=re.escape(str(file))):
             read()
         assert contents(copied) == before
@@ -210,7 +207,7 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
 
 
 def test_no_flipped_bit_of_a_units_description_goes_unnoticed(copied):
-    folder = StudyFolder(copied)
+    folder = StudyStore(copied)
     file = folder.units()[0].path / "unit.json"
     whole, draws = file.read_bytes(), np.random.default_rng(0)
     for place, bit in zip(range(len(whole)), draws.integers(0, 8, len(whole)), strict=True):
@@ -221,7 +218,7 @@ def test_no_flipped_bit_of_a_units_description_goes_unnoticed(copied):
 
 @pytest.mark.parametrize("name", UNIT_FILES)
 def test_a_missing_file_is_named_or_done_again(study_file, finished, copied, contents, name):
-    file = StudyFolder(copied).units()[0].path / name
+    file = StudyStore(copied).units()[0].path / name
     file.unlink()
     if name != "unit.json":  # without it, there is no unit
         with pytest.raises(StoreError, match=re.escape(str(file))):
@@ -239,8 +236,8 @@ def test_tables_of_all_units_are_written_anew(study_file, finished, copied, cont
 
 
 def test_damaged_news_of_runs_are_named(study_file, copied):
-    (copied / "environment.json").write_text("{")
-    with pytest.raises(StoreError, match=r"environment\.json"):
+    (copied / "runs.json").write_text("{")
+    with pytest.raises(StoreError, match=r"runs\.json"):
         run_study(read_study(study_file), copied, resume=True)
     read_everything(copied)
 
@@ -250,12 +247,12 @@ def test_damaged_news_of_runs_are_named(study_file, copied):
 HOLDING = """
 import sys
 from pathlib import Path
-from curricle.study.config.reading import read_study
-from curricle.study.runner.run import run_study
+from curricle.study import read_study
+from curricle.study import run_study
 
 def hold(progress):
-    if progress.unit is not None:
-        print("stored", progress.unit.words, flush=True)
+    if progress.stored is not None:
+        print("stored", progress.stored.label, flush=True)
         sys.stdin.read()
 
 run_study(read_study(sys.argv[1]), sys.argv[2], workers=1, progress=hold)
@@ -270,7 +267,7 @@ def test_only_one_process_works_on_a_study(study_file, finished, tmp_path, conte
         for resume in (False, True):
             refused(out, "another is at work on", study, resume=resume)
         one.kill()
-    assert len(Study(out).folder.units()) == 1
+    assert len(StudyResults(out).store.units()) == 1
     run_study(study, out, resume=True, workers=2)  # the lock has gone with the process
     assert contents(out) == contents(finished)
 
@@ -280,8 +277,8 @@ import resource
 import signal
 import sys
 from curricle.cli import main
-from curricle.study.config.reading import read_study
-from curricle.study.runner.run import run_study
+from curricle.study import read_study
+from curricle.study import run_study
 
 file, whole, out, most = sys.argv[1:]
 run_study(read_study(file), whole)  # what is compiled is stored before the disk is full
@@ -306,7 +303,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
         + 10 * f"{35 * '.'}\n"
     )
     text = study_file.read_text().replace("S...P\n.#...\n...PT\n", wide)
-    file.write_text(f"direct = false\n{text}")
+    file.write_text(f"scratch = false\n{text}")
     done = subprocess.run(
         [sys.executable, "-c", FULL, file, whole, out, "15000"], capture_output=True, text=True
     )
@@ -317,6 +314,6 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     assert not list(out.rglob("*.part"))
     stored, complete = contents(out / "units"), contents(whole / "units")
     assert {} != stored.items() < complete.items()
-    assert {unit.node for unit in StudyFolder(out).units()} <= {"corner", "easy"}
+    assert {unit.task for unit in StudyStore(out).units()} <= {"corner", "easy"}
     run_study(read_study(file), out, resume=True, workers=2)
     assert contents(out) == contents(whole)

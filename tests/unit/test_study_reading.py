@@ -6,7 +6,8 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
+from curricle.study import StudyResults
+from curricle.study.results import ALL_DECISIONS, RESULTS
 
 CURVES = {
     "arm": "VARCHAR",
@@ -17,7 +18,7 @@ CURVES = {
     "source_steps": "BIGINT",
     "training_return": "DOUBLE",
     "greedy_return": "DOUBLE",
-    "trust": "DOUBLE",
+    "guard_share": "DOUBLE",
     "episodes": "BIGINT",
 }
 DECISIONS = {
@@ -35,14 +36,14 @@ DECISIONS = {
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (
     SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
-    FROM '{file}' WHERE node = 'maze')
+    FROM '{file}' WHERE task = 'maze')
 WHERE back = 1 GROUP BY arm
 """
 
 
 @pytest.fixture(scope="module")
 def study(finished):
-    return Study(finished)
+    return StudyResults(finished)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_arms_are_told_apart_on_the_way(finished, study):
     wanted = {name: arm.curve.values[:, early].mean() for name, arm in arms.items()}
     assert len({round(value, 6) for value in wanted.values()}) > 1
     query = f"""SELECT arm, avg(greedy_return) FROM '{finished / RESULTS}'
-        WHERE node = 'maze' AND checkpoint = {early} GROUP BY arm"""
+        WHERE task = 'maze' AND checkpoint = {early} GROUP BY arm"""
     assert dict(duckdb.sql(query).fetchall()) == pytest.approx(wanted)
 
 
@@ -120,7 +121,7 @@ def test_tables_of_units_are_read_without_the_study(finished):
     of_units = duckdb.sql(f"SELECT {columns} FROM {units} ORDER BY ALL").fetchall()
     of_arms = duckdb.sql(
         f"SELECT {columns} FROM '{finished / RESULTS}' "
-        "WHERE NOT (arm = 'state' AND node = 'corner') ORDER BY ALL"
+        "WHERE NOT (arm = 'state' AND task = 'corner') ORDER BY ALL"
     ).fetchall()
     assert repr(of_units) == repr(of_arms)  # NaN is not equal to itself
 
@@ -134,7 +135,7 @@ def test_curves_are_those_of_the_results(finished, study):
         assert part.checkpoint.tolist() == list(range(n))
         assert part.steps.tolist() == result.steps[:n].tolist()
         assert part.steps.max() <= result.steps_used[k] < part.steps.max() + result.steps[1]
-        for name in ("training_return", "greedy_return", "trust", "episodes"):
+        for name in ("training_return", "greedy_return", "guard_share", "episodes"):
             np.testing.assert_array_equal(part[name], getattr(result, name)[k, :n])
         assert set(part.source_steps) == {study.results[arm].source_steps(node)[k]}
 

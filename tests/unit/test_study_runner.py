@@ -10,15 +10,14 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study.config.reading import read_study
-from curricle.study.runner import run as run_module
-from curricle.study.runner.arms import Arms
-from curricle.study.runner.run import run_study
-from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
-from curricle.study.runner.unit import Knowledge, Work, train_unit, units_of
+from curricle.study import StudyResults, read_study, run_study, running
+from curricle.study.arms import Arms
+from curricle.study.results import ALL_DECISIONS, RESULTS
+from curricle.study.source_values import SourceValues
+from curricle.study.units import UnitInput, train_unit, units_of
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-CURVES = ("steps", "training_return", "greedy_return", "trust", "episodes")
+CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
 
 
@@ -68,7 +67,7 @@ def assert_same_results(folder, finished):
     """Two folders hold the same results, bit for bit."""
     for name in (RESULTS, ALL_DECISIONS):
         assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
-    found, wanted = Study(folder), Study(finished)
+    found, wanted = StudyResults(folder), StudyResults(finished)
     for arm, node in wanted.arms.keys:
         one, other = (study.result(arm, node, values=True) for study in (found, wanted))
         assert_equal(one, other)
@@ -81,7 +80,7 @@ def by_hand(study_file, arm):
     study = read_study(study_file)
     arms = Arms.of(study)
     plan = study.curriculum(arm).replace("maze", budget=arms.total, eval_freq=arms.eval_freq)
-    return plan.train(study.document.seeds, charge=True, workers=1)
+    return plan.train(study.seeds, charge=True, workers=1)
 
 
 # -- how it is run -----------------------------------------------------------------------------
@@ -104,13 +103,13 @@ def test_an_executor_that_trains_at_once_changes_nothing(study_file, finished, t
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(run_module, "wait", pool.wait)
+    monkeypatch.setattr(running, "wait", pool.wait)
     run_study(
         read_study(study_file),
         tmp_path / "out",
         workers=4,
         executor=pool,
-        progress=lambda one: ended.append(one.unit),
+        progress=lambda one: ended.append(one.stored),
     )
     assert ended[1:] != pool.submitted
     assert_same_results(tmp_path / "out", finished)
@@ -127,7 +126,7 @@ def test_a_run_that_its_executor_failed_goes_on(study_file, finished, tmp_path, 
     study, pool = read_study(study_file), Inline(most)
     with pytest.raises(StudyError, match=r"failed, .* is whole: OSError: the cluster is gone"):
         run_study(study, tmp_path / "out", executor=pool)
-    assert len(Study(tmp_path / "out").folder.units()) == pool.trained == most
+    assert len(StudyResults(tmp_path / "out").store.units()) == pool.trained == most
     run_study(study, tmp_path / "out", resume=True, executor=Inline())
     assert_same_results(tmp_path / "out", finished)
     assert contents(tmp_path / "out") == contents(finished)
@@ -135,7 +134,7 @@ def test_a_run_that_its_executor_failed_goes_on(study_file, finished, tmp_path, 
 
 def test_an_interrupted_run_goes_on_with_other_blocks(study_file, finished, tmp_path):
     def interrupt(progress):
-        if progress.unit is not None and progress.unit.node == "easy":
+        if progress.stored is not None and progress.stored.task == "easy":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -180,7 +179,7 @@ def test_workers_that_make_no_sense_are_refused(study_file, tmp_path, workers):
 
 
 def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
-    study = Study(finished)
+    study = StudyResults(finished)
     gated = study.results["chain"]["corner"].steps_used
     assert len(set(gated.tolist())) > 1  # or it would say nothing
     for arm, result in study.results.items():
@@ -191,8 +190,8 @@ def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
 
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
     begun = []
-    run_study(read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.left))
-    trained = sorted((unit.arm, unit.node) for unit in begun[0] if unit.seeds == (0, 1))
+    run_study(read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.units))
+    trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
         ("calibrated", "easy"),  # not taught, unlike in the other arms
         ("calibrated", "maze"),
@@ -206,10 +205,10 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
 
 
 def test_direct_is_the_target_learnt_by_itself(study_file, finished):
-    study = Study(finished)
+    study = StudyResults(finished)
     found = study.result("scratch", "maze", values=True)
     task = read_study(study_file).curriculum("chain").tasks["maze"]
-    frames = study.file.document.frames
+    frames = study.config.snapshots
     learnt = cr.learn(
         task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=frames
     )
@@ -219,7 +218,7 @@ def test_direct_is_the_target_learnt_by_itself(study_file, finished):
 
 @pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])
 def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
-    study, trained = Study(finished), by_hand(study_file, arm)
+    study, trained = StudyResults(finished), by_hand(study_file, arm)
     for node, result in trained.nodes.items():
         assert_equal(study.result(arm, node, values=True), result)
         if trained.decisions(node)[0]:
@@ -234,8 +233,8 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
 
 
 def test_the_comparison_is_that_of_compare(study_file, finished):
-    found = Study(finished).comparison
-    wanted = cr.compare(read_study(study_file).arms, seeds=4, workers=1)
+    found = StudyResults(finished).comparison
+    wanted = cr.compare(read_study(study_file).curricula, seeds=4, workers=1)
     assert list(found.arms) == list(wanted.arms)
     for name, arm in wanted.arms.items():
         np.testing.assert_array_equal(found[name].curve.steps, arm.curve.steps)
@@ -268,17 +267,17 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
 
 
 def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
-    study, done = read_study(study_file), Study(finished)
+    study, done = read_study(study_file), StudyResults(finished)
     units = units_of(done.arms, (1, 3), 4, {})
-    unit = next(unit for unit in units if (unit.arm, unit.node) == ("chain", "maze"))
+    unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
     rows = [1, 3]
     sources = {
-        name: Knowledge(known.values[rows], known.steps_used[rows])
+        name: SourceValues(known.values[rows], known.steps_used[rows])
         for name in unit.sources
         for known in [done.result("chain", name, values=True)]
     }
-    work = Work(json.dumps(study.resolved()), str(study.folder), unit, sources)
-    once, again = train_unit(work), train_unit(pickle.loads(pickle.dumps(work)))
+    given = UnitInput(json.dumps(study.to_data()), str(study.folder), unit, sources)
+    once, again = train_unit(given), train_unit(pickle.loads(pickle.dumps(given)))
     assert repr(once.decisions) == repr(again.decisions)  # NaN is not equal to itself
     assert once.arrays.keys() == again.arrays.keys()
     for name, array in once.arrays.items():
@@ -313,12 +312,12 @@ def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, fi
             study,
             tmp_path / "out",
             executor=pool,
-            progress=lambda one: stored.append(one.unit),
+            progress=lambda one: stored.append(one.stored),
         )
     assert isinstance(caught.value.__cause__, LookupError)
     assert "LookupError: a rule of the thesis is not met" in str(caught.value)
     assert {unit.arm for unit in stored[1:]} >= {"scratch", "chain"}
-    assert len(Study(tmp_path / "out").folder.units()) == len(stored) - 1 == pool.trained
+    assert len(StudyResults(tmp_path / "out").store.units()) == len(stored) - 1 == pool.trained
     (tmp_path / "broken").unlink()
     run_study(study, tmp_path / "out", resume=True, workers=2)
     assert_same_results(tmp_path / "out", finished)

@@ -6,11 +6,8 @@ import shutil
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study.config.reading import read_study
-from curricle.study.runner.folder import StudyFolder
-from curricle.study.runner.merge import merge
-from curricle.study.runner.run import run_study
-from curricle.study.runner.study import ALL_DECISIONS, RESULTS, Study
+from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study.results import ALL_DECISIONS, RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -38,7 +35,7 @@ def part(one_arm, tmp_path):
 
     def run(name, *changes, shard=(1, 1)):
         study = read_study(one_arm, set=changes)
-        return run_study(study, tmp_path / name, shard=shard, workers=2).folder.path
+        return run_study(study, tmp_path / name, shard=shard, workers=2).store.path
 
     return run
 
@@ -51,7 +48,7 @@ def assert_same_tables(folder, finished):
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_all_shards_are_one_run(part, finished, tmp_path, n):
     parts = [part(f"part-{i}", shard=(i, n)) for i in range(1, n + 1)]
-    seeds = [Study(one).seeds for one in parts]
+    seeds = [StudyResults(one).seeds for one in parts]
     assert sorted(seed for each in seeds for seed in each) == [0, 1, 2, 3]
     whole = merge(tmp_path / "whole", parts[::-1])
     assert whole.seeds == (0, 1, 2, 3)
@@ -62,7 +59,7 @@ def test_parts_that_do_the_same_are_taken_once(part, finished, tmp_path, content
     parts = [part("a", 'seeds="0-2"'), part("b", 'seeds="1-3"')]
     before = [contents(one) for one in parts]
     whole = merge(tmp_path / "whole", parts)
-    assert len(whole.folder.units()) == 4 * 4  # each seed of each task once
+    assert len(whole.store.units()) == 4 * 4  # each seed of each task once
     assert_same_tables(tmp_path / "whole", finished)
     assert [contents(one) for one in parts] == before
 
@@ -100,16 +97,16 @@ def test_a_merged_study_can_be_run_on(part, one_arm, finished, tmp_path):
 def test_runs_of_all_machines_are_told(part, tmp_path):
     parts = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
     whole = merge(tmp_path / "whole", parts)
-    assert len(whole.folder.environments()) == 2
+    assert len(whole.store.runs()) == 2
 
 
 def test_parts_of_different_studies_are_refused(part, finished, tmp_path, contents):
     parts = [part("a", 'seeds="0-0"'), part("b", 'seeds="1-1"', "tasks.maze.budget=700")]
-    with pytest.raises(StoreError, match=r"another study.*budget is .*[67]00"):
+    with pytest.raises(StoreError, match=r"other settings.*budget is .*[67]00"):
         merge(tmp_path / "whole", parts)
     assert not (tmp_path / "whole").exists()
     there = contents(parts[0])
-    with pytest.raises(StoreError, match=r"another study.*budget is"):
+    with pytest.raises(StoreError, match=r"other settings.*budget is"):
         merge(parts[0], [parts[1]])
     assert contents(parts[0]) == there
 
@@ -131,7 +128,7 @@ def test_other_folders_are_refused(part, tmp_path):
 @pytest.mark.parametrize("harm", ["cut", "flipped"])
 def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path, name, harm):
     copied = shutil.copytree(finished, tmp_path / "copied")
-    file = StudyFolder(copied).units()[-1].path / name
+    file = StudyStore(copied).units()[-1].path / name
     content = bytearray(file.read_bytes())
     if harm == "cut":
         del content[len(content) // 2 :]

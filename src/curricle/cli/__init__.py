@@ -1,4 +1,4 @@
-"""The ``curricle`` command: thin, and quick to say what it can do."""
+"""The ``curricle`` command; the library is imported only when a command needs it."""
 
 from curricle.cli.app import main
 

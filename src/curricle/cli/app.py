@@ -2,8 +2,8 @@
 
 =====  =============================================================================
 0      done
-1      Curricle refused: a file, a folder or a setting is not as it must be
-2      the command line makes no sense
+1      a file, a folder or a setting was refused
+2      the command line was wrong
 3      the study's own code failed; what was stored before is whole
 130    interrupted; what was stored before is whole
 =====  =============================================================================
@@ -17,11 +17,11 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from curricle.cli import paper, reading, running
+from curricle.cli import paper_command, results_commands, study_commands
 
 
 class _Commands(TyperGroup):
-    """The commands, left at once when interrupted."""
+    """The commands, which end at once when interrupted."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -30,7 +30,7 @@ class _Commands(TyperGroup):
             typer.echo("curricle: interrupted; what was stored before is whole", err=True)
             sys.stdout.flush()
             sys.stderr.flush()
-            os._exit(130)  # units still in compiled loops would be waited for
+            os._exit(130)  # or Python would wait for units in compiled loops
 
 
 app = typer.Typer(
@@ -39,7 +39,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Curriculum learning by potential-based reward shaping.",
-    epilog="Exit codes: 0 done, 1 refused, 2 misused, 3 the study's own code failed, "
+    epilog="Exit codes: 0 done, 1 refused, 2 wrong command line, 3 the study's own code failed, "
     "130 interrupted.",
 )
 
@@ -50,23 +50,36 @@ def _root() -> None:
 
 
 for command in (
-    paper.paper,
-    running.new,
-    running.check,
-    running.run,
-    running.merge,
-    running.schema,
-    reading.show,
-    reading.report,
-    reading.compare,
+    paper_command.paper,
+    study_commands.new,
+    study_commands.check,
+    study_commands.run,
+    study_commands.merge,
+    study_commands.schema,
+    results_commands.show,
+    results_commands.report,
+    results_commands.compare,
 ):
     app.command()(command)
 
 
+def _refuse_renamed_flags() -> None:
+    """Exit with the new name where the command line has a flag's old name."""
+    flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
+    if flags not in ([], ["--help"]):
+        from curricle.study.config.renamed_keys import renamed_flag
+
+        for flag in flags:
+            if new := renamed_flag(flag):
+                typer.echo(f"curricle: {flag} was renamed: write {new}", err=True)
+                sys.exit(2)
+
+
 def main() -> None:
-    """Run the command; Curricle's own errors become one sentence and an exit code."""
+    """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, StudyError
 
+    _refuse_renamed_flags()
     try:
         app(standalone_mode=True)
     except CurricleError as error:

@@ -14,7 +14,7 @@ from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Tick
 from curricle.plotting import STYLE
 from curricle.report import render
-from curricle.study.store import ResultsFolder
+from curricle.study.store import StudyStore
 
 FIGURES = {
     "1": "curricle.paper.figure1",
@@ -66,13 +66,14 @@ def reproduce(
         raise SettingError(f"intervals over seeds need at least 2 seeds: got {seeds}")
     if workers is not None and workers < 1:
         raise SettingError(f"workers must be at least 1: got {workers}")
-    store = ResultsFolder(folder, {"curricle": metadata.version("curricle"), "seeds": seeds})
-    for name in wanted:
-        if not store.has(_summary(name)):
-            module = import_module(FIGURES[name])
-            with matplotlib.rc_context(STYLE):
-                _save(store, name, module.build(seeds, workers, tick))
-    return _assemble(store)
+    settings = {"curricle": metadata.version("curricle"), "seeds": seeds}
+    with StudyStore.opened(folder, settings, resume=True) as store:
+        for name in wanted:
+            if not store.has(_summary(name)):
+                module = import_module(FIGURES[name])
+                with matplotlib.rc_context(STYLE):
+                    _save(store, name, module.build(seeds, workers, tick))
+        return _assemble(store)
 
 
 def _summary(name: str) -> str:
@@ -80,7 +81,7 @@ def _summary(name: str) -> str:
     return f"data/{'figure' * name.isdigit()}{name}.json"
 
 
-def _save(store: ResultsFolder, name: str, result: FigureResult) -> None:
+def _save(store: StudyStore, name: str, result: FigureResult) -> None:
     for kind in ("png", "svg"):
         buffer = io.BytesIO()
         # Without a date the same results give the same file.
@@ -107,7 +108,7 @@ def _as_dict(claim: Claim) -> dict[str, Any]:
     return {**asdict(claim), "evidence": dict(claim.evidence)}
 
 
-def _assemble(store: ResultsFolder) -> list[dict[str, Any]]:
+def _assemble(store: StudyStore) -> list[dict[str, Any]]:
     """Write claims.json and index.html from all figures in the folder."""
     sections = [store.read_json(_summary(name)) for name in FIGURES if store.has(_summary(name))]
     claims = [claim for section in sections for claim in section["claims"]]

@@ -7,8 +7,8 @@ from curricle.curriculum.node import Node
 from curricle.errors import StoreError
 from curricle.files import write_whole
 from curricle.report.page import StudyRecord, study_page
-from curricle.study.runner.study import Study
-from curricle.study.runner.unit import seed_words
+from curricle.study.results import StudyResults
+from curricle.study.units import seed_ranges
 
 
 def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
@@ -25,8 +25,8 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
     StoreError
         When there is nothing to compare yet, or the page cannot be written.
     """
-    study = Study(folder)
-    path = Path(out) if out is not None else study.folder.path / "report.html"
+    study = StudyResults(folder)
+    path = Path(out) if out is not None else study.store.path / "report.html"
     page = study_page(study_record(study)).encode()
     try:
         write_whole(path, page)
@@ -35,7 +35,7 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
     return path
 
 
-def study_record(study: Study) -> StudyRecord:
+def study_record(study: StudyResults) -> StudyRecord:
     """Return the contents of a study's page, with the values of sources that are read only."""
     results = {}
     for arm, curriculum in study.arms.curricula.items():
@@ -47,9 +47,9 @@ def study_record(study: Study) -> StudyRecord:
         results[arm] = CurriculumResult(curriculum, nodes, {})
     places = [(arm, name) for arm, found in results.items() for name in found.nodes]
     snapshots = {(arm, name): results[arm][name].snapshots for arm, name in places}
-    last = study.folder.environments()[-1]
+    last = study.store.runs()[-1]
     return StudyRecord(
-        name=study.file.document.name,
+        name=study.config.name,
         comparison=study.comparison,
         results=results,
         snapshots={
@@ -61,7 +61,7 @@ def study_record(study: Study) -> StudyRecord:
         environment={
             "command": " ".join(last["command"]),
             "started": last["started"],
-            "seeds": seed_words(study.seeds),
+            "seeds": seed_ranges(study.seeds),
             "commit": last["commit"] or "none",
             "Python": last["python"],
             "machine": last["machine"],

@@ -1,8 +1,7 @@
-"""Studies: arms x seeds, the measures taken from their curves, and what they say.
+"""Studies: files that describe them, runs that survive interruption, and their results.
 
-``metrics`` reads learning curves (``curve`` and ``threshold`` are its rooms next door) and
-``statistics`` puts intervals on what it finds; they hold arrays only and know nothing of tasks or
-learners.
+``config`` reads a study file; ``running`` trains its ``units`` and keeps them in a ``store``;
+``results`` reads them.
 """
 
 import lazy_loader

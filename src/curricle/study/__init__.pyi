@@ -1,7 +1,8 @@
-from .config.document import Document as Document
 from .config.reading import read_study as read_study
-from .config.study_file import StudyFile as StudyFile
-from .runner.merge import merge as merge
-from .runner.run import Progress as Progress, run_study as run_study
-from .runner.study import Study as Study, compared as compared
-from .runner.unit import Unit as Unit, train_unit as train_unit
+from .config.study_config import StudyConfig as StudyConfig
+from .config.study_tables import json_schema as json_schema
+from .results import StudyResults as StudyResults, compare_studies as compare_studies
+from .running import Progress as Progress, run_study as run_study
+from .shards import merge as merge
+from .store import StudyStore as StudyStore
+from .units import Unit as Unit, UnitInput as UnitInput, train_unit as train_unit

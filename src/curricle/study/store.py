@@ -1,123 +1,397 @@
-"""A folder of results: one set of settings, files that are either whole or absent."""
+"""The results store: a folder with a description of what its results depend on, and whole files."""
 
+import hashlib
+import io
 import json
-from collections.abc import Mapping
+import os
+import re
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
 from curricle.files import PART, write_whole
+from curricle.study.serialization import (
+    CURVES,
+    DECISIONS,
+    RUN,
+    SNAPSHOTS,
+    VALUES,
+    UnitResult,
+    as_parquet,
+    files_of,
+    of_seeds,
+)
+from curricle.study.units import Unit, seed_ranges
 
-SETTINGS = "settings.json"
+STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
+SCHEMA_VERSION = 1
+"""Of the folder's layout; a folder of another version is refused."""
+CHECKPOINTS = ".checkpoints"
+"""Where networks in training are saved, to go on from."""
+UNITS, MANIFEST = "units", "unit.json"
+MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window", "snapshots")
+"""Keys of a study on which no stored result depends."""
 
-Columns = Mapping[str, npt.ArrayLike]
-"""A tidy table: column name -> values, all of one length."""
+
+class StoredUnit(NamedTuple):
+    """A unit in the store: its folder, its key and its seeds."""
+
+    path: Path
+    key: str
+    task: str
+    seeds: tuple[int, ...]
 
 
-class ResultsFolder:
-    """A folder that holds the results of one set of settings and refuses those of others.
+class StudyStore:
+    """A folder of results that all depend on one description; results of others are refused.
 
-    Every file is written beside its place and moved there when complete, so that a run killed at
-    any moment leaves whole files only, and the next run goes on from them.
+    Every file is written beside its place and moved there when it is complete and on disk, so that
+    a run killed at any moment leaves whole files and whole units only.
 
     Parameters
     ----------
-    path : str or Path
-        Made if it does not exist.
-    settings : dict
-        What the results depend on; kept in ``settings.json``.
+    path : path
 
     Raises
     ------
     StoreError
-        When the folder holds results of other settings, or files that are none of ours.
+        When the folder holds no results, or results of another version.
 
     Examples
     --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as place:
-    ...     folder = ResultsFolder(place, {"seeds": 30})
-    ...     folder.write_json("claims.json", [])
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with StudyStore.opened(folder, {"seeds": 30}, resume=True) as store:
+    ...         store.write_json("claims.json", [])
     ...     try:
-    ...         ResultsFolder(place, {"seeds": 5})
+    ...         with StudyStore.opened(folder, {"seeds": 5}, resume=True):
+    ...             pass
     ...     except StoreError as error:
-    ...         print(str(error).replace(place, "DIR"))
+    ...         print(str(error).replace(folder, "DIR"))
     DIR holds results of other settings: seeds is 30 there and 5 here; choose another folder
     """
 
-    def __init__(self, path: str | Path, settings: Mapping[str, Any]):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
-        if self.path.exists() and not self.path.is_dir():
-            raise StoreError(f"results need a folder: {self.path} is a file")
-        if (self.path / SETTINGS).exists():
-            self._check(settings)
-        elif self.path.exists() and any(p.suffix != PART for p in self.path.iterdir()):
+        if not (self.path / STUDY).is_file():
+            raise StoreError(f"a folder of results holds a {STUDY}: {self.path} has none")
+        self.description = self._unsealed(self.path / STUDY)
+        version = self.description.pop("schema_version", None)
+        if version != SCHEMA_VERSION:
+            found = "no schema version" if version is None else f"schema version {version}"
             raise StoreError(
-                f"results need an empty folder or one of earlier results: {self.path} holds "
-                "other files"
+                f"{self.path / STUDY} has {found} and this Curricle reads {SCHEMA_VERSION}: run "
+                "the study again into a new folder, or read it with the version that wrote it"
             )
-        else:
-            try:
-                self.path.mkdir(parents=True, exist_ok=True)
-                self.write_json(SETTINGS, dict(settings))
-            except OSError as error:
-                raise StoreError(
-                    f"results need a folder that can be written: {self.path} ({error.strerror})"
-                ) from error
 
-    def _check(self, settings: Mapping[str, Any]) -> None:
-        there = self.read_json(SETTINGS)
-        here = json.loads(json.dumps(dict(settings)))
-        for name in sorted({*there, *here}):
-            if there.get(name) != here.get(name):
+    @classmethod
+    @contextmanager
+    def opened(
+        cls, path: str | Path, description: Mapping[str, Any], *, resume: bool
+    ) -> Iterator["StudyStore"]:
+        """Open a folder for results, made if need be, with other processes kept out.
+
+        The lock ends with the process, however that ends.
+
+        Parameters
+        ----------
+        path : path
+        description : dict
+            What the results depend on. Of a study ``curricle`` (version), ``folder`` (of the
+            study's modules) and ``configuration``.
+        resume : bool
+            Whether the folder may hold units of this description already.
+
+        Raises
+        ------
+        StoreError
+            When the folder is in use, or holds results of another description, other files, or
+            units of this one unless it is to be resumed.
+        """
+        path = Path(path)
+        if path.exists() and not path.is_dir():
+            raise StoreError(f"results need a folder: {path} is a file")
+        ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
+        if not ours and any(_foreign(entry) for entry in path.iterdir()):
+            raise StoreError(
+                f"results need an empty folder or one of earlier results: {path} holds other files"
+            )
+        lock = FileLock(path / LOCK)
+        with write_errors(path):
+            path.mkdir(parents=True, exist_ok=True)
+            try:
+                lock.acquire(timeout=0)
+            except Timeout:
                 raise StoreError(
-                    f"{self.path} holds results of other settings: {name} is {there.get(name)} "
-                    f"there and {here.get(name)} here; choose another folder"
+                    f"only one run at a time can write to a folder: another is at work on {path}"
+                ) from None
+        try:
+            yield cls._claimed(path, json.loads(json.dumps(description)), resume)
+        finally:
+            lock.release()
+
+    @classmethod
+    def _claimed(cls, path: Path, description: dict[str, Any], resume: bool) -> "StudyStore":
+        if (path / STUDY).exists():
+            store = cls(path)
+            store.check(description)
+            if not resume and (units := store.units()):
+                raise StoreError(
+                    f"{path} already holds this study, {len(units)} units of it: go on "
+                    "with --resume, or choose another folder"
                 )
+            if "configuration" in description:
+                seeds = (
+                    each["configuration"]["seeds"] for each in (store.description, description)
+                )
+                description["configuration"]["seeds"] = sorted(set().union(*seeds))
+        for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
+            # Left by a killed run, and not complete.
+            shutil.rmtree(part) if part.is_dir() else part.unlink()
+        with write_errors(path):
+            content = sealed({"schema_version": SCHEMA_VERSION, **description})
+            write_whole(path / STUDY, content)
+        return cls(path)
+
+    def check(self, description: Mapping[str, Any]) -> None:
+        """Raise StoreError if results of a description, as :meth:`opened` takes it, differ."""
+        for name, (there, here) in _differences(self.description, description):
+            raise StoreError(
+                f"{self.path} holds results of other settings: {name} is {_shown(there)} there and "
+                f"{_shown(here)} here; choose another folder"
+            )
+
+    # -- files ---------------------------------------------------------------------------------
 
     def has(self, name: str) -> bool:
         """Return whether a file is there (and so complete)."""
         return (self.path / name).exists()
 
-    def write(self, name: str, content: bytes) -> Path:
-        """Write a file in one move and return its path."""
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file in one move.
+
+        Raises
+        ------
+        StoreError
+            When it cannot be written; what was there stays.
+        """
         path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-        return path
+        with write_errors(self.path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
-        self.write(name, as_json(content))
+        self.write(name, _json(content))
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file, or raise StoreError if it is damaged."""
-        return read_json(self.path / name)
+        path = self.path / name
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise StoreError(f"{path} must be JSON: {error}") from error
 
-    def write_table(self, name: str, columns: Columns) -> None:
-        """Write a tidy table as Parquet."""
-        self.write(name, as_parquet(pa.table(dict(columns))))
+    def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike] | pa.Table) -> None:
+        """Write a tidy table, a dict of column name to values of one length, as Parquet."""
+        table = columns if isinstance(columns, pa.Table) else pa.table(dict(columns))
+        self.write(name, as_parquet(table))
+
+    def add_run(self, provenance: Mapping[str, Any]) -> None:
+        """Add a run to the list of runs."""
+        self.write_json(RUNS, [*self.runs(), provenance])
+
+    def runs(self) -> list[dict[str, Any]]:
+        """Return the versions, machine, commit, command and seeds of each run so far."""
+        found: list[dict[str, Any]] = self.read_json(RUNS) if self.has(RUNS) else []
+        return found
+
+    # -- units ---------------------------------------------------------------------------------
+
+    def units(self) -> list[StoredUnit]:
+        """Return the units in the store, by path.
+
+        Raises
+        ------
+        StoreError
+            Naming a unit that is damaged.
+        """
+        manifests = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
+        found = [path for path in manifests if not path.parent.name.endswith(PART)]
+        return [self._stored(path) for path in sorted(found)]
+
+    def _stored(self, manifest: Path) -> StoredUnit:
+        found = self._unsealed(manifest)
+        for name, (size, _) in found["files"].items():
+            file = manifest.parent / name
+            if not file.is_file() or file.stat().st_size != size:
+                raise self._damage(file)
+        return StoredUnit(manifest.parent, found["key"], found["task"], tuple(found["seeds"]))
+
+    def _damage(self, file: Path) -> StoreError:
+        if file.name == STUDY:
+            return StoreError(
+                f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
+                "delete it and run the study again with --resume"
+            )
+        return StoreError(
+            f"{file} is damaged: its checksum does not fit; delete the folder {file.parent} and "
+            "run the study again with --resume, which does only what is missing"
+        )
+
+    def write_unit(self, unit: Unit, result: UnitResult) -> StoredUnit:
+        """Store the result of a unit in one move, and return where it is.
+
+        Raises
+        ------
+        StoreError
+            When it cannot be written, as on a full disk; what was there stays.
+        """
+        name = re.sub(r"[^\w-]+", "_", unit.task)[:40]
+        place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
+        files = files_of(unit.task, result)
+        sizes = {file: [len(content), _digest(content)] for file, content in files.items()}
+        manifest = {
+            "key": unit.key,
+            "task": unit.task,
+            "seeds": unit.seeds,
+            "calibrations": result.calibrations,
+            "files": sizes,
+        }
+        with write_errors(self.path):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
+            try:
+                for file, content in {**files, MANIFEST: sealed(manifest)}.items():
+                    write_whole(part / file, content)
+                os.chmod(part, 0o755)
+                shutil.rmtree(place, ignore_errors=True)  # without a manifest it is not complete
+                os.replace(part, place)
+                shutil.rmtree(self.checkpoints(unit), ignore_errors=True)
+            except BaseException:
+                shutil.rmtree(part, ignore_errors=True)
+                raise
+        return StoredUnit(place, unit.key, unit.task, unit.seeds)
+
+    def checkpoints(self, unit: Unit) -> Path:
+        """Return the folder for checkpoints of a unit's training until it is stored."""
+        return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
+
+    def arrays(self, stored: StoredUnit, name: str) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of a unit's file, such as ``run.npz``; none where it has no such file.
+
+        Raises
+        ------
+        StoreError
+            When the file is damaged.
+        """
+        file = stored.path / name
+        if not file.exists():
+            return {}
+        content = self._content(file)
+        try:
+            with np.load(io.BytesIO(content)) as arrays:
+                return {key: arrays[key] for key in arrays.files}
+        except (ValueError, OSError, zipfile.BadZipFile):
+            raise self._damage(file) from None
+
+    def table(self, stored: StoredUnit, name: str) -> pa.Table:
+        """Return a unit's Parquet table."""
+        return pq.read_table(io.BytesIO(self._content(stored.path / name)))
+
+    def _content(self, file: Path) -> bytes:
+        content = file.read_bytes()
+        if _digest(content) != self._unsealed(file.parent / MANIFEST)["files"][file.name][1]:
+            raise self._damage(file)
+        return content
+
+    def calibrations(self, stored: StoredUnit) -> list[dict[str, Any]]:
+        """Return the calibration of each of a unit's seeds; empty unless it was calibrated."""
+        return list(self._unsealed(stored.path / MANIFEST)["calibrations"])
+
+    def result(self, stored: StoredUnit, seeds: Collection[int]) -> UnitResult:
+        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
+        names = (RUN, VALUES, SNAPSHOTS)
+        arrays = {k: v for name in names for k, v in self.arrays(stored, name).items()}
+        self._content(stored.path / CURVES)
+        rows = self.table(stored, DECISIONS).to_pylist()
+        fitted = self.calibrations(stored)
+        return UnitResult(
+            of_seeds(arrays, seeds),
+            [row for row in rows if row["seed"] in seeds],
+            [one for one, seed in zip(fitted, stored.seeds, strict=False) if seed in seeds],
+        )
+
+    def _unsealed(self, file: Path) -> dict[str, Any]:
+        """Return what :func:`sealed` was called on; StoreError if the file has changed since."""
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))
+            digest = found.pop("digest")
+        except (ValueError, AttributeError, TypeError, KeyError, IndexError):
+            raise self._damage(file) from None
+        if digest != _digest(_json(found)):
+            raise self._damage(file)
+        return dict(found)
 
 
-def as_json(content: Any) -> bytes:
-    """Return a value as indented JSON."""
-    return (json.dumps(content, indent=1) + "\n").encode()
-
-
-def read_json(path: Path) -> Any:
-    """Return the value of a JSON file, or raise StoreError if it is damaged."""
+@contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Turn a failure to write into a StoreError that says what is safe."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise StoreError(f"{path} must be JSON: {error}") from error
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"results cannot be written to {path} ({error.strerror}): what was stored before is "
+            "whole; run again with --resume when there is room"
+        ) from error
 
 
-def as_parquet(table: pa.Table) -> bytes:
-    """Return a table as the content of a Parquet file."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink)
-    return bytes(sink.getvalue().to_pybytes())
+def _foreign(entry: Path) -> bool:
+    """Return whether a killed run cannot have left this file in a new folder."""
+    return entry.suffix != PART and entry.name != LOCK
+
+
+def _differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Yield the keys, with both values, in which two descriptions differ and results may too."""
+    if not (isinstance(mine, dict) and isinstance(yours, dict)):
+        if mine != yours:
+            yield name, (mine, yours)
+        return
+    for key in sorted({*mine, *yours}):
+        place = f"{name}.{key}" if name and name != "configuration" else key
+        if not (name == "configuration" and key in MAY_CHANGE) and place != "folder":
+            yield from _differences(mine.get(key), yours.get(key), place)
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value)
+    return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
+
+
+def _short(seeds: tuple[int, ...]) -> str:
+    name = "seeds-" + seed_ranges(seeds)
+    return name if len(name) < 60 else name[:40] + "-" + _digest(name.encode())
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def sealed(value: Mapping[str, Any]) -> bytes:
+    """Return JSON with its own checksum."""
+    return _json({**value, "digest": _digest(_json(value))})
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1) + "\n").encode()

@@ -1,8 +1,7 @@
 """Studies as TOML files.
 
-A file goes through ``reading`` (TOML, and what is wrong with it), ``merging`` (arms over the study,
-a task's settings over those for all) and ``document`` (what remains, as data) to ``study_file``,
-which has ``building`` make the curricula. The tables are in ``tasks``, ``transfers`` and
-``settings``, all made of what is in ``tables``; ``references`` finds a user's own functions,
-``graph`` checks names and ``places`` knows lines. Only ``building`` imports Curricle's loops.
+``reading`` turns a file into a ``StudyConfig``: arms are merged over the study (``merging``), old
+names refused (``renamed_keys``), names of tasks checked (``task_names``), and the rest validated by
+``study_tables``, whose parts are in ``tasks``, ``transfers`` and ``settings``. Most of these tables
+are derived from the library's own classes (``derived_tables``). ``building`` makes the curricula.
 """

@@ -4,21 +4,22 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
-from curricle.study.config.graph import Graph, table
-from curricle.study.config.settings import DeepLearnerTable, EpisodesTable, LearnerTable, Settings
+from curricle.study.config.settings import DEEP, LEARNERS, EpisodesTable, Settings
+from curricle.study.config.task_names import NameGraph, table
 
 SETTINGS = tuple(Settings.model_fields)
-LASTING = frozenset({*SETTINGS, *LearnerTable.model_fields})
+OF_TARGETS = ("aggregate", "shaping", "retrain")
+"""Settings of potentials; they do not apply to a task without sources."""
+LASTING = frozenset({*SETTINGS, *(key for one in LEARNERS for key in one.model_fields)})
 """Keys that mean the same in tables of every type."""
-RIVALS = {
+ALTERNATIVES = {
     "map": "file",
     "file": "map",
     "epsilon": "inverse_temperature",
     "inverse_temperature": "epsilon",
 }
-"""Keys that stand for each other; the one given last counts."""
+"""Keys of which a table has only one; the one given last counts."""
 
 Raw = dict[str, Any]
 
@@ -41,7 +42,7 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
     changes_type = "type" in patch and patch["type"] != base.get("type")
     result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
     for key, value in patch.items():
-        result.pop(RIVALS.get(key, ""), None)
+        result.pop(ALTERNATIVES.get(key, ""), None)
         result[key] = _over(result.get(key), value, key)
     return result
 
@@ -51,6 +52,8 @@ def _over(old: Any, new: Any, key: str) -> Any:
         return new
     if key == "transfers" and isinstance(old, list):
         return [_over(one, new[str(n)], "") if str(n) in new else one for n, one in enumerate(old)]
+    if key == "shaping" and isinstance(old, str):
+        old = {"type": old}
     if not isinstance(old, dict) or _another(key, old, new):
         return new
     return merged(_kept(key, old, new), new)
@@ -75,7 +78,7 @@ def _episodes(budget: Raw) -> bool:
 
 
 def _deep(learner: Raw) -> bool:
-    return bool(learner.get("type") == DeepLearnerTable.model_fields["type"].default)
+    return bool(learner.get("type") == DEEP)
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
@@ -92,8 +95,8 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     --------
     >>> assignment("tasks.chase.budget=1_000")
     (('tasks', 'chase', 'budget'), {'tasks': {'chase': {'budget': 1000}}})
-    >>> assignment("shaping=StateShaping")
-    (('shaping',), {'shaping': 'StateShaping'})
+    >>> assignment("aggregate=mean")
+    (('aggregate',), {'aggregate': 'mean'})
     """
     key, equals, value = text.partition("=")
     keys = dotted(key)
@@ -129,7 +132,7 @@ def dotted(key: str) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def complete(study: Raw, patch: Raw | None = None) -> Raw:
+def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
     """Return a curriculum in which each task has all its settings.
 
     Parameters
@@ -142,47 +145,49 @@ def complete(study: Raw, patch: Raw | None = None) -> Raw:
     base = {key: value for key, value in study.items() if key in ("tasks", "transfers", *SETTINGS)}
     changes = table(patch)
     if isinstance(changes.get("tasks"), dict):
-        # A change of a task that is not there has been refused, and is not worth more words.
+        # A change of an unknown task has been reported.
         there = table(base.get("tasks"))
         known = {name: task for name, task in changes["tasks"].items() if name in there}
         changes = {**changes, "tasks": known}
     plan = merged(base, changes)
     chosen = changes.get("transfers")
     if isinstance(chosen, list):
-        plan["transfers"] = kept(chosen, base.get("transfers"))
-        plan["tasks"] = _needed(plan, Graph.of(base))
+        plan["transfers"] = chosen_transfers(chosen, base.get("transfers"))
+        plan["tasks"] = _needed(plan, NameGraph.of(base))
     for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
-    taught = {target for _, target in Graph.of(plan).edges}
+    with_sources = {target for _, target in NameGraph.of(plan).edges}
     tasks = plan.get("tasks")
     if isinstance(tasks, dict):
         plan["tasks"] = {
-            name: _settled(task, for_all, name in taught) if isinstance(task, dict) else task
+            name: _with_settings(task, for_all, name in with_sources)
+            if isinstance(task, dict)
+            else task
             for name, task in tasks.items()
         }
     return plan
 
 
-def kept(chosen: list[Any], transfers: Any) -> list[Any]:
+def chosen_transfers(chosen: list[Any], transfers: Any) -> list[Any]:
     """Return the transfers that an arm names, those given by number taken from the study's."""
     there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
     numbers = [one for one in chosen if type(one) is not int or one in there]
     return [there[one] if type(one) is int else one for one in numbers]
 
 
-def _needed(plan: Raw, base: Graph) -> Any:
+def _needed(plan: Raw, base: NameGraph) -> Any:
     """Return the tasks that an arm's own transfers need, and the study's target."""
-    graph = Graph.of(plan)
+    graph = NameGraph.of(plan)
     named = {name for edge in graph.edges for name in edge}
     named |= set(base.targets) if len(base.targets) == 1 else set()
     needed = {drawing for name in named for drawing in graph.drawings(name)}
     tasks = plan.get("tasks")
     if not isinstance(tasks, dict) or not named <= tasks.keys():
-        return tasks  # something is wrong, and said elsewhere
+        return tasks  # something is wrong, and is reported elsewhere
     return {name: task for name, task in tasks.items() if name in needed}
 
 
-def _settled(task: Raw, for_all: Raw, taught: bool) -> Raw:
+def _with_settings(task: Raw, for_all: Raw, has_sources: bool) -> Raw:
     """Return a task with the settings for all under its own."""
-    settings = {w: value for w, value in for_all.items() if taught or w not in OF_TARGETS}
+    settings = {w: value for w, value in for_all.items() if has_sources or w not in OF_TARGETS}
     own = {which: task[which] for which in SETTINGS if which in task}
     return {**task, **merged(settings, own)}

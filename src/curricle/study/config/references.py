@@ -74,13 +74,13 @@ class Call:
 
     def __str__(self) -> str:
         name = f"{self.function.__module__}:{self.function.__name__}"
-        said = ", ".join(f"{key}={value!r}" for key, value in self.arguments.items())
-        return f"{name}({said})" if said else name
+        arguments = ", ".join(f"{key}={value!r}" for key, value in self.arguments.items())
+        return f"{name}({arguments})" if arguments else name
 
 
 @contextmanager
 def users_code(reference: str) -> Iterator[None]:
-    """Say which function of the user's failed, and how."""
+    """Turn a failure of a user's function into a ConfigError that names it."""
     try:
         yield
     except CurricleError:
@@ -107,11 +107,11 @@ def _exists(path: str) -> bool:
 def _package(folder: Path) -> str:
     """Return the name of a package whose modules are those in a folder.
 
-    As submodules of it they are found without a word in ``sys.path``, and have names of their own.
+    As its submodules they are found without changing ``sys.path``, and keep apart from others.
     """
-    place = str(folder.resolve())
-    name = f"curricle_study_{hashlib.sha256(place.encode()).hexdigest()[:16]}"
-    package = ModuleType(name, f"The modules in {place}.")
-    package.__path__ = [place]
+    path = str(folder.resolve())
+    name = f"curricle_study_{hashlib.sha256(path.encode()).hexdigest()[:16]}"
+    package = ModuleType(name, f"The modules in {path}.")
+    package.__path__ = [path]
     sys.modules.setdefault(name, package)
     return name

@@ -2,23 +2,27 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     ModelWrapValidatorHandler,
     Strict,
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
-    WrapValidator,
     model_validator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 SHOWN = 60
 """Characters of a value that a message repeats."""
@@ -35,10 +39,10 @@ PHRASES = {
     "too_long": "must have {max_length} entries",
     "literal_error": "must be {expected}",
 }
-"""What pydantic's errors are called in a sentence."""
+"""The types of Pydantic's errors, as parts of a sentence."""
 
-Place = tuple[str | int, ...]
-"""Where something is written: the keys and the list indices that lead to it."""
+KeyPath = tuple[str | int, ...]
+"""The keys and list indices that lead to a value of a study file."""
 
 
 class Table(BaseModel):
@@ -47,7 +51,7 @@ class Table(BaseModel):
     Raises
     ------
     pydantic.ValidationError
-        Each of whose messages ends a sentence that begins with the place, such as
+        Each message ends a sentence that begins with the key path, such as
         "must be a number: got 'x'".
     """
 
@@ -55,12 +59,12 @@ class Table(BaseModel):
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
-        """Return the keys that may stand in the table."""
+        """Return the keys that the table may have."""
         return tuple(cls.model_fields)
 
     @model_validator(mode="wrap")
     @classmethod
-    def _speak_plainly(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+    def _plain_messages(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         if not isinstance(data, dict | cls):
             raise wrong(f"must be a table: got {shown(data)}")
         try:
@@ -69,32 +73,32 @@ class Table(BaseModel):
             raise ValidationError.from_exception_data(
                 cls.__name__,
                 [
-                    _detail(one["loc"], _sentence(one, cls.known()), one["input"])
+                    _detail(one["loc"], _message(one, cls.known()), one["input"])
                     for one in error.errors(include_url=False)
                 ],
             ) from None
 
 
 def wrong(text: str) -> PydanticCustomError:
-    """Return the error that says this of the value being validated."""
+    """Return an error with this message about the value being validated."""
     return PydanticCustomError("wrong", "{text}", {"text": text})
 
 
-def wrong_at(place: Place, text: str, value: Any) -> ValidationError:
-    """Return the error that says this of a part of the value being validated."""
-    return ValidationError.from_exception_data("study", [_detail(place, text, value)])
+def wrong_at(path: KeyPath, text: str, value: Any) -> ValidationError:
+    """Return an error with this message about a part of the value being validated."""
+    return ValidationError.from_exception_data("study", [_detail(path, text, value)])
 
 
-def all_wrong(found: Iterable[tuple[Place, str]]) -> ValidationError:
-    """Return the error that says each text of its place in the value being validated."""
-    details = [_detail(place, text, None) for place, text in found]
+def all_wrong(found: Iterable[tuple[KeyPath, str]]) -> ValidationError:
+    """Return one error with messages about several parts of the value being validated."""
+    details = [_detail(path, text, None) for path, text in found]
     return ValidationError.from_exception_data("study", details)
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message repeats it."""
-    words = repr(value)
-    return words if len(words) <= SHOWN else f"{words[: SHOWN - 3]}..."
+    """Return a value as messages repeat it."""
+    text = repr(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
 def meant(word: Any, known: Iterable[str]) -> str:
@@ -105,13 +109,13 @@ def meant(word: Any, known: Iterable[str]) -> str:
     >>> meant("predatrs", ["size", "predators"])
     ", did you mean 'predators'?"
     """
-    plain = {one.lower(): one for one in known}
-    close = get_close_matches(str(word).lower(), plain, n=1)
-    return f", did you mean {plain[close[0]]!r}?" if close else ""
+    by_lower_case = {one.lower(): one for one in known}
+    close = get_close_matches(str(word).lower(), by_lower_case, n=1)
+    return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
 
 def unknown(word: Any, known: Collection[str]) -> str:
-    """Return that a word is unknown, and which was meant, or else all that are known.
+    """Return that a word is unknown, with the closest known word or else all of them.
 
     Examples
     --------
@@ -122,12 +126,12 @@ def unknown(word: Any, known: Collection[str]) -> str:
     return f"is unknown{meant(word, known) or others}"
 
 
-def _detail(place: Place, text: str, value: Any) -> InitErrorDetails:
-    return InitErrorDetails(type=wrong(text), loc=place, input=value)
+def _detail(path: KeyPath, text: str, value: Any) -> InitErrorDetails:
+    return InitErrorDetails(type=wrong(text), loc=path, input=value)
 
 
-def _sentence(error: Any, keys: Collection[str]) -> str:
-    """Return what an error of pydantic says, as the end of a sentence."""
+def _message(error: Any, keys: Collection[str]) -> str:
+    """Return one of Pydantic's errors as the end of a sentence."""
     kind, key = error["type"], error["loc"][-1] if error["loc"] else ""
     if kind == "wrong":
         return str(error["msg"])
@@ -158,16 +162,15 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def flag(value: Any) -> bool:
-    """Return true or false, of what may be a table too."""
-    if not isinstance(value, bool):
-        raise wrong(f"must be true, false or a table: got {shown(value)}")
-    return value
-
-
 def no_table(value: Any) -> Any:
-    """Refuse what is no table."""
+    """Refuse a value that is not a table."""
     raise wrong(f"must be a table: got {shown(value)}")
+
+
+def _reference(value: str) -> str:
+    if ":" not in value:
+        raise wrong(f"must name a function as module:function: got {value!r}")
+    return value
 
 
 Whole = Annotated[int, BeforeValidator(whole_number)]
@@ -175,42 +178,62 @@ Count = Annotated[Whole, Field(ge=1)]
 Number = Annotated[float, BeforeValidator(number)]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, Field(min_length=1)]
+Reference = Annotated[str, AfterValidator(_reference)]
+"""A function as ``module:function``."""
 
 
-def either(
-    choose: Callable[[dict[str, Any]], type[Table]], bare: Callable[[Any], Any]
-) -> WrapValidator:
-    """Return a validator of what may be one of several tables, or something simpler.
+@dataclass(frozen=True)
+class Choice:
+    """Annotation of a value that is one of several tables, or something simpler.
 
-    Unlike pydantic's unions it complains about the one table that was meant.
+    Unlike Pydantic's unions it reports only what is wrong with the one table that was meant.
 
     Parameters
     ----------
+    tables : tuple of Table classes
     choose : callable
-        Says which table a dict is.
-    bare : callable
-        Validates what is no table.
+        Returns the table that a dict is meant to be.
+    simple : callable
+        Validates what is not a table; :func:`no_table` refuses it.
+    simple_type : type, optional
+        Of what `simple` accepts, for the JSON Schema.
     """
 
-    def validate(value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    tables: tuple[type[Table], ...]
+    choose: Callable[[dict[str, Any]], type[Table]]
+    simple: Callable[[Any], Any] = no_table
+    simple_type: Any = None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        types = [*self.tables, *([] if self.simple_type is None else [self.simple_type])]
+        return core_schema.with_info_wrap_validator_function(
+            self._validated, handler.generate_schema(reduce(or_, types))
+        )
+
+    def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, dict):
-            return choose(value).model_validate(value, context=info.context)
-        return value if isinstance(value, Table) else bare(value)
-
-    return WrapValidator(validate)
+            return self.choose(value).model_validate(value, context=info.context)
+        return value if isinstance(value, Table) else self.simple(value)
 
 
-def by_type(*tables: type[Table]) -> Callable[[dict[str, Any]], type[Table]]:
-    """Return what chooses a table by its key ``type``."""
-    kinds = {str(table.model_fields["type"].default): table for table in tables}
+def tagged(
+    *tables: type[Table],
+    default: str | None = None,
+    simple: Callable[[Any], Any] = no_table,
+    simple_type: Any = None,
+) -> Choice:
+    """Return the choice among tables by their key ``type``, which may be left out for a default."""
+    by_name = {str(table.model_fields["type"].default): table for table in tables}
 
     def choose(value: dict[str, Any]) -> type[Table]:
-        if "type" not in value:
-            raise wrong_at(("type",), f"is missing: one of {', '.join(kinds)}", value)
-        kind = value["type"]
-        if not isinstance(kind, str) or kind not in kinds:
-            valid = f"must be one of {', '.join(kinds)}"
-            raise wrong_at(("type",), f"{valid}: got {shown(kind)}{meant(kind, kinds)}", value)
-        return kinds[kind]
+        if "type" not in value and default is None:
+            raise wrong_at(("type",), f"is missing: one of {', '.join(by_name)}", value)
+        name = value.get("type", default)
+        if not isinstance(name, str) or name not in by_name:
+            valid = f"must be one of {', '.join(by_name)}"
+            raise wrong_at(("type",), f"{valid}: got {shown(name)}{meant(name, by_name)}", value)
+        return by_name[name]
 
-    return choose
+    return Choice(tables, choose, simple, simple_type)

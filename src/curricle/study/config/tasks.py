@@ -1,6 +1,6 @@
-"""Tasks as tables: mazes, crops of mazes, pursuits, Gymnasium's, and a user's own."""
+"""Tasks: mazes, crops of mazes, pursuits, Gymnasium's environments, and a user's own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -13,36 +13,105 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.interop.gymnasium import observation_task
+from curricle.interop.gymnasium import from_gymnasium, observation_task
+from curricle.interop.vector_pursuit import observed_pursuit
+from curricle.study.config.derived_tables import ObjectTable, table_of
 from curricle.study.config.references import Call, load, users_code
+from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (
-    Flag,
+    KeyPath,
     Name,
     Number,
-    Table,
+    Reference,
     Whole,
-    by_type,
-    either,
-    no_table,
     shown,
+    tagged,
     whole_number,
     wrong,
     wrong_at,
 )
-from curricle.study.config.task_table import Reference, TaskTable, TimeLimit
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.task import generative_model
 
 Cell = tuple[Whole, Whole]
+Ranges = tuple[Whole, Whole]
 
 
-class RewardsTable(Table):
-    """What a step in a maze pays, by what the entered cell holds."""
+def _time_limit(value: Any) -> int | str:
+    return value if value == "none" else whole_number(value)
 
-    step: Number = Field(default=-1.0, description="Paid by every step.")
-    treasure: Number = Field(default=200.0, description="Paid on entering a treasure's cell.")
-    fire: Number = Field(default=-500.0, description="Paid on entering a fire's cell.")
-    near_fire: Number = Field(default=-250.0, description="Paid on entering a cell next to a fire.")
-    pit: Number = Field(default=-2500.0, description="Paid on entering a pit's cell.")
-    bump: Number = Field(default=0.0, description="Paid when the edge or a wall is in the way.")
+
+TimeLimit = Annotated[int | Literal["none"], BeforeValidator(_time_limit)]
+
+
+class TaskTable(ObjectTable, Settings):
+    """A task, and settings for it alone."""
+
+    deep: ClassVar[bool] = False
+    """Whether it is seen through observations and learnt by a network."""
+
+    def misfits(self, name: str) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the settings that do not suit the task `name`, each with what is wrong."""
+        return _misfits_of_networks(self, name) if self.deep else _misfits_of_tables(self, name)
+
+    def as_arguments(self) -> dict[str, Any]:
+        """Return the arguments for what makes the task."""
+        given = super().as_arguments()
+        if given.get("time_limit") == "none":
+            given["time_limit"] = None
+        return given
+
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+        """Return the task.
+
+        Parameters
+        ----------
+        folder : Path
+            The study file's, with the modules of a user's own functions.
+        task : callable
+            Returns another task of the study, by its name.
+        """
+        return self.build()
+
+
+def _misfits_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
+    """Yield the settings that do not suit a task that is learnt by a network."""
+    if not task.deep_learner:
+        yield (
+            ("learner",),
+            f'must be {{ type = "deep", ... }} for {name}, which is seen through observations and '
+            "learnt by a network",
+        )
+    if not task.shaping.makes.for_networks:
+        known = ", ".join(one.__name__ for one in SHAPINGS if one.makes.for_networks)
+        yield (
+            ("shaping",),
+            f"must be one of {known} for {name}, which a network learns: got {task.shaping.type!r}",
+        )
+    left_out = f"must be left out for {name}: it is for tables, and a network learns {name}"
+    if getattr(task.shaping, "guard", None) is not None:
+        yield ("shaping", "guard"), left_out
+    if task.retrain is not None:
+        yield ("retrain",), left_out
+    if task.evaluation.method == "exact":
+        yield (
+            ("evaluation", "method"),
+            f"must be 'auto', 'rollouts' or 'off' for {name}, which is seen through observations: "
+            "got 'exact'",
+        )
+
+
+def _misfits_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
+    """Yield the settings that do not suit a task that is learnt in a table."""
+    if task.deep_learner:
+        yield (
+            ("learner",),
+            f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
+            "seen through observations, of type 'observation_task' or 'vector_pursuit'",
+        )
+    if not task.shaping.makes.for_tables:
+        yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"
 
 
 def _start(value: Any) -> Any:
@@ -52,8 +121,12 @@ def _start(value: Any) -> Any:
 
 
 def _in_order(value: Any) -> Any:
-    """Return what is a set, but written as a list, in one order."""
+    """Return in one order what is a set, but written as a list."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
+
+
+def _without_margins(drawing: str) -> str:
+    return "\n".join(line.strip() for line in drawing.strip().splitlines())
 
 
 Start = Annotated[
@@ -62,38 +135,9 @@ Start = Annotated[
 Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
 
 
-def _without_margins(drawing: str) -> str:
-    return "\n".join(line.strip() for line in drawing.strip().splitlines())
-
-
-class MazeTask(TaskTable):
-    """A maze drawn as text."""
-
-    type: Literal["maze"] = "maze"
-    map: Annotated[str, AfterValidator(_without_margins)] = Field(
-        description="The drawing, north on top: S start, T treasure, F fire, P pit, # wall, . free."
-    )
+class _MazeTask(TaskTable):
     file: str | None = Field(
         default=None, description="A text file with the map instead, relative to the study file."
-    )
-    rewards: RewardsTable = Field(default=RewardsTable(), description="What a step pays.")
-    combine: Literal["sum", "worst"] = Field(
-        default="sum", description="Whether rewards add up or the worst one counts."
-    )
-    ends: Ends = Field(
-        default=("pit", "treasure"), description="Objects whose entry ends the episode."
-    )
-    start: Start = Field(
-        default="map", description="'map' (the S cells), 'uniform', or [row, column] cells."
-    )
-    representation: Literal["absolute", "relative"] = Field(
-        default="absolute",
-        description="The agent's row and column, or where objects lie relative to it.",
-    )
-    origin: Cell = Field(default=(0, 0), description="Row and column of the top-left cell.")
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: TimeLimit = Field(
-        default=200, description="Steps after which an episode is cut, or 'none'."
     )
 
     @model_validator(mode="before")
@@ -107,16 +151,9 @@ class MazeTask(TaskTable):
         others = {key: value for key, value in data.items() if key != "file"}
         return {**others, "map": _text(data["file"], (info.context or {}).get("folder", Path()))}
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
-        """Return the maze."""
-        from curricle.tasks.gridworld import GridWorld, Rewards
-
-        rules = {key: value for key, value in self.rules().items() if key != "file"}
-        return GridWorld(**{**rules, "rewards": Rewards(**dict(self.rewards))})
-
 
 def _text(name: Any, folder: Path) -> str:
-    """Return what a file beside the study file says."""
+    """Return the content of a text file beside the study file."""
     if not isinstance(name, str):
         raise wrong_at(("file",), f"must be text in quotes: got {shown(name)}", name)
     try:
@@ -126,18 +163,33 @@ def _text(name: Any, folder: Path) -> str:
         raise wrong_at(("file",), f"cannot be read: {name}, {why}", name) from None
 
 
+MazeTask = table_of(
+    GridWorld,
+    _MazeTask,
+    tag="maze",
+    map=Annotated[str, AfterValidator(_without_margins)],
+    ends=Ends,
+    start=Start,
+    time_limit=TimeLimit,
+)
+
+
+# The tables below that are not derived stand for functions, some of whose parameters are a task, a
+# function of the user's or free keyword arguments.
+
+
 class CropTask(TaskTable):
     """A part of a maze of the study; all else is as there."""
 
     type: Literal["crop"] = "crop"
     of: Name = Field(description="The maze (or crop) it is a part of, by its name in [tasks].")
-    rows: Cell = Field(
+    rows: Ranges = Field(
         description="First row and the one after the last, in the map's coordinates."
     )
-    columns: Cell = Field(description="First column and the one after the last.")
+    columns: Ranges = Field(description="First column and the one after the last.")
     start: Start = Field(default="uniform", description="As in a maze.")
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the part of the maze."""
         return task(self.of).crop(rows=self.rows, columns=self.columns, start=self.start)
 
@@ -159,60 +211,37 @@ def _prey(value: Any) -> Any:
     return value
 
 
-class PursuitRules(TaskTable):
-    """Predators and a prey on a grid, however they are seen."""
-
-    size: Whole = Field(default=4, description="Cells per side.")
-    predators: Whole = Field(default=2, description="How many hunt.")
-    moves: Literal[4, 5] = Field(default=5, description="North, east, south, west; 5 adds staying.")
-    torus: Flag = Field(default=False, description="Whether the grid wraps round.")
-    capture: Annotated[Literal["all", "any", "as_published"] | int, BeforeValidator(_capture)] = (
-        Field(default="all", description="How many predators must stand on the prey's cell.")
-    )
-    prey: Annotated[str | tuple[tuple[Number, ...], ...], BeforeValidator(_prey)] = Field(
-        default="uniform",
-        description="Its policy: 'uniform', rows of move probabilities for each cell (or state), "
-        "or a function from decoded states to such rows as module:function.",
-    )
-    step_reward: Number = Field(
-        default=-1.0, description="Paid by a step that does not catch the prey."
-    )
-    capture_reward: Number = Field(default=0.0, description="Paid by one that does.")
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: TimeLimit = Field(
-        default=200, description="Steps after which an episode is cut, or 'none'."
-    )
-
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+class _PursuitTask(TaskTable):
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the pursuit."""
-        from curricle.tasks.pursuit import Pursuit
-
-        own = isinstance(self.prey, str) and ":" in self.prey
-        prey = load(str(self.prey), folder) if own else self.prey
-        rules = {name: value for name, value in self.rules().items() if name != "acting"}
-        return Pursuit(**{**rules, "prey": prey})
+        given = self.as_arguments()
+        if isinstance(given["prey"], str) and ":" in given["prey"]:
+            given["prey"] = load(given["prey"], folder)
+        return Pursuit(**given)
 
 
-class PursuitTask(PursuitRules):
-    """Predators and a prey on a grid."""
-
-    type: Literal["pursuit"] = "pursuit"
-
-
-class VectorPursuitTask(PursuitRules):
-    """Predators and a prey on a grid, seen as vectors of numbers by a deep learner."""
-
-    type: Literal["vector_pursuit"] = "vector_pursuit"
+class _VectorPursuitTask(_PursuitTask):
     deep: ClassVar[bool] = True
     acting: Literal["all", "first"] = Field(
         default="all", description="Who acts: all predators as one, or the first among random ones."
     )
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the pursuit as a task seen through observations."""
-        from curricle.interop.vector_pursuit import observed_pursuit
+        return observed_pursuit(super().build_in(folder, task), acting=self.acting)
 
-        return observed_pursuit(super().build(folder, task), acting=self.acting)
+
+PursuitTask, VectorPursuitTask = (
+    table_of(
+        Pursuit,
+        base,
+        tag=tag,
+        capture=Annotated[Literal["all", "any", "as_published"] | int, BeforeValidator(_capture)],
+        prey=Annotated[str | tuple[tuple[Number, ...], ...], BeforeValidator(_prey)],
+        time_limit=TimeLimit,
+    )
+    for base, tag in ((_PursuitTask, "pursuit"), (_VectorPursuitTask, "vector_pursuit"))
+)
 
 
 class GymnasiumTask(TaskTable):
@@ -230,22 +259,20 @@ class GymnasiumTask(TaskTable):
         default=None, description="A function from observations to states, as module:function."
     )
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the environment as a task."""
-        from curricle.interop.gymnasium import from_gymnasium
-
         options: dict[str, Any] = {"discount": self.discount}
         if self.time_limit is not None:
-            options["time_limit"] = self.rules()["time_limit"]
+            options["time_limit"] = None if self.time_limit == "none" else self.time_limit
         if self.encode is not None:
             options["encode"] = load(self.encode, folder)
         return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
 
 
-class ObservationTask(TaskTable):
-    """An environment whose observations a deep learner sees: of Gymnasium's, or one's own."""
+class ObservationTaskTable(TaskTable):
+    """An environment of Gymnasium's, or one's own, whose observations a network reads."""
 
-    type: Literal["observed"] = "observed"
+    type: Literal["observation_task"] = "observation_task"
     deep: ClassVar[bool] = True
     id: Name | None = Field(default=None, description="Such as CartPole-v1.")
     factory: Reference | None = Field(
@@ -267,7 +294,7 @@ class ObservationTask(TaskTable):
             raise wrong(f"must have id or factory: got {found}")
         return self
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return the environment as a task seen through observations."""
         options: dict[str, Any] = {"discount": self.discount, "time_limit": self.time_limit}
         if self.id is not None:
@@ -285,10 +312,8 @@ class FactoryTask(TaskTable):
     factory: Reference = Field(description="The function that returns the task, module:function.")
     arguments: dict[str, JsonValue] = Field(default={}, description="Passed to it by name.")
 
-    def build(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
         """Return what the function returns, if it is a task."""
-        from curricle.tasks.task import generative_model
-
         make = load(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)
@@ -302,16 +327,7 @@ TASKS = (
     PursuitTask,
     GymnasiumTask,
     FactoryTask,
-    ObservationTask,
+    ObservationTaskTable,
     VectorPursuitTask,
 )
-AnyTask = Annotated[
-    MazeTask
-    | CropTask
-    | PursuitTask
-    | GymnasiumTask
-    | FactoryTask
-    | ObservationTask
-    | VectorPursuitTask,
-    either(by_type(*TASKS), no_table),
-]
+AnyTask = Annotated[Any, tagged(*TASKS)]

@@ -6,21 +6,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from curricle.interop.vector_pursuit import predator_mapping
+from curricle.study.config.derived_tables import ObjectTable, table_of
 from curricle.study.config.references import load, users_code
-from curricle.study.config.settings import Setting
-from curricle.study.config.tables import (
-    Flag,
-    Name,
-    Number,
-    Table,
-    Whole,
-    either,
-    flag,
-    shown,
-    whole_number,
-    wrong,
-)
-from curricle.study.config.task_table import Reference
+from curricle.study.config.tables import Name, Number, Reference, shown, whole_number, wrong
+from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer import component_mapping, mapping
+from curricle.transfer.edges import Transfer
+from curricle.transfer.observation_mapping import ObservationMapping
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")
 """Ways to say which source pair a target pair reads; a transfer has one of them."""
@@ -39,27 +32,8 @@ def _actions(value: Any) -> Any:
     return value
 
 
-class CalibrateTable(Setting):
-    """How a potential is fitted to what its own policy earns in the target."""
-
-    episodes: Whole = Field(default=200, description="Greedy episodes, charged to the target.")
-    shift: Flag = Field(default=False, description="Whether to fit a shift besides the scale.")
-    quantile: Number | None = Field(
-        default=None, description="Fit this quantile of the returns instead of their mean."
-    )
-
-    def build(self) -> Any:
-        """Return the settings of a calibration."""
-        from curricle.transfer.edges import Calibrate
-
-        return Calibrate(**dict(self))
-
-
-class TransferTable(Table):
-    """What a source hands to a target: phi = scale Q_source(f(s, a)) + shift."""
-
-    source: Name = Field(description="The task learnt from, by its name in [tasks].")
-    target: Name = Field(description="The task taught.")
+class _TransferTable(ObjectTable):
+    # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = Field(
         default=None,
         description="f by name: source component = target component where the names differ; may be "
@@ -92,14 +66,7 @@ class TransferTable(Table):
         description="With observations: a function from them to whether there is a counterpart, "
         "module:function.",
     )
-    scale: Number = Field(default=1.0, description="Factor of the source's values.")
-    shift: Number = Field(default=0.0, description="Added to them.")
-    unmapped_value: Number = Field(
-        default=0.0, description="What pairs without a source pair are worth."
-    )
-    calibrate: Annotated[bool | CalibrateTable, either(lambda _: CalibrateTable, flag)] = Field(
-        default=False, description="Whether to fit the potential's size before learning, and how."
-    )
+    unmapped_value: Number = Field(default=0.0, description="Value of pairs without a source pair.")
 
     @model_validator(mode="after")
     def _one_mapping(self) -> Self:
@@ -113,7 +80,7 @@ class TransferTable(Table):
         whole = self.mapping == "identity" and not others
         if self.unmapped_value and (self.factory is not None or whole):
             raise wrong(
-                "has an unmapped_value that nobody reads: a factory sets its own, and identity "
+                "has an unmapped_value that is not used: a factory sets its own, and identity "
                 "leaves nothing unmapped"
             )
         return self
@@ -135,14 +102,11 @@ class TransferTable(Table):
                 "which observations, project or factory map",
             )
 
-    def build(self, f: Any) -> Any:
-        """Return the transfer, with the mapping that :meth:`made` returned."""
-        from curricle.transfer.edges import Transfer
+    def transfer(self, f: Any) -> Transfer:
+        """Return the transfer, with the mapping that :meth:`mapping_in` returned."""
+        return Transfer(mapping=f, **self.as_arguments())
 
-        calibrate = self.calibrate if isinstance(self.calibrate, bool) else self.calibrate.build()
-        return Transfer(self.source, self.target, f, self.scale, self.shift, calibrate)
-
-    def made(self, target: Any, source: Any, folder: Path) -> Any:
+    def mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
         """Return the mapping f.
 
         Parameters
@@ -151,9 +115,6 @@ class TransferTable(Table):
         folder : Path
             The study file's, with the modules of a user's own functions.
         """
-        from curricle.tasks.observation_task import is_observation_task
-        from curricle.transfer import component_mapping, mapping
-
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)
@@ -173,9 +134,6 @@ class TransferTable(Table):
             return mapping.from_function(target, source, function, unmapped_value=value)
 
     def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
-        from curricle.interop.vector_pursuit import predator_mapping
-        from curricle.transfer.observation_mapping import ObservationMapping
-
         value = self.unmapped_value
         if self.project is not None:
             return predator_mapping(target, source, unmapped_value=value, **self.project)
@@ -185,3 +143,6 @@ class TransferTable(Table):
             for given in [getattr(self, key)]
         }
         return ObservationMapping(target, source, **functions, unmapped_value=value)
+
+
+TransferTable = table_of(Transfer, _TransferTable, without=("mapping",), source=Name, target=Name)

@@ -1,4 +1,4 @@
-"""A study's arms as they are trained: at one total of steps, the direct learner first."""
+"""A study's arms as they are trained: with one total of steps, learning from scratch first."""
 
 import hashlib
 import json
@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
+from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.errors import SettingError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.config.graph import Graph
-from curricle.study.config.study_file import StudyFile
+from curricle.study.config.merging import OF_TARGETS
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.task_names import NameGraph
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 
@@ -29,20 +30,20 @@ class Arms:
     curricula : dict of str to Curriculum
         The budget of their target is the total, if there is one.
     target : str
-        The task that all lead to.
+        The task that all arms end with.
     budget : int or None
-        Steps of the target that sources come on top of; None where arms are not compared.
+        Steps of the target, without those of sources; None where arms are not compared.
     total : int or None
         Steps that every arm spends, sources included.
     eval_freq : int
         Steps between checkpoints of the target.
     keys : dict of (str, str) to str
-        For each arm and task, what its result depends on but the seed, as a short hash: arms that
-        share a source train it once.
+        For each arm and task a short hash of all that its result depends on, except the seed: arms
+        that share a source train it once.
 
     Examples
     --------
-    >>> study = StudyFile.rebuilt(
+    >>> study = StudyConfig.from_data(
     ...     {"name": "line", "arms": {"transfer": {
     ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
     >>> arms = Arms.of(study)
@@ -59,17 +60,18 @@ class Arms:
 
     @property
     def live(self) -> bool:
-        """Whether a task is played live: by Python, which runs one thread at a time.
+        """Whether a task runs in Python, one thread at a time.
 
-        So are those seen through observations, whose learners draw from generators of the process.
+        This includes tasks seen through observations: their learners draw from random generators of
+        the process.
         """
         tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
         return any(is_live(task) or is_observation_task(task) for task in tasks)
 
     @classmethod
-    def of(cls, study: StudyFile) -> "Arms":
+    def of(cls, study: StudyConfig) -> "Arms":
         """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
-        given = study.arms
+        given = study.curricula
         check_comparable(given)
         first = next(iter(given.values()))
         target = first.target
@@ -79,12 +81,12 @@ class Arms:
             budget = node.budget
             most = max(most_source_steps(arm) for arm in given.values())
             total = -(-(budget + most) // node.eval_freq) * node.eval_freq
-        elif len(given) + study.document.scratch > 1:
+        elif len(given) + study.scratch > 1:
             raise SettingError(
                 f"arms are compared at one total of steps: the budget of {target!r} is "
-                f"{node.budget}; give it in steps, or run one arm with direct = false"
+                f"{node.budget}; give it in steps, or run one arm with scratch = false"
             )
-        if study.document.scratch:
+        if study.scratch:
             settings: dict[str, Any] = {
                 which: {target: first.setting(which, target)} for which in _OF_ALL
             }
@@ -94,13 +96,13 @@ class Arms:
                 name: arm.replace(target, budget=total, eval_freq=node.eval_freq)
                 for name, arm in given.items()
             }
-        plans = study.document.model_dump(mode="json", exclude_none=True)["arms"]
-        if study.document.scratch:
-            plans = {SCRATCH: _alone(next(iter(plans.values())), target), **plans}
+        data = study.to_data()["arms"]
+        if study.scratch:
+            data = {SCRATCH: _alone(next(iter(data.values())), target), **data}
         keys = {
             (arm, name): key
             for arm, curriculum in given.items()
-            for name, key in _keys(plans[arm], curriculum, total).items()
+            for name, key in _keys(data[arm], curriculum, total).items()
         }
         return cls(given, target, budget, total, node.eval_freq, keys)
 
@@ -108,33 +110,33 @@ class Arms:
 _OF_ALL = [which for which in SETTINGS if which not in OF_TARGETS]
 
 
-def _alone(plan: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return the plan of learning the target directly, as data."""
-    tasks = {name: dict(task) for name, task in plan["tasks"].items()}
+def _alone(arm: dict[str, Any], target: str) -> dict[str, Any]:
+    """Return the arm that learns the target of another arm from scratch, as data."""
+    tasks = {name: dict(task) for name, task in arm["tasks"].items()}
     for which in OF_TARGETS:
         tasks[target].pop(which, None)
     return {"tasks": tasks, "transfers": []}
 
 
-def _keys(plan: dict[str, Any], curriculum: Curriculum, total: int | None) -> dict[str, str]:
+def _keys(arm: dict[str, Any], curriculum: Curriculum, total: int | None) -> dict[str, str]:
     """Return the key of each task of an arm, sources first."""
     keys: dict[str, str] = {}
-    graph = Graph.of(plan)
+    graph = NameGraph.of(arm)
     for name in curriculum.order:
-        into = [
+        transfers = [
             {**transfer, "source": keys[transfer["source"]]}
-            for transfer in plan["transfers"]
+            for transfer in arm["transfers"]
             if transfer["target"] == name
         ]
-        task, *others = (plan["tasks"][drawing] for drawing in graph.drawings(name))
-        drawn = [{k: v for k, v in other.items() if k not in SETTINGS} for other in others]
-        spent = total if name == curriculum.target else None
-        words = json.dumps([name, task, drawn, into, spent], sort_keys=True)
-        keys[name] = hashlib.blake2b(words.encode(), digest_size=KEY_BYTES).hexdigest()
+        task, *others = (arm["tasks"][drawing] for drawing in graph.drawings(name))
+        mazes = [{k: v for k, v in other.items() if k not in SETTINGS} for other in others]
+        budget = total if name == curriculum.target else None
+        data = json.dumps([name, task, mazes, transfers, budget], sort_keys=True)
+        keys[name] = hashlib.blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
     return keys
 
 
 @lru_cache(maxsize=4)
-def rebuilt(resolved: str, folder: str) -> Arms:
-    """Return the arms of the study that a JSON text describes; kept, as many units ask."""
-    return Arms.of(StudyFile.rebuilt(json.loads(resolved), Path(folder)))
+def arms_from_json(config: str, folder: str) -> Arms:
+    """Return the arms of the study that a JSON text describes; cached, as many units ask."""
+    return Arms.of(StudyConfig.from_data(json.loads(config), Path(folder)))

@@ -1,16 +1,16 @@
-"""Which tasks of a curriculum lead to which, by name: told before anything is built."""
+"""The names of tasks in a curriculum, and which leads to which: checked before building."""
 
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, NamedTuple
 
-from curricle.study.config.tables import Place, meant, shown
+from curricle.study.config.tables import KeyPath, meant, shown
 
 DRAWN = ("maze", "crop")
 """Types of tasks that a crop may be a part of."""
 
 
-class Graph(NamedTuple):
+class NameGraph(NamedTuple):
     """Names of tasks, and what leads from one to another."""
 
     parts: dict[str, str | None]
@@ -19,7 +19,7 @@ class Graph(NamedTuple):
     """Source and target of each transfer."""
 
     @classmethod
-    def of(cls, plan: dict[str, Any]) -> "Graph":
+    def of(cls, plan: dict[str, Any]) -> "NameGraph":
         """Return the graph of a curriculum as data, of which any part may be malformed."""
         tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
         edges = [(edge.get("source"), edge.get("target")) for edge in tables(plan.get("transfers"))]
@@ -61,15 +61,15 @@ def tables(value: Any) -> list[dict[str, Any]]:
     return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
 
 
-def problems(plan: dict[str, Any]) -> Iterator[tuple[Place, str]]:
-    """Yield what is wrong with the names in a curriculum, each with its place.
+def problems(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
+    """Yield what is wrong with the names in a curriculum, each with its key path.
 
     Parameters
     ----------
     plan : dict
-        As data, of which any part may be malformed: that others complain of.
+        As data; malformed parts are skipped, since they are reported elsewhere.
     """
-    graph = Graph.of(plan)
+    graph = NameGraph.of(plan)
     for name, task in table(plan.get("tasks")).items():
         of = table(task).get("of")
         if table(task).get("type") == "crop" and isinstance(of, str):
@@ -86,17 +86,19 @@ def problems(plan: dict[str, Any]) -> Iterator[tuple[Place, str]]:
         yield from _whole(graph)
 
 
-def _part(tasks: dict[str, Any], graph: Graph, name: str, of: str) -> Iterator[tuple[Place, str]]:
-    place = ("tasks", name, "of")
+def _part(
+    tasks: dict[str, Any], graph: NameGraph, name: str, of: str
+) -> Iterator[tuple[KeyPath, str]]:
+    path = ("tasks", name, "of")
     if of not in graph.parts:
-        yield place, _no_task(of, graph)
+        yield path, _no_task(of, graph)
     elif table(tasks[of]).get("type") not in DRAWN:
-        yield place, f"must name a maze or a crop: got {of!r}"
+        yield path, f"must name a maze or a crop: got {of!r}"
     elif graph.parts.get(graph.drawings(name)[-1]) is not None:
-        yield place, f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on"
+        yield path, f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on"
 
 
-def _whole(graph: Graph) -> Iterator[tuple[Place, str]]:
+def _whole(graph: NameGraph) -> Iterator[tuple[KeyPath, str]]:
     """Yield what is wrong with a graph all of whose names are known."""
     before: dict[str, list[str]] = {}
     for source, target in graph.edges:
@@ -113,5 +115,5 @@ def _whole(graph: Graph) -> Iterator[tuple[Place, str]]:
         )
 
 
-def _no_task(name: str, graph: Graph) -> str:
+def _no_task(name: str, graph: NameGraph) -> str:
     return f"must name a task: got {shown(name)}{meant(name, graph.parts)}"

@@ -1,4 +1,4 @@
-"""What a run ran on, so that it can be run again."""
+"""What a run was made with: versions, machine, commit, command, seeds."""
 
 import platform
 import subprocess
@@ -10,19 +10,19 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.study.config.study_file import StudyFile
+from curricle.study.config.study_config import StudyConfig
 
 LIBRARIES = ("numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
 OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
-"""Those that need not be installed."""
+"""Optional libraries."""
 
 
-def environment(study: StudyFile) -> dict[str, Any]:
+def provenance(study: StudyConfig) -> dict[str, Any]:
     """Return versions, the machine, the commit of the study's file, the seeds and the command.
 
     Examples
     --------
-    >>> found = environment(StudyFile.rebuilt(
+    >>> found = provenance(StudyConfig.from_data(
     ...     {"name": "a", "seeds": [3], "arms": {"b": {"tasks": {"c": {"type": "maze",
     ...      "map": "ST"}}}}}, Path()))
     >>> found["seeds"], found["versions"]["numpy"] == metadata.version("numpy")
@@ -31,7 +31,7 @@ def environment(study: StudyFile) -> dict[str, Any]:
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
-        "seeds": list(study.document.seeds),
+        "seeds": list(study.seeds),
         "commit": commit(study.folder),
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
@@ -51,7 +51,7 @@ def _versions() -> Iterator[tuple[str, str]]:
 def commit(folder: Path) -> str | None:
     """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
     try:
-        told = subprocess.run(
+        found = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
             cwd=folder,
             capture_output=True,
@@ -61,4 +61,4 @@ def commit(folder: Path) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return told.stdout.strip() or None
+    return found.stdout.strip() or None

@@ -1,4 +1,4 @@
-"""What a study's folder holds: which seeds are trained, and what is known of them."""
+"""What a store holds of sources: which seeds are trained, and their values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -6,31 +6,32 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.study.runner.folder import RUN, VALUES, Stored, StudyFolder
-from curricle.study.runner.source_values import Knowledge
+from curricle.study.serialization import RUN, VALUES
+from curricle.study.source_values import SourceValues
+from curricle.study.store import StoredUnit, StudyStore
 
 
-def finished(units: Iterable[Stored]) -> dict[str, dict[int, Stored]]:
-    """Return what is trained, key -> seed -> where it is."""
-    found: dict[str, dict[int, Stored]] = {}
+def finished(units: Iterable[StoredUnit]) -> dict[str, dict[int, StoredUnit]]:
+    """Return the units of each key by seed: key -> seed -> unit."""
+    found: dict[str, dict[int, StoredUnit]] = {}
     for stored in units:
         found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
     return found
 
 
-def stored_knowledge(
-    folder: StudyFolder, done: Mapping[int, Stored], seeds: Sequence[int], *, read: bool
-) -> Knowledge:
-    """Return what a folder holds of a task, from wherever its seeds are stored.
+def stored_values(
+    store: StudyStore, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
+) -> SourceValues:
+    """Return what a store holds of a task, from whichever units its seeds are in.
 
     Parameters
     ----------
-    folder : StudyFolder
-    done : dict of int to Stored
+    store : StudyStore
+    done : dict of int to StoredUnit
         Seed -> the unit that holds it.
     seeds : sequence of K int
     read : bool
-        Whether its values are wanted.
+        Whether the values are needed.
 
     Raises
     ------
@@ -39,20 +40,20 @@ def stored_knowledge(
     """
     where = [(done[seed], done[seed].seeds.index(seed)) for seed in seeds]
     units = {stored.path: stored for stored, _ in where}
-    runs = {path: folder.read(stored, RUN) for path, stored in units.items()}
-    tables = {path: folder.read(stored, VALUES) for path, stored in units.items()} if read else {}
-    fitted = {path: folder.calibrations(stored) for path, stored in units.items()}
+    runs = {path: store.arrays(stored, RUN) for path, stored in units.items()}
+    tables = {path: store.arrays(stored, VALUES) for path, stored in units.items()} if read else {}
+    fitted = {path: store.calibrations(stored) for path, stored in units.items()}
     each = [_values_of(tables.get(stored.path, {}), row) for stored, row in where]
-    values: Any = None  # not wanted, or not kept: training says so
+    values: Any = None  # not needed, or not saved: training raises an error then
     if all(one is not None for one in each):
         values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-    spent = [
-        runs[stored.path]["steps_used"][row] + runs[stored.path]["returned_steps"][row]
+    steps = [
+        runs[stored.path]["steps_used"][row] + runs[stored.path]["retraining_steps"][row]
         for stored, row in where
     ]
     calibrated = [fitted[stored.path][row] for stored, row in where if fitted[stored.path]]
     scales = [(one["scale"], one["shift"]) for one in calibrated]
-    return Knowledge(values, np.array(spent, dtype=np.int64), scales)
+    return SourceValues(values, np.array(steps, dtype=np.int64), scales)
 
 
 def _values_of(arrays: Mapping[str, npt.NDArray[Any]], row: int) -> Any:

@@ -1,48 +1,44 @@
-"""What a study is, costs and promises, in lines of text, before it is run."""
+"""What ``curricle check`` prints: a study's tasks, its cost and a forecast, before it is run."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from curricle.cli.terminal_tables import print_table, table
 from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.result import LearningResult, without_curves
 from curricle.planning.target import Target
 from curricle.report.graph import mapping_words
-from curricle.study.config.study_file import StudyFile
-from curricle.study.runner.arms import Arms
-from curricle.study.runner.cost import Cost, costs
-from curricle.study.runner.folder import STUDY
-from curricle.study.runner.run import left_to_do
-from curricle.study.runner.stored_sources import finished
-from curricle.study.runner.study import Study
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.cost import Cost, costs
+from curricle.study.shards import units_to_do
+from curricle.study.store import STUDY, StudyStore
+from curricle.study.stored_sources import finished
 from curricle.transfer.edges import transfer_names
 
 
-def preview(study: StudyFile) -> Iterator[str]:
-    """Yield the graph of each arm, what it costs, and a forecast from sources that are solved."""
+def print_preview(study: StudyConfig) -> None:
+    """Print the graph of each arm, its cost, and a forecast for sources taken as solved."""
     arms = Arms.of(study)
-    seeds = study.document.seeds
-    yield f"{study.document.name}: {len(arms.curricula)} arms, {len(seeds)} seeds"
+    print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds")
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
         alike.setdefault(tuple(graph(curriculum)), []).append(name)
     for lines, names in alike.items():
-        yield ""
-        yield f"arm{'s' * (len(names) > 1)} {', '.join(names)}"
-        yield from lines
-    yield ""
-    yield from _bill(costs(arms, seeds, study.document.seeds_per_unit))
+        print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
+    print()
+    _print_cost(costs(arms, study.seeds, study.seeds_per_unit))
     try:
         study.check_networks()
     except ImportError as error:
-        yield f"a network is to learn: {error}"
+        print(f"a task is learnt by a network: {error}")
     for name, curriculum in arms.curricula.items():
         if curriculum.in_edges(curriculum.target):
-            yield ""
-            yield f"arm {name}: {_foreseen(curriculum)}"
+            print(f"\narm {name}: {_forecast(curriculum)}")
 
 
 def graph(curriculum: Curriculum) -> Iterator[str]:
@@ -65,15 +61,19 @@ def _budget(budget: object) -> str:
     return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
 
 
-def _bill(each: list[Cost]) -> Iterator[str]:
-    names = [f"{one.arm}: {one.node}" for one in each]
-    wide = max([24, *map(len, names)])
-    yield f"{'cost at most':<{wide}}{'seeds':>7}{'steps a seed':>14}{'tables':>10}{'time':>12}"
-    for words, one in zip(names, each, strict=True):
-        size, spent = f"{one.table_bytes / 1e6:,.1f} MB", duration(one.seconds)
-        yield f"{words:<{wide}}{one.seeds:>7}{one.steps:>14,}{size:>10}{spent:>12}"
+def _print_cost(each: list[Cost]) -> None:
+    rows = table("cost at most", "seeds", "steps a seed", "tables", "time")
+    for one in each:
+        rows.add_row(
+            f"{one.arm}: {one.task}",
+            f"{one.seeds}",
+            f"{one.steps:,}",
+            f"{one.table_bytes / 1e6:,.1f} MB",
+            duration(one.seconds),
+        )
+    print_table(rows)
     seconds = sum(one.seconds for one in each)
-    yield f"about {duration(seconds)} on one processor, compilation aside"
+    print(f"about {duration(seconds)} on one processor, without compilation")
 
 
 def duration(seconds: float) -> str:
@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"
 
 
-def _foreseen(curriculum: Curriculum) -> str | Forecast:
+def _forecast(curriculum: Curriculum) -> str | Forecast:
     """Return the forecast with sources taken as solved, or why there is none."""
     try:
         return forecast(curriculum, seeds=1, trained=_solved(curriculum))
@@ -98,7 +98,7 @@ def _foreseen(curriculum: Curriculum) -> str | Forecast:
 
 
 def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
-    """Return the sources as if one seed had learnt them perfectly."""
+    """Return the sources as if one seed had learnt their optimal values."""
     found = {}
     for name in curriculum.ancestors(curriculum.target):
         node = curriculum.node(name)
@@ -111,11 +111,12 @@ def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
     return found
 
 
-def to_do(study: StudyFile, path: Path, shard: tuple[int, int]) -> Iterator[str]:
-    """Yield the units that a run would do, of those that a folder does not hold yet."""
+def units_left(study: StudyConfig, path: Path, shard: tuple[int, int]) -> Iterator[str]:
+    """Yield the units that a run into a folder would train, and how many it holds already."""
     arms = Arms.of(study)
-    stored = Study(path).folder.units() if (path / STUDY).exists() else []
-    left = left_to_do(study, arms, finished(stored), shard)
+    stored = StudyStore(path).units() if (path / STUDY).exists() else []
+    left = units_to_do(study, arms, finished(stored), shard)
     for unit in left:
-        yield f"{unit.words}: {arms.curricula[unit.arm].node(unit.node).most_steps:,} steps at most"
+        most = arms.curricula[unit.arm].node(unit.task).most_steps
+        yield f"{unit.label}: {most:,} steps at most"
     yield f"{len(left)} units to do, {len(stored)} done, in {path}"

@@ -1,4 +1,4 @@
-"""Studies as data: how one is written in a file, and how it is when nothing is left to resolve."""
+"""The tables of a study: as a file writes them, and as they are with all settings filled in."""
 
 import re
 from collections.abc import Iterator
@@ -16,9 +16,9 @@ from curricle.study.config.settings import Settings
 from curricle.study.config.tables import (
     Count,
     Flag,
+    KeyPath,
     Name,
     Number,
-    Place,
     Table,
     Whole,
     all_wrong,
@@ -33,7 +33,7 @@ MOST_SEEDS = 100_000
 
 def _seeds(value: Any) -> tuple[int, ...]:
     """Return 30, [0, 1, 7] or "0-9,20-29" as seeds."""
-    numbers: Any = _spelt(value) if isinstance(value, str) else value
+    numbers: Any = _ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
         numbers = range(numbers)
     listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
@@ -46,8 +46,8 @@ def _seeds(value: Any) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def _spelt(text: str) -> list[int]:
-    """Return the seeds that ranges name; none where they make no sense, or name far too many."""
+def _ranges(text: str) -> list[int]:
+    """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
     numbers = list[int]()
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
@@ -58,28 +58,30 @@ def _spelt(text: str) -> list[int]:
     return numbers
 
 
-class Running(Table):
-    """How a study is run and read."""
+class RunTable(Table):
+    """How a study is run and read: its top-level keys that are no settings of tasks."""
 
-    name: Name = Field(description="What the study is called.")
+    name: Name = Field(description="Name of the study.")
     seeds: Annotated[
         tuple[int, ...], BeforeValidator(_seeds, json_schema_input_type=int | str | list[int])
     ] = Field(default=tuple(range(30)), description='How many, a list, or ranges such as "0-29".')
     seeds_per_unit: Count = Field(
         default=5, description="Seeds trained together as one unit of work."
     )
-    threshold: Number | None = Field(default=None, description="Return that counts as learnt.")
+    threshold: Number | None = Field(
+        default=None, description="Return at which the target counts as learnt."
+    )
     window: Count = Field(default=5, description="Checkpoints over which curves are smoothed.")
     snapshots: Whole = Field(
-        24, description="Tables of the first seed kept on the way, to be watched in the report."
+        24, description="Value tables of the first seed kept during training, for the report."
     )
     scratch: Flag = Field(
-        default=True, description="Whether learning the target directly is an arm too."
+        default=True, description="Whether learning the target from scratch is an arm too."
     )
 
 
-class Plan(Table):
-    """A curriculum as data: tasks, each with all its settings, and transfers."""
+class ArmTables(Table):
+    """The curriculum of one arm: tasks, each with all its settings, and transfers."""
 
     tasks: dict[str, AnyTask] = Field(min_length=1)
     transfers: tuple[TransferTable, ...] = ()
@@ -90,14 +92,14 @@ class Plan(Table):
             raise all_wrong(found)
         return self
 
-    def _misfits(self) -> Iterator[tuple[Place, str]]:
-        """Yield what does not go with tables, or with observations."""
+    def _misfits(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield what does not go together: tables with what is for observations, and vice versa."""
         for name, task in self.tasks.items():
-            for place, text in task.misfits(name):
-                yield ("tasks", name, *place), text
+            for path, text in task.misfits(name):
+                yield ("tasks", name, *path), text
         for index, transfer in enumerate(self.transfers):
             if not {transfer.source, transfer.target} <= self.tasks.keys():
-                continue  # which is said elsewhere
+                continue  # reported with the names
             source, target = self.tasks[transfer.source], self.tasks[transfer.target]
             if source.deep and not target.deep:
                 yield (
@@ -110,18 +112,8 @@ class Plan(Table):
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
-        """Return the keys that a file may give a curriculum, settings for all tasks included."""
+        """Return the keys that a file may give an arm, settings for all tasks included."""
         return (*cls.model_fields, *Settings.model_fields)
-
-
-class Document(Running):
-    """A study of which nothing is left to resolve: every arm is complete, every map is there.
-
-    Two files that mean the same are the same document, and a study's results depend on nothing
-    else but the modules of its own functions.
-    """
-
-    arms: dict[str, Plan]
 
 
 def _as_table(value: Any, _: ValidatorFunctionWrapHandler) -> Any:
@@ -134,8 +126,8 @@ Later = WrapValidator(_as_table)
 """A table that is validated when what it leaves open has been filled in."""
 
 
-class Patch(Settings):
-    """An arm as written: a part of a curriculum that takes the place of the study's."""
+class ArmPatch(Settings):
+    """An arm as written: what it changes in the study's curriculum."""
 
     tasks: dict[str, dict[str, Any]] = Field(default={}, description="Changes of tasks, by name.")
     transfers: list[int] | list[TransferTable] | dict[str, dict[str, Any]] = Field(
@@ -145,16 +137,16 @@ class Patch(Settings):
     )
 
 
-class Written(Running, Settings):
+class FileTable(RunTable, Settings):
     """A study as it is written in a file."""
 
     tasks: dict[str, Annotated[AnyTask, Later]] = Field(
         description="The tasks by name, each with settings of its own.", min_length=1
     )
     transfers: tuple[TransferTable, ...] = Field(
-        default=(), description="What is handed on, and how."
+        default=(), description="The transfers between tasks."
     )
-    arms: dict[str, Annotated[Patch, Later]] = Field(
+    arms: dict[str, Annotated[ArmPatch, Later]] = Field(
         default={}, description="What is compared: by name, what each changes; one arm by default."
     )
 
@@ -166,14 +158,18 @@ def json_schema() -> dict[str, Any]:
     --------
     >>> schema = json_schema()
     >>> schema["properties"]["scratch"]["description"]
-    'Whether learning the target directly is an arm too.'
+    'Whether learning the target from scratch is an arm too.'
     """
-    schema = Written.model_json_schema()
-    for table in TASKS:
-        # An arm may give what a task leaves open, but for its type.
-        schema["$defs"][table.__name__]["required"] = ["type"]
+    schema = FileTable.model_json_schema()
+    for table in schema["$defs"].values():
+        if table.get("title") in _TASK_TITLES:
+            # An arm may give what a task leaves open, but for its type.
+            table["required"] = ["type"]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **schema,
         "title": "Curricle study",
     }
+
+
+_TASK_TITLES = {task.__name__ for task in TASKS}

@@ -1,4 +1,4 @@
-"""Running a study with its progress on the terminal: a bar for each task of each arm."""
+"""Running a study with progress bars on the terminal, one for each task of each arm."""
 
 import sys
 from collections import Counter
@@ -19,13 +19,13 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from curricle.study.config.study_file import StudyFile
-from curricle.study.runner.arms import Arms
-from curricle.study.runner.run import Progress, run_study
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.running import Progress, run_study
 
 
-def run_live(
-    study: StudyFile,
+def run_with_bars(
+    study: StudyConfig,
     path: Path,
     *,
     processes: bool,
@@ -33,7 +33,7 @@ def run_live(
     track: Sequence[str],
     **settings: Any,
 ) -> None:
-    """Run a study and show how far it is; the time left is that of all seeds of a task."""
+    """Run a study and show its progress; the time left is for all seeds of a task."""
     console = Console(stderr=True)
     bars = Bars(
         TextColumn("{task.description}"),
@@ -47,13 +47,14 @@ def run_live(
     rows: dict[tuple[str, str], Any] = {}
 
     def show(progress: Progress) -> None:
-        if progress.unit is None:
+        if progress.stored is None:
             for row, seeds in _seeds(progress).items():
                 rows[row] = bars.add_task(f"{row[0]}: {row[1]}", total=seeds)
             return
-        bars.advance(rows[progress.unit.arm, progress.unit.node], len(progress.unit.seeds))
+        unit = progress.stored
+        bars.advance(rows[unit.arm, unit.task], len(unit.seeds))
         if not console.is_terminal:
-            print(f"done {progress.unit.words}", file=sys.stderr, flush=True)
+            print(f"done {unit.label}", file=sys.stderr, flush=True)
 
     with bars, ExitStack() as ending:
         pool: ProcessPoolExecutor | None = None
@@ -74,6 +75,6 @@ def run_live(
 def _seeds(progress: Progress) -> Counter[tuple[str, str]]:
     """Return the seeds to be trained of each task of each arm."""
     found = Counter[tuple[str, str]]()
-    for unit in progress.left:
-        found[unit.arm, unit.node] += len(unit.seeds)
+    for unit in progress.units:
+        found[unit.arm, unit.task] += len(unit.seeds)
     return found

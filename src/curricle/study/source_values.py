@@ -1,4 +1,4 @@
-"""What tasks that were trained before hand on, as plain data, and results of it."""
+"""The values of sources that were trained before, as plain data and as results."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,21 +11,22 @@ from curricle.curriculum.node import Node
 from curricle.learning.result import LearningResult, without_curves
 
 
-class Knowledge(NamedTuple):
-    """What is known of a task that K seeds have learnt, as plain data."""
+class SourceValues(NamedTuple):
+    """What K seeds learnt in a task, as plain data."""
 
     values: Any
-    """(K, S, A) float array, or K dicts of a network's parameters; None where nobody reads them."""
+    """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
     steps_used: npt.NDArray[np.int64]
-    """(K,) those of going back to its own sources included."""
+    """(K,) including those of retraining its own sources."""
     calibrations: Sequence[tuple[float, float]] = ()
-    """Scale and shift of each seed's potential; none unless its transfers are calibrated."""
+    """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
 
 
-def read_by(curriculum: Curriculum, name: str) -> set[str]:
-    """Return the tasks whose values a task's training reads.
+def sources_read(curriculum: Curriculum, name: str) -> set[str]:
+    """Return the tasks whose values are needed to train a task.
 
-    A network that learnt on a potential says nothing without it, so its own sources are read too.
+    A network that learnt on top of a potential needs that potential, so its own sources are read
+    too.
 
     Examples
     --------
@@ -34,7 +35,7 @@ def read_by(curriculum: Curriculum, name: str) -> set[str]:
     >>> maze = GridWorld("S.T")
     >>> chain = Curriculum({"a": maze, "b": maze, "c": maze},
     ...                    [Transfer("a", "b", identity(maze)), Transfer("b", "c", identity(maze))])
-    >>> read_by(chain, "c")
+    >>> sources_read(chain, "c")
     {'b'}
     """
     read, waiting = set[str](), [name]
@@ -46,17 +47,17 @@ def read_by(curriculum: Curriculum, name: str) -> set[str]:
     return read
 
 
-def recalled(
-    curriculum: Curriculum, seeds: tuple[int, ...], known: Mapping[str, Knowledge]
+def source_results(
+    curriculum: Curriculum, seeds: tuple[int, ...], sources: Mapping[str, SourceValues]
 ) -> dict[str, LearningResult]:
-    """Return the results of which that is known; networks are made anew and value the same.
+    """Return the results of sources as :meth:`Curriculum.train` takes them; networks are rebuilt.
 
     Parameters
     ----------
     curriculum : Curriculum
     seeds : tuple of K int
-    known : dict of str to Knowledge
-        With the values of all tasks that :func:`read_by` names for a network.
+    sources : dict of str to SourceValues
+        With the values of all tasks that :func:`sources_read` names for a network.
 
     Raises
     ------
@@ -66,14 +67,14 @@ def recalled(
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> known = {"maze": Knowledge(np.zeros((1, 3, 4)), np.array([100]))}
-    >>> recalled(Curriculum({"maze": GridWorld("S.T")}), (7,), known)["maze"].seeds
+    >>> sources = {"maze": SourceValues(np.zeros((1, 3, 4)), np.array([100]))}
+    >>> source_results(Curriculum({"maze": GridWorld("S.T")}), (7,), sources)["maze"].seeds
     (7,)
     """
     found: dict[str, LearningResult] = {}
     for name in curriculum.order:
-        if name in known:
-            node, (values, steps_used, calibrations) = curriculum.node(name), known[name]
+        if name in sources:
+            node, (values, steps_used, calibrations) = curriculum.node(name), sources[name]
             if node.deep and values is not None:
                 potentials: list[Any] = curriculum.potentials(name, found)
                 if calibrations:
@@ -85,8 +86,8 @@ def recalled(
 
 
 def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
-    """Return what each seed's network values."""
-    node.learner.algorithm_class()  # says how to install what is missing
+    """Return the values of each seed's network, from its parameters."""
+    node.learner.algorithm_class()  # raises ImportError that names what to install
     from curricle.deep.models import network_values
 
     return tuple(

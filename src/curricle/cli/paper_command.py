@@ -1,4 +1,4 @@
-"""``curricle paper``: the paper, reproduced."""
+"""The command that reproduces the paper."""
 
 from collections import Counter
 from pathlib import Path
@@ -15,8 +15,8 @@ def paper(
 ) -> None:
     """Reproduce the paper: figures, data, and a verdict on each of its claims.
 
-    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. A run that
-    was stopped goes on where it was; a folder with results of other settings is refused.
+    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. An
+    interrupted run goes on where it was; a folder with results of other settings is refused.
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 

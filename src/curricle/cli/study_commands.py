@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from curricle.study.config.study_file import StudyFile
+    from curricle.study.config.study_config import StudyConfig
 
 File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
 Seeds = Annotated[
@@ -21,9 +21,9 @@ Changes = Annotated[
 
 def new(
     kind: Annotated[
-        Literal["maze", "pursuit", "gymnasium", "deep"], typer.Argument(help="What to teach.")
+        Literal["maze", "pursuit", "gymnasium", "deep"], typer.Argument(help="What the tasks are.")
     ],
-    file: Annotated[Path | None, typer.Argument(help="Where to; KIND.toml by default.")] = None,
+    file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
     """Write a commented study to start from, which runs as it is."""
     from curricle.errors import StoreError
@@ -31,8 +31,8 @@ def new(
 
     path = file or Path(f"{kind}.toml")
     try:
-        with path.open("x", encoding="utf-8") as place:
-            place.write(template(kind))
+        with path.open("x", encoding="utf-8") as file_:
+            file_.write(template(kind))
     except FileExistsError:
         raise StoreError(f"a new study needs a new file: {path} is there already") from None
     except OSError as error:
@@ -41,11 +41,10 @@ def new(
 
 
 def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
-    """Validate a study, print its graph, what it will cost and what to expect; train nothing."""
-    from curricle.cli.preview import preview
+    """Validate a study; print its tasks, its cost and a forecast, without training anything."""
+    from curricle.cli.study_preview import print_preview
 
-    for line in preview(_read(file, seeds, changes)):
-        typer.echo(line)
+    print_preview(_read(file, seeds, changes))
 
 
 def run(
@@ -66,52 +65,52 @@ def run(
         list[str] | None, typer.Option(help="Also send curves to tensorboard, wandb or mlflow.")
     ] = None,
     resume: Annotated[bool, typer.Option(help="Go on with what the folder holds.")] = False,
-    dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
 ) -> None:
-    """Run a study into a folder; what is stored survives whatever happens.
+    """Run a study into a folder; an interrupted run goes on with --resume.
 
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
-    from curricle.cli.live import run_live
-    from curricle.cli.preview import to_do
+    from curricle.cli.progress_bars import run_with_bars
+    from curricle.cli.study_preview import units_left
 
     study = _read(file, seeds, changes)
-    place = out or Path(f"{file.stem}-results")
+    folder = out or Path(f"{file.stem}-results")
     if dry_run:
-        for line in to_do(study, place, _part(shard)):
+        for line in units_left(study, folder, _part(shard)):
             typer.echo(line)
         return
-    run_live(
+    run_with_bars(
         study,
-        place,
+        folder,
         resume=resume,
         workers=workers,
         processes=processes,
         shard=_part(shard),
         track=track or [],
     )
-    typer.echo(f"Stored in {place}: curricle show {place}, curricle report {place}")
+    typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
 
 
 def merge(
-    out: Annotated[Path, typer.Argument(help="Folder for the whole.", show_default=False)],
+    out: Annotated[Path, typer.Argument(help="Folder for all of it.", show_default=False)],
     parts: Annotated[list[Path], typer.Argument(help="Folders of the parts.", show_default=False)],
 ) -> None:
-    """Put together what several machines ran of one study with --shard."""
-    from curricle.study.runner.merge import merge as merged
+    """Merge the parts of a study that several machines ran with --shard."""
+    from curricle.study.shards import merge as merged
 
-    study = merged(out, parts)
-    typer.echo(f"{len(study.folder.units())} units of {len(parts)} folders in {out}")
+    results = merged(out, parts)
+    typer.echo(f"{len(results.store.units())} units of {len(parts)} folders in {out}")
 
 
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study.config.document import json_schema
+    from curricle.study.config.study_tables import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 
 
-def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyFile":
+def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
     from curricle.study.config.reading import read_study
 
     number = seeds is not None and seeds.isdecimal()

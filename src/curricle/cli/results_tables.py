@@ -1,0 +1,72 @@
+"""The tables and sentences of ``curricle show``."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.checks import one_of
+from curricle.cli.terminal_tables import print_table, table
+from curricle.errors import StoreError
+from curricle.statistics.curves import ROUNDING, SCRATCH
+from curricle.study.results import StudyResults
+
+
+def print_results(results: StudyResults, arm: str | None, task: str | None) -> None:
+    """Print a study's progress, what each task learnt, and the comparison if there is one."""
+    _check(results, arm, task)
+    config = results.config
+    print(f"{config.name}: {len(results.seeds)} of {len(config.seeds)} seeds finished in every arm")
+    rows = table("", "seeds", "steps", "episodes", "greedy return")
+    for name, found in results.results.items():
+        for node, learnt in found.nodes.items():
+            if arm in (None, name) and task in (None, node):
+                rows.add_row(
+                    f"{name}: {node}",
+                    f"{len(learnt.seeds)}",
+                    f"{learnt.steps_used.mean():,.0f}",
+                    f"{learnt.episodes_used.mean():,.0f}",
+                    _mean_and_deviation(learnt.greedy_return[:, -1]),
+                )
+    print_table(rows)
+    print("(means over seeds; the greedy return with its standard deviation)")
+    if SCRATCH in results.arms.curricula and results.seeds:
+        print(f"\n{results.comparison}")
+
+
+def decision_lines(
+    results: StudyResults, arm: str | None, task: str | None, seed: int | None
+) -> Iterator[str]:
+    """Yield why tasks went on or stopped: all decisions of one seed, or the last of each seed."""
+    _check(results, arm, task)
+    found = False
+    for name, curriculum in results.arms.curricula.items():
+        for node in curriculum.order:
+            if arm not in (None, name) or task not in (None, node):
+                continue
+            for number, reasons in results.decisions(name, node).items():
+                if seed in (None, number):
+                    found = True
+                    for reason in reasons if seed is not None else reasons[-1:]:
+                        yield f"{name}: {node}, seed {number}: {reason}"
+    if not found:
+        raise StoreError(
+            f"{results.store.path} holds no decision of arm {arm or 'any'}, task {task or 'any'}, "
+            f"seed {'any' if seed is None else seed}"
+        )
+
+
+def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
+    """Raise StoreError unless the study has the arm and the task asked for."""
+    curricula = results.arms.curricula
+    if arm is not None:
+        one_of("an arm", arm, curricula, StoreError)
+    if task is not None:
+        tasks = [name for one in curricula.values() for name in one.order]
+        one_of("a task", task, dict.fromkeys(tasks), StoreError)
+
+
+def _mean_and_deviation(returns: npt.NDArray[np.float64]) -> str:
+    """Return mean and standard deviation, 0 where seeds differ by rounding alone."""
+    mean, deviation = float(np.mean(returns)), float(np.std(returns))
+    return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

@@ -1,0 +1,150 @@
+"""What a study file says, complete and checked, and the curricula that it describes."""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import PrivateAttr
+
+from curricle.curriculum.curriculum import Curriculum
+from curricle.deep.learner import DeepLearner
+from curricle.errors import ConfigError
+from curricle.study.config.building import build
+from curricle.study.config.positions import Positions, Problems
+from curricle.study.config.study_tables import ArmTables, RunTable
+from curricle.study.config.tables import KeyPath, unknown
+
+
+class StudyConfig(RunTable):
+    """A study of which nothing is left to fill in: every arm is complete, every map is there.
+
+    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Two files with
+    one meaning give equal configurations, and a study's results depend on nothing else but the
+    modules of its own functions.
+
+    Parameters
+    ----------
+    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch
+        The keys of a study file.
+    arms : dict of str to ArmTables
+        The tasks and transfers of each arm.
+
+    Examples
+    --------
+    >>> study = StudyConfig.from_data(
+    ...     {"name": "line", "arms": {"transfer": {
+    ...         "tasks": {"line": {"type": "maze", "map": "S..T"}}}}}, Path())
+    >>> study.curriculum("transfer").target
+    'line'
+    """
+
+    arms: dict[str, ArmTables]
+
+    _folder: Path = PrivateAttr(default=Path())
+    _positions: Positions = PrivateAttr(default=Positions("", {}))
+    _made: dict[str, Any] = PrivateAttr(default_factory=dict)
+
+    @classmethod
+    def from_data(
+        cls, data: Mapping[str, Any], folder: Path, positions: Positions | None = None
+    ) -> Self:
+        """Return the configuration that plain data describe.
+
+        Parameters
+        ----------
+        data : dict
+            As :meth:`to_data` returns it.
+        folder : Path
+            Of the modules with the study's own functions.
+        positions : Positions, optional
+            Where in a file things are, for messages.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            When the data are malformed.
+        """
+        config = cls.model_validate(dict(data), context={"folder": folder})
+        config._folder = folder
+        config._positions = positions or Positions(config.name, data)
+        return config
+
+    def to_data(self) -> dict[str, Any]:
+        """Return the configuration as plain data, which JSON can hold.
+
+        Maps are in it, every arm is complete and every setting is given, so that equal data mean
+        equal results as long as the study's own functions stay the same.
+        """
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the modules with the study's own functions."""
+        return self._folder
+
+    @cached_property
+    def curricula(self) -> dict[str, Curriculum]:
+        """The curricula of all arms, by name.
+
+        Raises
+        ------
+        ConfigError
+            Naming all that cannot be built.
+        """
+        return self._built(*self.arms)
+
+    def curriculum(self, arm: str) -> Curriculum:
+        """Return the curriculum of one arm.
+
+        Raises
+        ------
+        ConfigError
+            When there is no such arm, or naming all in it that cannot be built.
+        """
+        if arm not in self.arms:
+            raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
+        return self._built(arm)[arm]
+
+    def check_networks(self) -> None:
+        """Check the learners that are networks with Stable-Baselines3.
+
+        Raises
+        ------
+        ImportError
+            When there is such a learner, and Stable-Baselines3 is not installed.
+        ConfigError
+            Naming each algorithm, setting and kind of shaping that it does not support.
+        """
+        found = Problems()
+        for arm, curriculum in self.curricula.items():
+            for name in curriculum.order:
+                learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
+                if not isinstance(learner, DeepLearner):
+                    continue
+                path = self._positions.written(arm, ("tasks", name, "learner"))
+                with found.at(self._positions, path):
+                    learner.algorithm_class()  # raises ImportError that names what to install
+                    from curricle.deep.models import check_learner
+
+                    check_learner(learner, shaping if curriculum.in_edges(name) else None)
+        found.raise_any()
+
+    def _built(self, *arms: str) -> dict[str, Curriculum]:
+        found, curricula = Problems(), {}
+        for arm in arms:
+
+            def refuse(path: KeyPath, arm: str = arm) -> AbstractContextManager[None]:
+                return found.at(self._positions, self._positions.written(arm, path))
+
+            curriculum = build(self.arms[arm], self.folder, self._made, refuse)
+            if curriculum is not None:
+                curricula[arm] = curriculum
+        found.raise_any()
+        return curricula

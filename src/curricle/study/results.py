@@ -1,0 +1,264 @@
+"""The results of a study, read from its folder."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from curricle.checks import one_of
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparing import check_comparable, default_threshold
+from curricle.comparison.comparison import Comparison
+from curricle.curriculum.curriculum import CurriculumResult
+from curricle.errors import CurriculumError, StoreError
+from curricle.learning.result import LearningResult, joined_results
+from curricle.statistics.curves import SCRATCH
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALUES, result_of
+from curricle.study.source_values import source_results, sources_read
+from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.stored_sources import finished, stored_values
+from curricle.transfer.observation_target import target_of
+
+RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
+
+
+class StudyResults:
+    """The results in a study's folder, also while the study is still running.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    StoreError
+        When the folder holds no study, or a file in it is damaged.
+
+    Attributes
+    ----------
+    store : StudyStore
+        The folder.
+    config : StudyConfig
+        The study.
+    """
+
+    def __init__(self, path: str | Path):
+        self.store = StudyStore(path)
+        study = self.store.description
+        if "configuration" not in study:
+            raise StoreError(f"{path} holds results that are not those of a study")
+        self.config = StudyConfig.from_data(study["configuration"], Path(study["folder"]))
+
+    @cached_property
+    def arms(self) -> Arms:
+        """The arms as they are trained."""
+        return Arms.of(self.config)
+
+    @cached_property
+    def stored(self) -> dict[str, list[StoredUnit]]:
+        """The units that are there, by key."""
+        found: dict[str, list[StoredUnit]] = {}
+        for stored in self.store.units():
+            found.setdefault(stored.key, []).append(stored)
+        return found
+
+    @cached_property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds for which every arm is complete."""
+        wanted = set(self.config.seeds)
+        for key in set(self.arms.keys.values()):
+            wanted &= {seed for stored in self.stored.get(key, ()) for seed in stored.seeds}
+        return tuple(sorted(wanted))
+
+    def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
+        """Return the learning result of one task of an arm.
+
+        Parameters
+        ----------
+        arm, task : str
+        values : bool
+            Whether the learnt values are read too; they may be large. Networks are rebuilt, which
+            needs Stable-Baselines3.
+
+        Raises
+        ------
+        StoreError
+            When there is no result yet, or a file is damaged.
+        """
+        units = self._units(arm, task)
+        curriculum = self.arms.curricula[arm]
+        if not units:
+            raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
+        names = (RUN, SNAPSHOTS, *[VALUES] * values)
+        found = joined_results(
+            [
+                result_of(
+                    curriculum.node(task),
+                    {k: v for name in names for k, v in self.store.arrays(unit, name).items()},
+                )
+                for unit in units
+            ]
+        )
+        if values and curriculum.node(task).deep:
+            found = replace(found, values=self._networks(arm, task, found.seeds))
+        return found
+
+    def _networks(self, arm: str, task: str, seeds: tuple[int, ...]) -> Any:
+        """Return the values of each seed's network, with the potential that it learnt on."""
+        curriculum, done = self.arms.curricula[arm], finished(self.store.units())
+        read = {task} | sources_read(curriculum, task)
+        sources = {
+            name: stored_values(
+                self.store, done[self.arms.keys[arm, name]], seeds, read=name in read
+            )
+            for name in (*curriculum.ancestors(task), task)
+        }
+        return source_results(curriculum, seeds, sources)[task].values
+
+    def _units(self, arm: str, task: str) -> list[StoredUnit]:
+        """Return the units of a task; StoreError if there is no such arm, or task in it."""
+        one_of("an arm", arm, self.arms.curricula, StoreError)
+        one_of(f"a task of arm {arm!r}", task, self.arms.curricula[arm].tasks, StoreError)
+        return self.stored.get(self.arms.keys[arm, task], [])
+
+    @cached_property
+    def results(self) -> dict[str, CurriculumResult]:
+        """The curriculum result of each arm as far as it is trained, without values."""
+        found = {}
+        for arm, curriculum in self.arms.curricula.items():
+            nodes = {
+                task: self.result(arm, task)
+                for task in curriculum.order
+                if self.arms.keys[arm, task] in self.stored
+            }
+            found[arm] = CurriculumResult(curriculum, nodes, {})
+        return found
+
+    @property
+    def comparison(self) -> Comparison:
+        """The arms compared with learning from scratch, over the seeds that all have finished.
+
+        Raises
+        ------
+        StoreError
+            When the study has no scratch baseline, or no seed has finished in every arm.
+        """
+        return compare_studies([self])
+
+    def source_steps(self, arm: str) -> npt.NDArray[np.int64]:
+        """Return the steps each seed of an arm spent before its target, (K,), seeds ascending."""
+        units = self.stored[self.arms.keys[arm, self.arms.target]]
+        runs = [self.store.arrays(unit, RUN) for unit in units]
+        seeds = np.concatenate([run["seeds"] for run in runs])
+        steps: npt.NDArray[np.int64] = np.concatenate([run["source_steps"] for run in runs])
+        return steps[np.argsort(seeds)]
+
+    # -- tables --------------------------------------------------------------------------------
+
+    def table(self, name: str) -> pa.Table:
+        """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
+        one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
+        tables = list(self._tables(name))
+        if not tables:
+            raise StoreError(f"{self.store.path} holds no results yet")
+        return pa.concat_tables(tables)
+
+    def _tables(self, name: str) -> Iterator[pa.Table]:
+        for arm, curriculum in self.arms.curricula.items():
+            for task in curriculum.order:
+                units = self.stored.get(self.arms.keys[arm, task], [])
+                parts = [self.store.table(unit, name) for unit in units]
+                if parts:
+                    whole = pa.concat_tables(parts)
+                    whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
+                    yield whole.add_column(0, "arm", pa.array([arm] * len(whole)))
+
+    def write_tables(self) -> None:
+        """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
+        if not self.stored:
+            return
+        for name, part in ((RESULTS, CURVES), (ALL_DECISIONS, DECISIONS)):
+            self.store.write_table(name, self.table(part))
+
+    def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
+        """Return the reason for each decision in a task, as sentences by seed."""
+        found: dict[int, list[str]] = {}
+        for unit in self._units(arm, task):
+            rows: list[Mapping[str, Any]] = self.store.table(unit, DECISIONS).to_pylist()
+            for row in rows:
+                found.setdefault(row["seed"], []).append(row["reason"])
+        return dict(sorted(found.items()))
+
+
+def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
+    """Compare the arms of all studies with learning from scratch in the first.
+
+    Seeds are those that every arm has finished. Where studies gave their arms different totals,
+    all are compared at the smallest: what was learnt by then does not depend on what came after.
+
+    Parameters
+    ----------
+    studies : sequence of StudyResults
+        Arms of several are named ``study: arm``.
+
+    Raises
+    ------
+    StoreError
+        When a study has no scratch baseline, or there is no seed that all have finished.
+    CurriculumError
+        When the targets differ as tasks or in how they are learnt; the message names what differs.
+    """
+    for study in studies:
+        if study.arms.total is None or SCRATCH not in study.arms.curricula:
+            raise StoreError(
+                "a comparison needs the target learnt from scratch, for a number of steps: "
+                f"{study.store.path} holds a study without it"
+            )
+    first = studies[0]
+    arms, several = first.arms, len(studies) > 1
+    totals = [study.arms.total or 0 for study in studies]
+    _check(studies, min(totals))
+    seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
+    if not seeds:
+        raise StoreError(
+            "a comparison needs a seed that every arm has finished: "
+            f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
+        )
+    found = {SCRATCH: _arm(first, SCRATCH, min(totals), seeds)}
+    for study in studies:
+        for name in study.arms.curricula:
+            if name != SCRATCH:
+                label = f"{study.config.name}: {name}" if several else name
+                found[label] = _arm(study, name, min(totals), seeds)
+    threshold = first.config.threshold
+    if threshold is None:
+        node = arms.curricula[SCRATCH].node(arms.target)
+        threshold = default_threshold(target_of(node.task, node.evaluation), found[SCRATCH])
+    budget = min(study.arms.budget or 0 for study in studies)
+    window = min(first.config.window, budget // arms.eval_freq + 1)
+    return Comparison(arms.target, found, budget, min(totals), threshold, window)
+
+
+def _check(studies: Sequence[StudyResults], total: int) -> None:
+    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
+    names = [study.config.name for study in studies]
+    if len(set(names)) < len(names):
+        raise CurriculumError(f"studies that are compared need different names: got {names}")
+    first = {
+        name: study.arms.curricula[SCRATCH].replace(study.arms.target, budget=total)
+        for name, study in zip(names, studies, strict=True)
+    }
+    check_comparable(first)
+
+
+def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
+    result = study.results[name][study.arms.target]
+    arm = Arm.of(result, study.source_steps(name), total, study.arms.eval_freq)
+    return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

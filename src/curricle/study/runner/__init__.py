@@ -1,1 +1,0 @@
-"""Running a study: units of work, a folder that survives, any executor, several machines."""

@@ -1,0 +1,228 @@
+"""Running a study: its units on any executor, each stored as soon as it is trained."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from curricle.checks import whole_number
+from curricle.errors import CurricleError, SettingError, StudyError
+from curricle.interop.trackers import Tracker, open_trackers
+from curricle.learning.result import LearningResult
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.provenance import provenance
+from curricle.study.results import StudyResults
+from curricle.study.serialization import result_of
+from curricle.study.shards import units_to_do
+from curricle.study.source_values import sources_read
+from curricle.study.store import CHECKPOINTS, StoredUnit, StudyStore
+from curricle.study.stored_sources import finished, stored_values
+from curricle.study.units import Unit, UnitInput, train_unit
+
+AHEAD = 2
+"""Units submitted for each worker, so that none is idle between two."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    units : tuple of Unit
+        All that the run trains.
+    stored : Unit or None
+        The unit that has just been stored; None at the beginning.
+    """
+
+    units: tuple[Unit, ...]
+    stored: Unit | None = None
+
+
+def run_study(
+    study: StudyConfig,
+    path: str | Path,
+    *,
+    resume: bool = False,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    shard: tuple[int, int] = (1, 1),
+    trackers: Sequence[str | Tracker] = (),
+    report: Callable[[str], Any] | None = None,
+    progress: Callable[[Progress], Any] | None = None,
+) -> StudyResults:
+    """Run a study into a folder and return its results.
+
+    Parameters
+    ----------
+    study : StudyConfig
+    path : path
+        The folder; made if need be.
+    resume : bool
+        Whether to go on with what the folder holds of this study. More seeds may be asked for than
+        before.
+    workers : int, optional
+        Threads; as many as there are processors by default, one where a task runs in Python or is
+        learnt by a network (use an executor of processes for those). Results do not depend on it.
+    executor : concurrent.futures.Executor, optional
+        Trains the units instead; it is not shut down. A unit is a picklable function of picklable
+        data (:func:`train_unit`), so processes and other machines can be used.
+    shard : (int, int)
+        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
+        together.
+    trackers : sequence of str or Tracker
+        They get each unit's curves too: "tensorboard", "wandb", "mlflow", or one's own. One that
+        fails is reported and switched off; it never stops the run.
+    report : callable, optional
+        Called with a sentence for each failure of a tracker; printed to stderr by default.
+    progress : callable, optional
+        Called with a :class:`Progress` at the beginning and whenever a unit is stored.
+
+    Raises
+    ------
+    StoreError
+        When the folder holds something else, is in use, is damaged or cannot be written to.
+    SettingError
+        When the arms cannot be compared, workers or shard make no sense, or a network is to learn
+        and Stable-Baselines3 is not installed.
+    ConfigError
+        When Stable-Baselines3 does not accept a learner's settings.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> study = StudyConfig.from_data(
+    ...     {"name": "line", "seeds": [0, 1], "arms": {"transfer": {
+    ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
+    >>> found = run_study(study, Path(mkdtemp()) / "results")
+    >>> found.results["scratch"]["line"].steps_used
+    array([500, 500])
+    """
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    workers = whole_number("workers", workers, 1, SettingError)
+    part, parts = shard
+    if not 1 <= part <= parts:
+        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+    arms = Arms.of(study)
+    try:
+        study.check_networks()
+    except ImportError as error:
+        raise SettingError(f"a task is learnt by a network: {error}") from None
+    description = {
+        "curricle": metadata.version("curricle"),
+        "folder": str(study.folder.resolve()),
+        "configuration": study.to_data(),
+    }
+    with StudyStore.opened(path, description, resume=resume) as store, ExitStack() as ending:
+        store.add_run(provenance(study))
+        done = finished(store.units())
+        units = units_to_do(study, arms, done, shard)
+        tracking = open_trackers(trackers, study.name, description, store.path, report)
+        ending.callback(tracking.close)
+        report_progress = progress or (lambda _: None)
+        report_progress(Progress(tuple(units)))
+        pool = executor or ThreadPoolExecutor(1 if arms.live else workers)
+        if executor is None:  # do not wait for units whose results would be thrown away
+            ending.callback(pool.shutdown, wait=False, cancel_futures=True)
+        scheduler = _Scheduler(study, arms, store, done, pool, workers * AHEAD)
+        for unit, result in scheduler.results(units):
+            tracking.record(unit.arm, unit.task, result)
+            report_progress(Progress(tuple(units), unit))
+        shutil.rmtree(store.path / CHECKPOINTS, ignore_errors=True)
+        found = StudyResults(path)
+        found.write_tables()
+    return found
+
+
+class _Scheduler:
+    """Sends units through an executor, each after its sources, and stores their results."""
+
+    def __init__(
+        self,
+        study: StudyConfig,
+        arms: Arms,
+        store: StudyStore,
+        done: dict[str, dict[int, StoredUnit]],
+        pool: Executor,
+        ahead: int,
+    ):
+        self.arms, self.store, self.done = arms, store, done
+        self.pool, self.ahead = pool, ahead
+        self.config, self.folder = json.dumps(study.to_data()), str(study.folder.resolve())
+
+    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
+        """Yield each unit with its result when it is stored.
+
+        When one fails, no more are started, and the error is raised when those that are running
+        have been stored.
+        """
+        waiting, running = list(units), dict[Future[Any], Unit]()
+        failure: StudyError | None = None
+        try:
+            while waiting or running:
+                for unit in [unit for unit in waiting if self._ready(unit)]:
+                    if len(running) >= self.ahead:
+                        break
+                    waiting.remove(unit)
+                    running[self._submit(unit)] = unit
+                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in [future for future in running if future in ended]:
+                    unit = running.pop(future)
+                    try:
+                        result = self._store(unit, future)
+                    except StudyError as error:
+                        failure, waiting = failure or error, []
+                        running = {one: it for one, it in running.items() if not one.cancel()}
+                    else:
+                        yield unit, result
+        finally:
+            for future in running:
+                future.cancel()
+        if failure is not None:
+            raise failure
+
+    def _ready(self, unit: Unit) -> bool:
+        """Return whether all sources of a unit are trained."""
+        return all(
+            seed in self.done.get(key, ()) for key in unit.sources.values() for seed in unit.seeds
+        )
+
+    def _submit(self, unit: Unit) -> "Future[Any]":
+        given = self._input(unit)
+        try:
+            return self.pool.submit(train_unit, given)
+        except Exception as error:
+            refused: Future[Any] = Future()
+            refused.set_exception(error)
+            return refused
+
+    def _input(self, unit: Unit) -> UnitInput:
+        curriculum = self.arms.curricula[unit.arm]
+        read = sources_read(curriculum, unit.task)
+        sources = {
+            name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
+            for name, key in unit.sources.items()
+        }
+        deep = curriculum.node(unit.task).deep
+        checkpoints = str(self.store.checkpoints(unit)) if deep else None
+        return UnitInput(self.config, self.folder, unit, sources, checkpoints)
+
+    def _store(self, unit: Unit, future: "Future[Any]") -> LearningResult:
+        try:
+            result = future.result()
+        except Exception as error:
+            ours = isinstance(error, CurricleError)
+            text = str(error) if ours else f"{type(error).__name__}: {error}"
+            raise StudyError(
+                f"{unit.label} failed, and what was stored before is whole: {text}"
+            ) from (None if ours else error)
+        stored = self.store.write_unit(unit, result)
+        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
+        return result_of(self.arms.curricula[unit.arm].node(unit.task), result.arrays)

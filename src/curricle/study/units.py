@@ -1,0 +1,182 @@
+"""Units of work: one task of one arm for some seeds, a pure function of the study."""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.learning.storage import Storage
+from curricle.study.arms import Arms, arms_from_json
+from curricle.study.serialization import UnitResult, arrays_of
+from curricle.study.source_values import SourceValues, source_results
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One task of one arm, trained for some seeds at once.
+
+    Attributes
+    ----------
+    key : str
+        Stands for all that the result depends on, except the seeds (:class:`Arms`).
+    arm, task : str
+        The first arm that needs it, and its task.
+    seeds : tuple of int
+        Ascending.
+    sources : dict of str to str
+        The tasks that must have been trained for these seeds before, with their keys.
+    snapshots : int
+        Value tables of the first seed that are kept during training.
+
+    Examples
+    --------
+    >>> Unit("0f", "scratch", "maze", (0, 1, 4), {}, 0).label
+    'scratch: maze, seeds 0-1+4'
+    """
+
+    key: str
+    arm: str
+    task: str
+    seeds: tuple[int, ...]
+    sources: Mapping[str, str] = field(hash=False)
+    snapshots: int
+
+    @property
+    def label(self) -> str:
+        """Arm, task and seeds, for messages."""
+        return f"{self.arm}: {self.task}, seeds {seed_ranges(self.seeds)}"
+
+
+def seed_ranges(seeds: Iterable[int]) -> str:
+    """Return seeds as ranges of numbers.
+
+    Examples
+    --------
+    >>> seed_ranges([0, 1, 2, 7, 9, 10])
+    '0-2+7+9-10'
+    """
+    runs: list[list[int]] = []
+    for seed in seeds:
+        if runs and seed == runs[-1][1] + 1:
+            runs[-1][1] = seed
+        else:
+            runs.append([seed, seed])
+    return "+".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+
+
+def units_of(
+    arms: Arms,
+    seeds: Iterable[int],
+    seeds_per_unit: int,
+    done: Mapping[str, Collection[int]],
+    snapshots: int = 0,
+) -> list[Unit]:
+    """Return the units still to be trained, sources first.
+
+    Parameters
+    ----------
+    arms : Arms
+    seeds : iterable of int
+    seeds_per_unit : int
+        Seed s belongs to the unit with the number s // seeds_per_unit.
+    done : dict of str to collection of int
+        Key -> the seeds that are trained.
+    snapshots : int
+        Value tables of the first seed to keep, in each task.
+    """
+    seeds = sorted(seeds)
+    found: dict[tuple[str, tuple[int, ...]], Unit] = {}
+    for arm, curriculum in arms.curricula.items():
+        for task in curriculum.order:
+            key = arms.keys[arm, task]
+            groups: dict[int, list[int]] = {}
+            for seed in seeds:
+                if seed not in done.get(key, ()):
+                    groups.setdefault(seed // seeds_per_unit, []).append(seed)
+            sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(task)}
+            for members in groups.values():
+                kept = snapshots if members[0] == seeds[0] else 0
+                unit = Unit(key, arm, task, tuple(members), sources, kept)
+                found.setdefault((key, unit.seeds), unit)
+    return list(found.values())
+
+
+class UnitInput(NamedTuple):
+    """All that a unit depends on, as plain data: it can be sent to any machine."""
+
+    config: str
+    """JSON of :meth:`StudyConfig.to_data`."""
+    folder: str
+    """Of the study's own modules."""
+    unit: Unit
+    sources: Mapping[str, SourceValues]
+    checkpoints: str | None = None
+    """A folder for checkpoints, from which a killed unit goes on, to the same result."""
+
+
+def train_unit(given: UnitInput) -> UnitResult:
+    """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
+    arms = arms_from_json(given.config, given.folder)
+    unit = given.unit
+    curriculum = _with_memory_for_all(arms.curricula[unit.arm], unit)
+    found = curriculum.train(
+        unit.seeds,
+        only=unit.task,
+        trained=source_results(curriculum, unit.seeds, given.sources),
+        charge=arms.total is not None,
+        snapshots=unit.snapshots,
+        workers=1,
+        saves=given.checkpoints,
+    )
+    retrained = found.retrained.get(unit.task)
+    extra = np.zeros(len(unit.seeds), np.int64) if retrained is None else retrained.extra
+    return UnitResult(
+        arrays_of(found[unit.task], found.source_steps(unit.task), extra),
+        _decisions(found, unit),
+        [
+            {"scale": one.scale, "shift": one.shift, "refusal": one.refusal}
+            for one in found.calibrations.get(unit.task, ())
+        ],
+    )
+
+
+def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
+    """Return the curriculum with memory for all seeds of a unit: a study's limit is for one seed.
+
+    So what is learnt does not depend on how many seeds are trained together.
+    """
+    storage: Storage = curriculum.setting("storage", unit.task)
+    if storage.memory_limit is None:
+        return curriculum
+    for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
+    return curriculum.replace(unit.task, storage=for_all)
+
+
+def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
+    """Return a row for each decision of the stopping rule, or one for the end of each seed."""
+    result = found[unit.task]
+    rows = list[dict[str, Any]]()
+    for k, decisions in enumerate(found.decisions(unit.task)):
+        row = {"task": unit.task, "seed": unit.seeds[k]}
+        rows += [
+            {
+                **row,
+                "steps": one.step,
+                "ends": one.spent or one.ends,
+                "lowest": one.lowest,
+                "level": one.kernel.level,
+                "rise": one.rise,
+                "plateau": one.kernel.plateau,
+                "reason": str(one),
+            }
+            for one in decisions
+        ]
+        if not decisions:
+            used, nan = int(result.steps_used[k]), float("nan")
+            why = "memory is full" if result.out_of_memory[k] else "its budget is spent"
+            reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
+            numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
+            rows.append({**row, "steps": used, "ends": True, **numbers, "reason": reason})
+    return rows
