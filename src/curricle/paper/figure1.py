@@ -55,7 +55,6 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         claims=(
             Claim(
                 "f1.coverage",
-                "1",
                 "Svetlik's mapping gives values only to target states in which all objects of the "
                 "source have the same relative positions; a target can get none",
                 "a 3x3 source with one pit, two 6x6 targets",

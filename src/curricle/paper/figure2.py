@@ -82,7 +82,6 @@ def _claims(
     return (
         Claim(
             "f2.optimum",
-            "2",
             "The optimal path leads through the maze in 34 moves",
             "exact value iteration; discount 0.99",
             verdict(len(path) == 34 and right),
@@ -94,7 +93,6 @@ def _claims(
         ),
         Claim(
             "f2.faster",
-            "2",
             "Transfer from a sub-maze reaches the threshold earlier",
             f"source of size {SIZE}, step reward -5; paired over seeds",
             verdict(saved[False]["low"] > 0),

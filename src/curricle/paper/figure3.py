@@ -216,7 +216,6 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
         claims += [
             Claim(
                 f"f3.size-3-hurts.{tag}",
-                "3",
                 "A source of size 3 makes learning slower",
                 setting,
                 verdict(saved[3]["high"] < 0),
@@ -229,7 +228,6 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
             ),
             Claim(
                 f"f3.large-alike.{tag}",
-                "3",
                 "Sources of size 4 to 10 save about as much",
                 setting,
                 verdict(alike),
@@ -237,7 +235,6 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
             ),
             Claim(
                 f"f3.strong-smaller.{tag}",
-                "3",
                 "(Not counted in the paper.) With source steps counted the gains are smaller",
                 setting,
                 verdict(all(net[s]["estimate"] < saved[s]["estimate"] for s in SIZES)),
@@ -255,7 +252,6 @@ def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
     explained = net_fixed["low"] < 500 and net_uniform["low"] > max(0, net_fixed["high"])
     return Claim(
         f"f3.random-start.{tag}",
-        "3",
         f"{_QUESTION} {_YES if explained else _NO}",
         f"{setting}; full-size source, fixed against uniform start",
         answer(explained),
@@ -286,7 +282,6 @@ def _leaves_the_corner() -> Claim:
     visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
     return Claim(
         "f3.leaves-corner",
-        "3",
         "The optimal path leaves the 3x3 corner and comes back, so the source does not contain it",
         "exact; step reward -5",
         verdict(visits >= 2),

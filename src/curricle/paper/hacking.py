@@ -81,7 +81,6 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         claims=(
             Claim(
                 "hacking.bonus-loops",
-                "hacking",
                 "A reward that is not a potential difference can make the agent loop instead of "
                 "finishing (E3); as a potential the same hint keeps the optimal policy",
                 "5x5 grid, treasure 20, step -1, discount 0.95",

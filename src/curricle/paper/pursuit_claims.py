@@ -65,7 +65,6 @@ def _exact_values() -> Claim:
     }
     return Claim(
         "f4.exact-values",
-        "4",
         "The three definitions of the task have different optima: both catch, as published, "
         "first touch",
         "exact value iteration; mean of V* over all states, discount 0.99",
@@ -79,7 +78,6 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     ahead = {n: _better(_start(arms[n]), _start(arms["baseline"])) for n in TRANSFERS}
     yield Claim(
         "f4.published.good-start",
-        "4",
         "Transfer gives a far better start than no transfer",
         setting,
         verdict(all(gap["low"] > 0 for gap in ahead.values())),
@@ -88,7 +86,6 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     fall = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
     yield Claim(
         "f4.published.collapse",
-        "4",
         "After the good start performance collapses",
         setting,
         verdict(all(gap["high"] < 0 for gap in fall.values())),
@@ -100,7 +97,6 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     }
     yield Claim(
         "f4.published.order",
-        "4",
         "At the end max is better than mean, mean better than min",
         setting,
         verdict(all(gap["low"] > 0 for gap in gaps.values())),
@@ -110,7 +106,6 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     gain = _better(_start(arms["mean"]), _start(arms["baseline"]))
     yield Claim(
         "f4.published.flat-baseline",
-        "4",
         "The baseline hardly improves",
         setting,
         verdict(abs(drift["estimate"]) < 0.2 * gain["estimate"]),
@@ -119,7 +114,6 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     cured = {n: _better(_end(control[n]), _start(control[n])) for n in TRANSFERS}
     yield Claim(
         "f4.published.why-collapse",
-        "4",
         "Open question: why does performance collapse? As published it is the unmapped states: "
         "their Q stays at 0 among negative values, so they have the highest values. Mapping "
         "them removes the collapse, everything else as published",
@@ -138,7 +132,6 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     }
     yield Claim(
         "f4.stated.min-best",
-        "4",
         "(Against the paper.) With one predicate for reward and end, min is best and max far the "
         "worst of the aggregates",
         setting,
@@ -151,7 +144,6 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     change = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
     yield Claim(
         "f4.stated.no-collapse",
-        "4",
         "(Against the paper.) With softmax 0.2 nothing collapses when the task is as stated",
         setting,
         verdict(all(gap["low"] > -0.25 for gap in change.values())),
@@ -183,7 +175,6 @@ def _collapse(
     worse = change["scale 0.5"]["high"] < change["scale 1"]["low"]
     yield Claim(
         "f4.scaling-cures",
-        "4",
         "Open question: would scaling the source's Q values cure the collapse? Yes, but "
         "upwards: rewards are negative, so phi has to become more negative; shrinking it makes the "
         "collapse worse",
@@ -193,7 +184,6 @@ def _collapse(
     )
     yield Claim(
         "f4.optimism",
-        "4",
         "Open question: why the collapse under epsilon-greedy? Optimism: phi exceeds Q* on most "
         "pairs, so each action that is tried falls below its untried neighbours",
         f"{where}; share of pairs with c phi > Q*, phi averaged over the seeds' sources",
@@ -222,7 +212,6 @@ def _why_max(
     holds &= mapped["mean"] > mapped["maximum"]
     return Claim(
         "f4.why-max",
-        "4",
         "Open question: why does max win? It does not: it wins only where the unmapped states "
         "harm every aggregate, and max least, whose values are nearest to zero. With every state "
         "mapped mean beats max even under the published termination rule, and where both must "
@@ -254,7 +243,6 @@ def _mapping_found(hand_made: Sequence[StateActionMapping]) -> Claim:
     }
     return Claim(
         "f4.mapping-found",
-        "4",
         "Open question: can transfer work without a hand-made mapping? Here it can: of all "
         "assignments of components, the two with which the source's model predicts the target "
         "are f_1 and f_2",

@@ -97,15 +97,16 @@ def _save(store: StudyStore, name: str, result: FigureResult) -> None:
             "caption": result.caption,
             "image": f"{result.name}.svg",
             "settings": dict(result.settings),
-            "claims": [_as_dict(claim) for claim in result.claims],
+            "claims": [_as_dict(name, claim) for claim in result.claims],
             "links": {"PNG": f"{result.name}.png"}
             | {f"{table}.parquet": f"data/{table}.parquet" for table in result.tables},
         },
     )
 
 
-def _as_dict(claim: Claim) -> dict[str, Any]:
-    return {**asdict(claim), "evidence": dict(claim.evidence)}
+def _as_dict(figure: str, claim: Claim) -> dict[str, Any]:
+    fields = {**asdict(claim), "evidence": dict(claim.evidence)}
+    return {"id": fields.pop("id"), "figure": figure, **fields}
 
 
 def _assemble(store: StudyStore) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ class Claim:
 
     Parameters
     ----------
-    id, figure : str
+    id : str
     claim : str
         The statement.
     setting : str
@@ -46,7 +46,6 @@ class Claim:
     """
 
     id: str
-    figure: str
     claim: str
     setting: str
     verdict: Verdict

@@ -47,7 +47,6 @@ def _certified(found: TrustRuns) -> Claim:
     control = certify(hacking.MAZE, StateShaping(hacking.nearness()))
     return Claim(
         "trust.certified",
-        "trust",
         "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "
         "and so does the hint as a potential; as a bonus it does not, and the state is named",
         "5x5 pursuit, mean calibrated; the 5x5 grid of the reward hacking",
@@ -69,7 +68,6 @@ def _ranking(found: TrustRuns) -> Claim:
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     return Claim(
         "trust.forecast-ranks",
-        "trust",
         "Open question: why does max win? A forecast before training says that it does not: as "
         "stated, the exact starts of the greedy policies have the order min, mean, max",
         f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
@@ -85,7 +83,6 @@ def _collapse_predicted(found: TrustRuns) -> Claim:
     right = "collapse" in words["mean"] and "steady" in words["minimum"]
     return Claim(
         "trust.collapse-foretold",
-        "trust",
         "Open question: why does performance collapse? Overestimation; measured before training, "
         "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
@@ -111,7 +108,6 @@ def _calibrated(found: TrustRuns) -> Claim:
         rising &= _change(fitted)["low"] > 0
     return Claim(
         "trust.calibration",
-        "trust",
         "Open question: would scaling the source Q values cure the collapse? A scale fitted to "
         "the returns of phi's greedy policy in 200 episodes, which count as target steps, does: "
         "returns rise, and end within 5 % of those of the best scale set by hand",
@@ -134,7 +130,6 @@ def _larger(found: TrustRuns) -> Claim:
     )
     return Claim(
         "trust.calibration-7x7",
-        "trust",
         "On 7x7, where every uncalibrated aggregate collapses, calibration more than halves the "
         "final cost",
         "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, limit 200, 1,000,000 steps",
@@ -149,7 +144,6 @@ def _placebo(found: TrustRuns) -> Claim:
     others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
     return Claim(
         "trust.placebo",
-        "trust",
         "The knowledge of the source helps, not the size of its values: shuffled (placebo) or "
         "negated they do not help",
         f"{WHERE}; mean return above scratch, source steps counted",
@@ -167,7 +161,6 @@ def _not_just_longer(found: TrustRuns) -> Claim:
     main = contrasts["mean, calibrated"].strong_gain
     return Claim(
         "trust.not-just-longer",
-        "trust",
         "The gain is not due to more steps or to other starts: as many steps in the target itself, "
         "from its own start or from anywhere, do not give it",
         f"{WHERE}; mean return above scratch, source steps counted",
@@ -180,7 +173,6 @@ def _refused(found: TrustRuns) -> Claim:
     shares = found.refused
     return Claim(
         "trust.scale-is-the-wrong-model",
-        "trust",
         "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
         "fit one",
         "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
@@ -203,7 +195,6 @@ def _guarded(found: TrustRuns) -> Claim:
     guarded = saved["the same, guarded"]
     return Claim(
         "trust.guard",
-        "trust",
         "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
         "10x10 maze, step reward -5; target steps to the threshold saved",
         answer(guarded["high"] >= 0 and saved["from the 3x3 corner"]["high"] < -10_000),
@@ -222,7 +213,6 @@ def _attributed(found: TrustRuns) -> Claim:
     exits = {(2, 8), (2, 9)}
     return Claim(
         "trust.whose-doing",
-        "trust",
         "The harm of size 3 lies where the optimal path leaves the corner and comes back: there "
         "the source makes the greedy choice wrong",
         f"10x10 maze, step reward -5, after {EXAMINED:,} steps; source left out, all else the same",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
@@ -38,6 +39,8 @@ STYLE: Any = {
 """Matplotlib's settings for these pictures, for ``matplotlib.rc_context``."""
 DIVERGING, SEQUENTIAL = "PuOr", "cividis"
 """Colour maps that colour-blind readers can read."""
+SHADES = 64
+"""Colours of a map on a page."""
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula, in order; then again with other dashes. The scratch baseline is black."""
 MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
@@ -104,6 +107,11 @@ def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
             own = COLOURS[OWN_COLOURS[colour]]
             styles[name] = ArmStyle(name, own, MORE_DASHES[again % len(MORE_DASHES)], False)
     return styles
+
+
+def shades_of(palette: str) -> list[str]:
+    """Return a colour map as `SHADES` colours, ``#rrggbb``, from low to high."""
+    return [to_hex(one) for one in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
 
 
 def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, Any]:

@@ -13,11 +13,11 @@ from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import SETTINGS, CurriculumResult
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.plotting.styles import ArmStyle, arm_styles
+from curricle.plotting.styles import ArmStyle, arm_styles, shades_of
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Reasons, default_reasons, graphs
-from curricle.report.replay import Replay, SnapshotsByTask, replays, shades_of
+from curricle.report.replay import Replay, SnapshotsByTask, replays
 from curricle.report.svg import inline_svg
 from curricle.report.templates import asset, render
 from curricle.statistics.curves import SCRATCH

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
-from matplotlib.colors import to_hex
 
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.learning.snapshots import Snapshots
@@ -21,7 +19,7 @@ from curricle.planning.solution import greedy_policy
 from curricle.plotting.grid_view import GridView
 from curricle.plotting.grids import MOST_NUMBERS
 from curricle.plotting.scales import minus, rounded
-from curricle.plotting.styles import DIVERGING, SEQUENTIAL
+from curricle.plotting.styles import DIVERGING, SEQUENTIAL, SHADES, shades_of
 from curricle.report.svg import GridDrawing, move_path, shifted, squares
 from curricle.tasks.labels import action_name
 from curricle.tasks.task import Task, generative_model, has_tables, same_task
@@ -41,8 +39,6 @@ MOST_CELL_FRAMES = 400_000
 """Cells times moments of all replays together: a megabyte and a half."""
 LEVELS = 2**16
 """Values are rounded to so many levels between the lowest and the highest."""
-SHADES = 64
-"""Colours of a map."""
 LONGEST_WORD = 9
 """Letters of an action's name up to which it is written into a cell."""
 LONGEST_EPISODE = 200
@@ -346,11 +342,6 @@ def mark_of(view: GridView, chosen: npt.NDArray[np.bool_]) -> str:
     actions = generative_model(view.task).actions
     names = [(action_name(actions, one).removeprefix("action "), str(one)) for one in best]
     return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
-
-
-def shades_of(palette: str) -> list[str]:
-    """Return a colour map as 64 colours, ``#rrggbb``, from low to high."""
-    return [to_hex(one) for one in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
 
 
 def _options(view: GridView) -> IntArray:

@@ -8,7 +8,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from curricle.plotting.scales import rounded
-from curricle.report.replay import shades_of
+from curricle.plotting.styles import shades_of
 
 
 def render(template: str, **values: Any) -> str:
