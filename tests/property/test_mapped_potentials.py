@@ -215,7 +215,11 @@ def test_a_curriculum_learns_the_same_as_with_arrays():
             for k in range(2)
         ]
         again = cr.learn(
-            hunt, budget=2000, seeds=2, shaping=cr.QInitialisation(arrays), stream="hunt"
+            hunt,
+            budget=2000,
+            seeds=2,
+            shaping=[cr.QInitialisation(phi) for phi in arrays],
+            stream="hunt",
         )
         np.testing.assert_array_equal(result["hunt"].values, again.values)
         np.testing.assert_array_equal(result["hunt"].greedy_return, again.greedy_return)

@@ -147,7 +147,7 @@ def saved(scratch, size, guard, steps):
     )
     result = plan.train(30)["target"]
     times = cr.statistics.time_to_threshold(
-        cr.Curve.of(result), scratch.threshold, window=paper.WINDOW
+        cr.statistics.Curve.of(result), scratch.threshold, window=paper.WINDOW
     )
     found = scratch.times.steps - times.steps
     return SimpleNamespace(

@@ -58,8 +58,8 @@ def test_a_mapped_potential_has_the_rollouts_of_its_array(aggregate):
     for name in vars(one):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for method in ("exact", "rollouts"):
-        judge = GreedyEvaluation(method=method)
-        assert greedy_start(lazy, judge) == greedy_start(array, judge)
+        evaluation = GreedyEvaluation(method=method)
+        assert greedy_start(lazy, evaluation) == greedy_start(array, evaluation)
 
 
 def test_the_greedy_start_is_the_first_checkpoint_of_learning():
