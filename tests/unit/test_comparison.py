@@ -26,7 +26,7 @@ BY_HAND = Comparison(
     target="maze",
     arms={
         "scratch": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
-        "taught": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
+        "helped": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
         "misled": arm([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], source=10, control=True),
     },
     budget=20,
@@ -38,16 +38,16 @@ BY_HAND = Comparison(
 
 def test_measures_by_hand():
     """Charged, the arms are 0, 0, 2, 4, 4 and 0, -2, -2, 0, 0 or 0, -2, 0, 2, 2."""
-    taught, misled = (BY_HAND.contrasts[name] for name in ("taught", "misled"))
+    helped, misled = (BY_HAND.contrasts[name] for name in ("helped", "misled"))
     assert BY_HAND.seeds == 2
-    assert taught.jumpstart.estimate == 2.0
+    assert helped.jumpstart.estimate == 2.0
     assert (
-        taught.weak_steps_saved.estimate == 20.0
+        helped.weak_steps_saved.estimate == 20.0
     )  # scratch never within its own 20 steps, hence 20
-    assert taught.strong_steps_saved.estimate == 10.0  # 30 against 20
-    assert taught.strong_gain.estimate == (0 + 10 + 30 + 40) / 40 - (0 + 5 + 15 + 25) / 40
-    assert taught.asymptotic_gain.estimate == 1.0
-    assert taught.probability_of_improvement.estimate == 1.0
+    assert helped.strong_steps_saved.estimate == 10.0  # 30 against 20
+    assert helped.strong_gain.estimate == (0 + 10 + 30 + 40) / 40 - (0 + 5 + 15 + 25) / 40
+    assert helped.asymptotic_gain.estimate == 1.0
+    assert helped.probability_of_improvement.estimate == 1.0
     assert misled.jumpstart.estimate == -2.0
     assert misled.weak_steps_saved.estimate == 0.0  # 20 and 20 at most, and 20 and 20
     assert misled.strong_steps_saved.estimate == (30 - 40 + 30 - 30) / 2
@@ -60,8 +60,8 @@ def test_measures_by_hand():
     assert BY_HAND.times("misled").reached.tolist() == [False, True]
     assert BY_HAND.times("misled").steps.tolist() == [40.0, 30.0]
     assert BY_HAND.times("misled", strong=False).steps.tolist() == [20.0, 20.0]
-    assert BY_HAND.times("taught", strong=False).steps.tolist() == [0.0, 0.0]
-    assert BY_HAND.height("taught").estimate == 2.0
+    assert BY_HAND.times("helped", strong=False).steps.tolist() == [0.0, 0.0]
+    assert BY_HAND.height("helped").estimate == 2.0
 
 
 def test_measures_are_those_of_the_metrics():
@@ -127,14 +127,14 @@ def test_verdicts(height, verdict):
 
 def test_rows_are_a_table():
     rows = BY_HAND.rows()
-    assert [row["arm"] for row in rows] == ["scratch", "taught", "misled"]
+    assert [row["arm"] for row in rows] == ["scratch", "helped", "misled"]
     assert len({tuple(row) for row in rows}) == 1
-    scratch, taught, misled = rows
+    scratch, helped, misled = rows
     assert (scratch["control"], misled["control"]) == (False, True)
-    assert (taught["source_steps"], taught["steps_to_threshold"], taught["reached"]) == (20, 20, 2)
+    assert (helped["source_steps"], helped["steps_to_threshold"], helped["reached"]) == (20, 20, 2)
     assert (misled["source_steps"], misled["steps_to_threshold"], misled["reached"]) == (10, 35, 1)
     assert {row["seeds"] for row in rows} == {2}
-    for row in (taught, misled):
+    for row in (helped, misled):
         contrast = BY_HAND.contrasts[row["arm"]]
         for measure in (
             "jumpstart",
@@ -163,7 +163,7 @@ def test_rows_are_a_table():
 def test_a_comparison_prints_as_a_table():
     lines = str(BY_HAND).split("\n")
     assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
-    assert [line.split()[0] for line in lines[2:]] == ["scratch", "taught", "misled"]
+    assert [line.split()[0] for line in lines[2:]] == ["scratch", "helped", "misled"]
     assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12 [1.12, 1.12]"]
     assert lines[3].endswith("3.25 [3.25, 3.25]     no difference shown (p = 1)")
     assert "> 35 (1 never)" in lines[4]
@@ -190,4 +190,4 @@ def test_a_line_for_each_arm():
 def test_an_unknown_arm():
     with pytest.raises(CurriculumError) as caught:
         BY_HAND["best"]
-    assert str(caught.value) == "an arm must be one of scratch, taught, misled: got 'best'"
+    assert str(caught.value) == "an arm must be one of scratch, helped, misled: got 'best'"

@@ -41,7 +41,7 @@ def test_tables_that_do_not_match_are_refused(before, after, optimal, said):
 
 @pytest.mark.parametrize("seeds", [1, 3])
 def test_a_smaller_budget_gives_the_table_that_a_longer_learning_had_then(seeds):
-    # In other words: two learnings of t steps agree, however each is looked at, and the longer
+    # Two trainings of t steps agree, however each is evaluated, and the longer
     # one's curve goes through what the shorter one ends with.
     hunt = cr.Pursuit(3, 2, discount=0.9, time_limit=30)
     judge = cr.GreedyEvaluation(method="exact")

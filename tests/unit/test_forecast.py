@@ -129,7 +129,7 @@ def test_optimism_is_measured_against_the_values(share, words):
 
 @pytest.mark.parametrize(("share", "words"), [(0.4, "steady learning"), (0.5, "a collapse")])
 def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
-    """It is over what is earned on the way, (98.5 + 199) / 2 a step here too."""
+    """The excess is over the value of the policy itself, (98.5 + 199) / 2 a step here too."""
     monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
     assert f": expect {words}" in row_of(LINE, Q + share * SIZE).verdict
 

@@ -245,7 +245,7 @@ def test_charge_source_shifts_each_seed_by_its_own_source_steps():
     assert charged.steps.tolist() == STEPS.tolist()
 
 
-def test_source_steps_beyond_the_budget_leave_nothing_earned():
+def test_with_source_steps_beyond_the_budget_the_first_value_stays():
     charged = charge_source(curve([1, 2, 3, 4, 5]), curve([9, 9, 9, 9, 9], source=1000))
     assert charged.values.tolist() == [[1, 1, 1, 1, 1]]
 
@@ -341,7 +341,7 @@ def test_curves_must_pair(measure):
 
 
 @pytest.mark.parametrize("measure", [jumpstart, transfer_ratio])
-def test_a_strong_comparison_needs_a_direct_learner(measure):
+def test_a_strong_comparison_needs_a_baseline_without_source_steps(measure):
     with pytest.raises(SettingError, match="must have no source steps: got 200"):
         measure(HELPED, SCRATCH, strong=True)
     assert np.isfinite(measure(HELPED, SCRATCH)).all()

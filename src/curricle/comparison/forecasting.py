@@ -24,7 +24,7 @@ from curricle.transfer.observation_target import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 AGGREGATES = (minimum, mean, maximum, total)
-JudgedIn = Target | ObservationTarget
+AnyTarget = Target | ObservationTarget
 
 # Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
 GAIN, GOOD = 0.1, 0.5
@@ -205,30 +205,30 @@ def forecast(
     edges = curriculum.in_edges(name)
     if not edges:
         raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
-    judged_in = target_of(
+    any_target = target_of(
         curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
     )
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).nodes
-    optimum, random_return = judged_in.optimum, judged_in.random_return
-    judge = partial(
-        _row, judged_in=judged_in, optimum=optimum, random_return=random_return, workers=workers
+    optimum, random_return = any_target.optimum, any_target.random_return
+    make_row = partial(
+        _row, any_target=any_target, optimum=optimum, random_return=random_return, workers=workers
     )
-    found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), judge)
+    found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), make_row)
     found.sort(key=lambda row: -np.nan_to_num(row.mean("start")))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])
-        found.append(judge(label, potentials, aggregate=False, used=False))
+        found.append(make_row(label, potentials, aggregate=False, used=False))
     return Forecast(
         target=name,
-        coverage=_coverage(labels, judged_in, curriculum.potentials(name, sources)[0]),
+        coverage=_coverage(labels, any_target, curriculum.potentials(name, sources)[0]),
         rows=tuple(found),
         optimum=optimum,
         random_return=random_return,
-        solved=judged_in.solution is not None,
-        exact=judged_in.evaluation.method == "exact",
+        solved=any_target.solution is not None,
+        exact=any_target.evaluation.method == "exact",
         trained=sources,
     )
 
@@ -239,7 +239,7 @@ def _aggregate_rows(
     sources: Mapping[str, LearningResult],
     aggregates: Sequence[Aggregate],
     seeds: Sequence[int],
-    judge: Callable[..., ForecastRow],
+    make_row: Callable[..., ForecastRow],
 ) -> list[ForecastRow]:
     """Return a row for each aggregate of the transfers into a task, calibrated too if it is."""
     own = curriculum.setting("aggregate", name)
@@ -254,19 +254,19 @@ def _aggregate_rows(
     for label, function in zip(names, functions, strict=True):
         potentials = curriculum.potentials(name, sources, function=function)
         used = function is own and settings is None
-        found.append(judge(label, potentials, aggregate=True, used=used))
+        found.append(make_row(label, potentials, aggregate=True, used=used))
         if function is own and settings is not None:
             fitted = [one.potential for one in calibrated(name, potentials, settings, seeds)]
-            found.append(judge(f"{label}, calibrated", fitted, aggregate=True, used=True))
+            found.append(make_row(f"{label}, calibrated", fitted, aggregate=True, used=True))
     return found
 
 
 def _coverage(
-    edges: Mapping[str, Transfer], judged_in: JudgedIn, potential: AnyPotential
+    edges: Mapping[str, Transfer], any_target: AnyTarget, potential: AnyPotential
 ) -> dict[str, Coverage | ObservationCoverage]:
     """Return the coverage of each transfer's mapping."""
-    if isinstance(judged_in, ObservationTarget):
-        sample = judged_in.observations(potential)
+    if isinstance(any_target, ObservationTarget):
+        sample = any_target.observations(potential)
         return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
     return {label: edge.mapping.coverage() for label, edge in edges.items()}
 
@@ -277,26 +277,26 @@ def _row(
     *,
     aggregate: bool,
     used: bool,
-    judged_in: JudgedIn,
+    any_target: AnyTarget,
     optimum: float,
     random_return: float,
     workers: int | None,
 ) -> ForecastRow:
-    if isinstance(judged_in, ObservationTarget):
-        threads, fit = 1, Calibrate(judged_in.episodes)
+    if isinstance(any_target, ObservationTarget):
+        threads, fit = 1, Calibrate(any_target.episodes)
         of_actions = potentials if potentials[0].of_actions else ()
     else:
         fit, of_actions = Calibrate(), potentials
-        threads = threads_for(judged_in.task, workers, len(potentials))
+        threads = threads_for(any_target.task, workers, len(potentials))
     seeds = over_seeds(
-        lambda k: potential_quality(potentials[k], judged_in, seed=k), len(potentials), threads
+        lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
     row = ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
-    return replace(row, verdict=_verdict(row, judged_in, optimum, random_return))
+    return replace(row, verdict=_verdict(row, any_target, optimum, random_return))
 
 
-def _verdict(row: ForecastRow, target: JudgedIn, optimum: float, random_return: float) -> str:
+def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return: float) -> str:
     """Return in words what to expect, and what to do."""
     if np.isnan(row.mean("start")):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"

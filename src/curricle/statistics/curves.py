@@ -215,8 +215,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     first = baseline.filled()[:, :1]
     target = baseline.steps - transfer.source_steps[:, np.newaxis]
     rows = zip(target, transfer.filled(), strict=True)
-    earned = np.stack([np.interp(x, transfer.steps, row) for x, row in rows])
-    return Curve(baseline.steps, np.where(target < transfer.steps[0], first, earned))
+    shifted = np.stack([np.interp(x, transfer.steps, row) for x, row in rows])
+    return Curve(baseline.steps, np.where(target < transfer.steps[0], first, shifted))
 
 
 def require_pair(baseline: Curve, transfer: Curve) -> None:
