@@ -166,14 +166,15 @@ def write(record, checkpoint, so_far, q, other, gate):
 
 
 @inlined
-def spent_checkpoints(evaluation, model, view, step, eval_freq, record):
-    """Return the first checkpoint from `step` on; those before are judged as learning starts."""
+def spent_checkpoints(record, step, eval_freq, value):
+    """Return the first checkpoint from `step` on; those before get the value of step 0.
+
+    The value comes as a number: evaluating here too would compile the evaluation a second time.
+    """
     checkpoint = 0
-    if step > 0:
-        value = greedy_return(evaluation, model, view)
-        while checkpoint * eval_freq < step:
-            record.greedy_return[checkpoint] = value
-            checkpoint += 1
+    while checkpoint * eval_freq < step:
+        record.greedy_return[checkpoint] = value
+        checkpoint += 1
     return checkpoint
 
 
@@ -192,7 +193,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     room = np.empty((1, n_actions))
     step, episodes, ended, ended_return = done
     first = Acting(q, advice, at(weight, step), room)
-    checkpoint = spent_checkpoints(evaluation, model, first, step, eval_freq, record)
+    value = greedy_return(evaluation, model, first) if step > 0 else np.nan
+    checkpoint = spent_checkpoints(record, step, eval_freq, value)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:

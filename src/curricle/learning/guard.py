@@ -144,7 +144,8 @@ def train_guarded(
     ahead, share, acting = 1, guard.share, 1
     step, episodes, ended, ended_return = done
     view = Acting(q[1:], none, 0.0, room)
-    checkpoint = spent_checkpoints(evaluation, model, view, step, eval_freq, record)
+    value = greedy_return(evaluation, model, view) if step > 0 else np.nan
+    checkpoint = spent_checkpoints(record, step, eval_freq, value)
     record.guard_share[:checkpoint] = share
     counter = stream[0] + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0

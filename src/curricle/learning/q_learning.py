@@ -59,7 +59,8 @@ def train_q_learning(
     far = len(table.far) > 0
     find_row_maxima(table)
     step, episodes, ended, ended_return = done
-    checkpoint = spent_checkpoints(evaluation, model, table, step, eval_freq, record)
+    value = greedy_return(evaluation, model, table) if step > 0 else np.nan
+    checkpoint = spent_checkpoints(record, step, eval_freq, value)
     episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)

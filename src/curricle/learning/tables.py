@@ -198,14 +198,17 @@ def _sparse_acting_row(view, state, out):
 def reorder(table, order):
     """Put the rows of a table in order, in place: row i becomes what row order[i] was.
 
-    `order` is overwritten.
+    `order` is overwritten. Values are moved one by one: NumPy's assignment of rows would take
+    seconds to compile.
     """
     kept = np.empty(table.shape[1], table.dtype)
     for first in range(order.shape[0]):
         here = first
-        kept[:] = table[first]
+        for column in range(kept.shape[0]):
+            kept[column] = table[first, column]
         while order[here] >= 0:  # along one cycle of the permutation
             there = order[here]
             order[here] = -1
-            table[here] = kept if there == first else table[there]
+            for column in range(kept.shape[0]):
+                table[here, column] = kept[column] if there == first else table[there, column]
             here = there
