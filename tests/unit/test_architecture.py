@@ -1,10 +1,12 @@
-"""The house rules: imports point down, stay public and form no cycle; code comes in short pieces.
+"""The rules of the house: imports point down, stay public and form no cycle; code is short.
 
 The library is read with ``ast`` and never imported, so imports inside functions and under
 ``TYPE_CHECKING`` count too. ``__init__.pyi`` is read as part of its ``__init__.py``.
 """
 
 import ast
+import re
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
@@ -12,29 +14,13 @@ from typing import NamedTuple
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
-FLOORS = {
-    "errors": 0,
-    "checks": 0.5,  # raises what errors.py declares
-    "files": 0.5,
-    "tasks": 1,
-    "learning": 2,
-    "transfer": 3,
-    "certificate": 3,
-    "graph": 3.5,
-    "node": 3.5,
-    "knowledge": 3.6,
-    "returning": 3.6,
-    "curriculum": 4,
-    "interop": 3.2,
-    "deep": 3.4,
-    "study": 5,
-    "report": 6,
-    "paper": 7,
-    "cli": 8,
-}
-# The package's own __init__ offers the public names of every wing up to `report`, so it stands
-# above them: only `paper` and `cli` may say `from curricle import ...`.
-FACADE_FLOOR = FLOORS["report"]
+HOUSE = (
+    "errors checks files tasks statistics planning learning transfer certificate interop deep "
+    "curriculum comparison study plotting report paper cli"
+).split()
+"""The packages, each of which imports only from those before it."""
+FACE_USERS = {"paper", "cli"}
+"""Packages that use public names only: those of curricle and of the packages' faces."""
 ROOF = {"", "__main__"}  # curricle/__init__ and __main__: may import anything
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60  # from `def` to the last line without the docstring; aim for 40
@@ -93,24 +79,45 @@ def all_imports(package: Path) -> tuple[set[str], list[Import]]:
     return modules, [each for path in files for each in imports_of(path, package, modules)]
 
 
-def wing(module: str) -> str:
+def package_of(module: str) -> str:
     return module.partition(".")[0]
 
 
+def rank(package: str) -> int:
+    """The place of a package in the house; of one without a place, above all others."""
+    return HOUSE.index(package) if package in HOUSE else len(HOUSE)
+
+
 def upward_imports(package: Path) -> list[str]:
-    """Imports across wings that do not point down."""
-    floors = {**FLOORS, "": FACADE_FLOOR}
+    """Imports across packages that do not point down.
+
+    The facade ``curricle`` stands above the packages it names, so only `paper` and `cli` use it.
+    """
+    found = []
+    for each in all_imports(package)[1]:
+        source, target = package_of(each.source), package_of(each.target)
+        if source in ROOF or source == target:
+            continue
+        facade = target == "" and source not in FACE_USERS
+        if facade or (target != "" and rank(target) >= rank(source)):
+            found.append(str(each))
+    return found
+
+
+def module_imports(package: Path) -> list[str]:
+    """Imports of `paper` and `cli` from a module inside another package, past its face."""
     return [
         str(each)
         for each in all_imports(package)[1]
-        if wing(each.source) not in ROOF
-        and wing(each.source) != wing(each.target)
-        and floors.get(wing(each.target), 99) >= floors.get(wing(each.source), -1)
+        if package_of(each.source) in FACE_USERS
+        and package_of(each.source) != package_of(each.target)
+        and "." in each.target
+        and package_of(each.target) not in FACE_USERS
     ]
 
 
 def private_imports(package: Path) -> list[str]:
-    """Imports across wings of a name, or from a module, that starts with one underscore."""
+    """Imports across packages of a name, or from a module, that starts with one underscore."""
 
     def private(dotted: str) -> bool:
         return any(p.startswith("_") and not p.endswith("__") for p in dotted.split("."))
@@ -118,7 +125,7 @@ def private_imports(package: Path) -> list[str]:
     return [
         str(each)
         for each in all_imports(package)[1]
-        if wing(each.source) != wing(each.target) and private(f"{each.target}.{each.name}")
+        if package_of(each.source) != package_of(each.target) and private(f"{each.target}.{each.name}")
     ]
 
 
@@ -126,7 +133,7 @@ def import_cycle(package: Path) -> list[str]:
     """The modules of one import cycle; empty if there is none."""
     graph: dict[str, set[str]] = {}
     for each in all_imports(package)[1]:
-        if wing(each.source) not in ROOF and each.source != each.target:
+        if package_of(each.source) not in ROOF and each.source != each.target:
             graph.setdefault(each.source, set()).add(each.target)
     try:
         TopologicalSorter(graph).prepare()
@@ -156,18 +163,28 @@ def too_long(package: Path) -> list[str]:
     return found
 
 
-def test_every_wing_has_a_floor():
-    wings = {wing(module) for module in all_imports(PACKAGE)[0]} - ROOF
-    assert wings, "no source found"
-    assert wings <= set(FLOORS), "give the new wing its place in FLOORS and in the design"
+def test_every_package_has_a_place():
+    packages = {package_of(module) for module in all_imports(PACKAGE)[0]} - ROOF
+    assert packages == set(HOUSE), "give a new package its place in HOUSE and in CONTRIBUTING.md"
+
+
+def test_the_house_is_the_one_that_contributors_read():
+    text = (PACKAGE.parents[1] / "CONTRIBUTING.md").read_text("utf-8")
+    table = re.findall(r"^\| `([\w./`, ]+)` \|", text, re.MULTILINE)
+    listed = [name.strip("`/ ").removesuffix(".py") for row in table for name in row.split(",")]
+    assert [name for name in reversed(listed) if name in HOUSE] == HOUSE
 
 
 def test_imports_point_down():
     assert upward_imports(PACKAGE) == []
 
 
-def test_imports_across_wings_are_public():
+def test_imports_across_packages_are_public():
     assert private_imports(PACKAGE) == []
+
+
+def test_figures_and_the_command_use_public_names():
+    assert module_imports(PACKAGE) == []
 
 
 def test_no_import_cycle():
@@ -204,7 +221,8 @@ def build(tmp_path):
         ("tasks/__init__.pyi", "from ..learning import solve"),
         ("interop/gymnasium.py", "from ..curriculum import Curriculum"),
         ("study/runner.py", "from curricle import compare"),
-        ("errors.py", "from curricle import errors, tasks"),
+        ("errors.py", "from curricle import tasks"),
+        ("errors.py", "from curricle import FiniteMDP"),
     ],
 )
 def test_upward_import_is_found(build, file, text):
