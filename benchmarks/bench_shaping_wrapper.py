@@ -1,4 +1,4 @@
-"""What shaping costs a step of Gymnasium's FrozenLake-v1, beside the plain environment.
+"""What shaping costs a step of Gymnasium's FrozenLake-v1, compared with the plain environment.
 
 Contestants take turns and are measured in processor time; what is printed is the median over the
 turns: microseconds a step, how many of them are more than the plain environment's in the same

@@ -1,9 +1,9 @@
 """CartPole from a coarse table, or from a cart with a longer pole: DQN, all steps charged.
 
 The observation is four numbers. Two sources: tabular Q-learning of the same cart, each number cut
-into a few bins; and the DQN that the target uses, on a cart whose pole is twice as long and falls
-more slowly, whose weights can be carried over. The DQN's settings are those that RL Baselines3 Zoo
-tuned for learning from scratch; who starts with something explores less.
+into a few bins; and the DQN of the target on a cart whose pole is twice as long and falls more
+slowly, whose weights can be carried over. The DQN's settings are those of RL Baselines3 Zoo, tuned
+for learning from scratch; arms that start from a source explore less.
 
     python benchmarks/deep_cart.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
@@ -17,9 +17,9 @@ import curricle as cr
 
 DISCOUNT = 0.99
 SOURCE, BUDGET = 20_000, 50_000
-EVERY = 2_500
+EVAL_FREQ = 2_500
 LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.5, 0.05, steps=SOURCE), epsilon=0.1)
-JUDGE = cr.GreedyEvaluation("rollouts", episodes=20, discounted=False)
+EVALUATION = cr.GreedyEvaluation("rollouts", episodes=20, discounted=False)
 DQN = {
     "learning_rate": 2.3e-3, "batch_size": 64, "buffer_size": 100_000, "learning_starts": 1_000,
     "target_update_interval": 10, "train_freq": 256, "gradient_steps": 128,
@@ -67,13 +67,17 @@ def plan(source, source_learner, mapping, shaping, settings):
         transfers=[cr.Transfer("source", "cart", mapping)],
         learner={"source": source_learner, "cart": learner(settings)},
         budget={"source": SOURCE, "cart": BUDGET - SOURCE}, shaping={"cart": shaping},
-        eval_freq={"cart": EVERY}, evaluation={"cart": JUDGE},
+        eval_freq={"cart": EVAL_FREQ}, evaluation={"cart": EVALUATION},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"cart": target()}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY, evaluation=JUDGE
+        {"cart": target()},
+        learner=learner(DQN),
+        budget=BUDGET,
+        eval_freq=EVAL_FREQ,
+        evaluation=EVALUATION,
     )
 
 

@@ -1,9 +1,9 @@
 """MiniGrid's DoorKey 8x8 from DoorKey 6x6: DQN, all steps charged.
 
-The observation is a vector of what lies where: offsets from the agent to key, door and goal, its
-direction, what is ahead, what it carries. Two sources of the 6x6 room: a table over the errand at
-hand (fetch the key, open the door, reach the goal), how far away it is, and what is ahead; and the
-DQN that the target uses, whose weights can be carried over, as both rooms look alike.
+The observation is a vector: offsets from the agent to key, door and goal, its direction, what is
+ahead, what it carries. Two sources in the 6x6 room: a table over the current errand (fetch the key,
+open the door, reach the goal), the offset to it, and what is ahead; and the DQN of the target,
+whose weights can be carried over, as observations of both rooms have the same shape.
 
     pip install "minigrid>=3,<4"
     python benchmarks/deep_door.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
@@ -21,13 +21,13 @@ import curricle as cr
 DISCOUNT = 0.97
 SMALL, LARGE = 6, 8
 SOURCE, BUDGET = 40_000, 80_000
-EVERY = 5_000
-SCALE = 20  # of rewards: 20 for the goal, less what the way there took
-REACH = 2  # cells; what is farther counts as so far
-COLUMNS = np.array([1, 2, 2])  # the same by errand: in the small room no key is two columns away
+EVAL_FREQ = 5_000
+SCALE = 20  # of rewards: 20 for the goal, less with each step taken
+REACH = 2  # cells; larger offsets are clipped
+COLUMNS = np.array([1, 2, 2])  # the same by errand: no key of the small room is two columns away
 ACTIONS = 0, 1, 2, 3, 5  # left, right, forward, pick up, toggle
 LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.5, 0.05, steps=SOURCE), epsilon=0.2)
-JUDGE = cr.GreedyEvaluation("rollouts", episodes=50, discounted=False)
+EVALUATION = cr.GreedyEvaluation("rollouts", episodes=50, discounted=False)
 DQN = {
     "learning_rate": 5e-4, "batch_size": 128, "buffer_size": 50_000, "learning_starts": 1_000,
     "gradient_steps": 2, "train_freq": 1, "target_update_interval": 1_000,
@@ -40,16 +40,16 @@ GENTLE = DQN | {
     "exploration_initial_eps": 0.5, "exploration_final_eps": 0.1,
     "policy_kwargs": {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}},
 }  # fmt: skip
-"""Where phi is nearly right, differences between actions are small: small steps keep them."""
+"""Where phi is nearly right, actions differ by little: small steps keep these differences."""
 
 
 class Room(gym.Wrapper):
-    """A DoorKey room as a vector; of its actions those that do something."""
+    """A DoorKey room observed as a vector, with the actions that have an effect."""
 
     def __init__(self, size):
         room = gym.make(f"MiniGrid-DoorKey-{size}x{size}-v0").unwrapped
         super().__init__(room)
-        room.gen_obs = dict  # the picture is not looked at
+        room.gen_obs = dict  # the picture is not needed
         self.observation_space = gym.spaces.Box(-2, 2, (16,), np.float32)
         self.action_space = gym.spaces.Discrete(len(ACTIONS))
         self.places = {}
@@ -140,13 +140,17 @@ def plan(tasks, transfers, learners, shaping):
     return cr.Curriculum(
         tasks=tasks, transfers=transfers, learner=learners,
         budget={"small": SOURCE, "large": BUDGET - SOURCE}, shaping={"large": shaping},
-        eval_freq={"large": EVERY}, evaluation={"large": JUDGE},
+        eval_freq={"large": EVAL_FREQ}, evaluation={"large": EVALUATION},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"large": target()}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY, evaluation=JUDGE
+        {"large": target()},
+        learner=learner(DQN),
+        budget=BUDGET,
+        eval_freq=EVAL_FREQ,
+        evaluation=EVALUATION,
     )
 
 

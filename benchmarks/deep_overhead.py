@@ -1,4 +1,4 @@
-"""What Curricle costs a deep learner, beside the same learner without it.
+"""What Curricle costs a deep learner, compared with the same learner without it.
 
 Part A is what shaping adds to a step: Gymnasium's wrapper and the vector environments of
 Stable-Baselines3, whose steps are counted per sub-environment, with tables (FrozenLake-v1) and
@@ -8,9 +8,9 @@ how many of them are more than the plain environment's in the same turn, and the
 Actions are random; resets and the checks at the end of an episode are part of it.
 
 Part B is what a residual costs DQN, acting and learning: plain DQN and DQN on phi + residual take
-turns to learn on, exploring in one step of twenty, phi from tables (three predators on 7x7 read one
-on 7x7; of 125 actions the residual reads Phi(s) alone, unless told to read all of phi) and from the
-network of an easier car.
+turns to continue learning, exploring in one step of twenty, phi from tables (three predators on 7x7
+read one on 7x7; of 125 actions the residual reads Phi(s) alone, unless set to read all of phi) and
+from the network of an easier car.
 
     python benchmarks/deep_overhead.py [--quick] [--turns N]
 """
@@ -82,7 +82,7 @@ def shaping(turns, steps):
 
 
 RESIDUAL_BAR = 1.3  # times the wall time of plain DQN
-READING_ALL = "all of phi"  # which is wider than the bar is for
+READING_ALL = "all of phi"  # a wider network, to which the bar does not apply
 
 
 def hunt():
@@ -104,7 +104,7 @@ def car():
 
 
 def learning(task, potential, envs, settings, reads):
-    """Return what has a DQN learn on for some steps, at the rate it returns, steps a second."""
+    """Return a function that continues a DQN for some steps and returns the steps a second."""
     network = {"learning_starts": 100, "policy_kwargs": {"net_arch": [128, 128], **reads}}
     learner = cr.deep.DeepLearner("DQN", envs=envs, settings=network | settings)
     model = model_for(task, learner, shaping=cr.QInitialisation(potential), steps=10_000)
@@ -121,20 +121,20 @@ def residual(turns, steps):
     )
     cases = {"three tables": hunt(), READING_ALL: hunt(), "a network": car()}
     for name, (task, phi) in cases.items():
-        told = {"reads": "actions"} if name == READING_ALL else {}
+        reads = {"reads": "actions"} if name == READING_ALL else {}
         for envs, often, gradients in (1, 4, 1), (1, 1, 1), (8, 1, 2):
             settings = {"train_freq": often, "batch_size": 64, "gradient_steps": gradients}
-            sides = {"plain": (None, {}), "residual": (phi, told)}
+            sides = {"plain": (None, {}), "residual": (phi, reads)}
             learners = {
-                side: partial(learning(task, potential, envs, settings, reads), steps)
-                for side, (potential, reads) in sides.items()
+                side: partial(learning(task, potential, envs, settings, extra), steps)
+                for side, (potential, extra) in sides.items()
             }
             rates = in_turns(learners, turns)
             ratio = median(a / b for a, b in zip(rates["plain"], rates["residual"], strict=True))
             plain, ours = (1e6 / median(rates[side]) for side in sides)
-            words = f"{name}, envs {envs}, a gradient step every {envs * often // gradients}"
-            print(f"{words:<44}{plain:>12.0f}{ours:>12.0f}{ratio:>9.2f}")
-            missed += [words] * (ratio > RESIDUAL_BAR and not told)
+            case = f"{name}, envs {envs}, a gradient step every {envs * often // gradients}"
+            print(f"{case:<44}{plain:>12.0f}{ours:>12.0f}{ratio:>9.2f}")
+            missed += [case] * (ratio > RESIDUAL_BAR and not reads)
     return missed
 
 
@@ -143,11 +143,11 @@ def main():
     torch.set_num_threads(1)
     turns = given.turns or (5 if given.quick else 15)
     missed = shaping(turns, 2_000 if given.quick else 10_000)
-    said = f"MISSED by {', '.join(missed)}" if missed else "ok"
-    print(f"\nbar: {BAR:g} us more a step with tables: {said}")
+    verdict = f"MISSED by {', '.join(missed)}" if missed else "ok"
+    print(f"\nbar: {BAR:g} us more a step with tables: {verdict}")
     missed = residual(turns, steps=200)
-    said = f"MISSED by {', '.join(missed)}" if missed else "ok"
-    print(f"\nbar: {RESIDUAL_BAR:g} times plain DQN's time: {said}")
+    verdict = f"MISSED by {', '.join(missed)}" if missed else "ok"
+    print(f"\nbar: {RESIDUAL_BAR:g} times plain DQN's time: {verdict}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Two predators on 7x7 from one on 7x7: DQN on 25 joint actions, all steps charged.
 
-The source is a table of one predator, all 2,401 states of it, read once for each of the two; the
-lesser of both is what the network starts at. Here it goes on to improve on that.
+The source is the table of one predator, 2,401 states, read once for each of the two; the network
+starts at the smaller of the two values, and improves on it here.
 
     python benchmarks/deep_pair.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
@@ -14,11 +14,11 @@ import curricle as cr
 
 DISCOUNT = 0.95
 SOURCE, BUDGET = 200_000, 260_000
-EVERY = 5_000
+EVAL_FREQ = 5_000
 HUNT = cr.Pursuit(7, predators=2, discount=DISCOUNT)
 CHASE = cr.Pursuit(7, predators=1, discount=DISCOUNT)
 LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
-JUDGE = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
+EVALUATION = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
 DQN = {
     "learning_rate": 3e-4, "batch_size": 512, "buffer_size": 100_000, "learning_starts": 1_000,
     "train_freq": 1, "gradient_steps": 1, "target_update_interval": 1_000,
@@ -44,14 +44,14 @@ def curriculum(shaping, settings):
         aggregate=cr.minimum,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        shaping={"hunt": shaping}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        shaping={"hunt": shaping}, eval_freq={"hunt": EVAL_FREQ}, evaluation={"hunt": EVALUATION},
     )  # fmt: skip
 
 
 def from_scratch():
     return cr.Curriculum(
-        {"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(DQN), budget=BUDGET, eval_freq=EVERY,
-        evaluation=JUDGE,
+        {"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(DQN), budget=BUDGET,
+        eval_freq=EVAL_FREQ, evaluation=EVALUATION,
     )  # fmt: skip
 
 

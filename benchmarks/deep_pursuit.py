@@ -1,9 +1,9 @@
 """Three predators on 7x7 from one on 4x4: DQN on 125 joint actions, all steps charged.
 
-The source is a table over how far the prey is from a lone predator on a 4x4 grid. Each of the three
-reads it as if it were alone, distances beyond the source's clipped; the three are summed, which
-promises too little; one arm has their mean, which promises too much. Weights cannot be carried
-over: there is no network in the source, and no 125 actions.
+The source is a table over the distance of the prey from one predator on a 4x4 grid. Each of the
+three reads it as if it were alone, larger distances clipped; the three values are summed, which
+underestimates; one arm has their mean, which overestimates. Weights cannot be carried over: the
+source has neither a network nor 125 actions.
 
     python benchmarks/deep_pursuit.py [--seeds 5] [--workers 2] [--arms ...] [--out DIR]
 """
@@ -17,11 +17,11 @@ import curricle as cr
 
 DISCOUNT = 0.95
 SMALL, SOURCE = 4, 8_000
-BUDGET = 24_000  # in all; from scratch ten times as many
-EVERY = 1_000
+BUDGET = 24_000  # including the source; from scratch ten times as many
+EVAL_FREQ = 1_000
 HUNT = cr.Pursuit(7, predators=3, discount=DISCOUNT)
 LEARN = cr.QLearning(learning_rate=cr.learning.linear(0.9, 0.05, steps=SOURCE), epsilon=0.2)
-JUDGE = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
+EVALUATION = cr.GreedyEvaluation("rollouts", episodes=200, discounted=False)
 DQN = {
     "batch_size": 128, "buffer_size": 100_000, "learning_starts": 1_000, "gradient_steps": 2,
     "train_freq": 1, "target_update_interval": 1_000, "policy_kwargs": {"net_arch": [128, 128]},
@@ -32,20 +32,20 @@ GENTLE = {
     "exploration_initial_eps": 0.1, "exploration_final_eps": 0.05,
     "policy_kwargs": {"net_arch": [128, 128], "optimizer_kwargs": {"eps": 1e-2}},
 }  # fmt: skip
-"""Who starts with something to lose explores less and steps more gently: where nearly nothing is
-wrong yet, Adam would make as large a step of next to no gradient."""
+"""Less exploration and smaller steps, to keep a good start: where errors are still tiny, Adam would
+make as large a step of a tiny gradient."""
 
 ALL = {"policy_kwargs": GENTLE["policy_kwargs"] | {"reads": "actions"}}
 
 
-def apart(cells, size):
-    """Return how far the prey is from a predator, down and right, (2, n)."""
+def offset(cells, size):
+    """Return the offset of the prey from a predator, down and right, (2, n)."""
     prey, predator = (np.divmod(np.asarray(each), size) for each in cells)
     return np.array([prey[0] - predator[0], prey[1] - predator[1]])
 
 
 def distance(observation):
-    down, right = apart(observation, SMALL) + SMALL - 1
+    down, right = offset(observation, SMALL) + SMALL - 1
     return int(down), int(right)
 
 
@@ -59,14 +59,14 @@ def lone_predator():
 
 
 def as_if_alone(which, vectors, observations):
-    """Return the source's states that one of the three predators sees."""
+    """Return the source's states of one of the three predators."""
     cells = vectors.cells(observations)
-    down, right = np.clip(apart((cells[:, 0], cells[:, which]), 7), 1 - SMALL, SMALL - 1)
+    down, right = np.clip(offset((cells[:, 0], cells[:, which]), 7), 1 - SMALL, SMALL - 1)
     return (down + SMALL - 1) * (2 * SMALL - 1) + right + SMALL - 1
 
 
 def curriculum(shaping, settings, aggregate=cr.total):
-    """Return the plan of learning from the lone predator, within the budget."""
+    """Return the curriculum from one predator, within the budget."""
     hunt, chase = cr.interop.observed_pursuit(HUNT), lone_predator()
     vectors, moves = cr.interop.PursuitVectors(HUNT), HUNT.actions.decode()
     return cr.Curriculum(
@@ -80,14 +80,14 @@ def curriculum(shaping, settings, aggregate=cr.total):
         aggregate=aggregate,
         learner={"chase": LEARN, "hunt": learner(settings)},
         budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
-        shaping={"hunt": shaping}, eval_freq={"hunt": EVERY}, evaluation={"hunt": JUDGE},
+        shaping={"hunt": shaping}, eval_freq={"hunt": EVAL_FREQ}, evaluation={"hunt": EVALUATION},
     )  # fmt: skip
 
 
 def from_scratch(settings):
     return cr.Curriculum(
-        tasks={"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(settings), budget=10 * BUDGET,
-        eval_freq=10 * EVERY, evaluation=JUDGE,
+        tasks={"hunt": cr.interop.observed_pursuit(HUNT)}, learner=learner(settings),
+        budget=10 * BUDGET, eval_freq=10 * EVAL_FREQ, evaluation=EVALUATION,
     )  # fmt: skip
 
 

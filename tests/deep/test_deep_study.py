@@ -1,4 +1,4 @@
-"""Studies with networks: stored as arrays, read again, resumed after a kill, told as a page."""
+"""Studies with networks: stored as arrays, read again, resumed after a kill, shown as a page."""
 
 import signal
 import subprocess
@@ -19,8 +19,8 @@ from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.serialization import VALUES
 
-# A table teaches a network, which is calibrated and teaches two others: what the last says rests on
-# the network before it, which rests on the table.
+# From a table to a network, which is calibrated, to two others: the last potential needs the network
+# before it, which needs the table.
 CHAIN = """
 name = "chain"
 seeds = 2
@@ -62,12 +62,12 @@ project = { predator = "predator_2" }
 [arms.state]
 shaping = "StateShaping"
 """
-ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "scratch = false\nblock")
-"""Of which the units are some of the whole study's."""
+ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "scratch = false\nseeds_per_unit")
+"""Its units are some of the whole study's."""
 
 
 def units(folder):
-    """What a folder's units hold."""
+    """The files of a folder's units."""
     files = (path for path in (folder / "units").rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
@@ -122,7 +122,7 @@ def test_the_chain_is_calibrated(whole):
 
 def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
     units = [unit for unit in StudyResults(whole).store.units() if unit.task != "chase"]
-    assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the direct learner
+    assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the scratch baseline
     for unit in units:
         with np.load(unit.path / VALUES, allow_pickle=False) as arrays:
             assert {name.split("/")[0] for name in arrays.files} == {"values_0"}

@@ -1,8 +1,8 @@
-"""How often the statistics of a comparison cry wolf, counted over simulated studies.
+"""False-alarm rates of the statistics of a comparison, over simulated studies.
 
-Studies compare arms that are equal in truth, so each finding is a false alarm. Seeds are fixed: a
-test either always passes or always fails, and its bound, in standard errors of the simulated rate,
-says how easily a right program would fail on the day the random stream changes (one-sided 3: 1 in
+The arms of these studies are equal, so each finding is a false alarm. Seeds are fixed: a test
+either always passes or always fails, and its bound, in standard errors of the simulated rate,
+states how easily a correct program would fail if the random stream changed (one-sided 3: 1 in
 700 where the rate is all of 5 %; two-sided 4: 1 in 16,000).
 """
 
@@ -27,10 +27,10 @@ def excludes_zero(interval):
 
 
 @pytest.mark.parametrize("seeds", [5, 10, 30])
-def test_the_paired_bootstrap_is_short_by_what_its_notes_say(seeds):
+def test_the_paired_bootstrap_is_too_short_by_what_its_notes_state(seeds):
     """4,000 studies. The interval is nearly +- 1.96 s sqrt((K - 1) / K) / sqrt(K) for Student's t.
 
-    That errs in 15, 10 and 6 % of studies with 5, 10 and 30 seeds where 5 % are promised. Allowed
+    That errs in 15, 10 and 6 % of studies with 5, 10 and 30 seeds where 5 % are nominal. Allowed
     are 4 standard errors and 0.015, since the bootstrap's own distribution is not quite normal.
     """
     rng, studies = np.random.default_rng(2024), 4000
@@ -43,7 +43,7 @@ def test_the_paired_bootstrap_is_short_by_what_its_notes_say(seeds):
 
 @pytest.mark.parametrize("tails", ["normal", "standard_cauchy"])
 @pytest.mark.parametrize("seeds", [6, 10, 20])
-def test_sign_flips_cry_wolf_in_five_percent(seeds, tails):
+def test_sign_flips_raise_five_percent_false_alarms(seeds, tails):
     """4,000 studies (1,000 with drawn signs). Exact whatever the tails, so the rate is known.
 
     Values without ties make p a multiple of 2 / 2^K, each as likely: P(p <= 0.05) is the largest
@@ -60,16 +60,15 @@ def test_sign_flips_cry_wolf_in_five_percent(seeds, tails):
 
 
 def test_holm_holds_five_arms_to_one_arms_false_alarms():
-    """2,000 studies of 5 arms against one baseline, 12 seeds: at most 5 % find anything.
+    """2,000 studies of 5 arms against one baseline, 10 seeds: at most 5 % find anything.
 
-    Allowed are 3 standard errors more, since Holm's rule may use up all of the 5 %.
-
-    Taken one by one, the five tests would cry wolf in well over 10 % of the studies.
+    Allowed are 3 standard errors more, since Holm's rule may use up all of the 5 %. Without the
+    correction, well over 10 % of the studies would have a false alarm.
     """
     rng, studies = np.random.default_rng(2024), 2000
     one_by_one, together = [], []
     for _ in range(studies):
-        baseline, arms = rng.exponential(size=12), rng.exponential(size=(5, 12))
+        baseline, arms = rng.exponential(size=10), rng.exponential(size=(5, 10))
         p_values = [sign_flip_test(arm - baseline) for arm in arms]
         one_by_one.append(min(p_values) <= 0.05)
         together.append(holm(p_values).min() <= 0.05)
@@ -78,7 +77,7 @@ def test_holm_holds_five_arms_to_one_arms_false_alarms():
 
 
 @pytest.mark.parametrize("arm", ["normal", "exponential", "standard_cauchy"])
-def test_adding_seeds_until_a_difference_cries_wolf_in_five_percent(arm):
+def test_adding_seeds_until_a_difference_raises_five_percent_false_alarms(arm):
     """2,000 procedures of up to 5 looks. By Bonferroni at most 5 %, and 3 standard errors.
 
     The values are differences of two arms of one distribution, so symmetric: Student's t is exact
@@ -117,7 +116,7 @@ def interquartile_mean_of_mixture(means, spreads):
 
 @pytest.mark.parametrize(("seeds", "known"), [(10, 0.93), (30, 0.94)])
 def test_coverage_of_the_stratified_interquartile_mean(seeds, known):
-    """2,000 studies of 5 unequal tasks. 95 % are promised; the notes own up to 93 and 94 %.
+    """2,000 studies of 5 unequal tasks. Nominally 95 %; the notes state 93 and 94 %.
 
     Those are from 4,000 studies; allowed are 4 standard errors. Coverage of exactly 95 % would be
     within them for 30 seeds, 90 % in neither case.

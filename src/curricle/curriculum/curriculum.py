@@ -42,6 +42,8 @@ SETTINGS: dict[str, Any] = {
     "storage": Storage(),
 }
 """What may be one value for all tasks or a dict from task to value, and its default."""
+OF_TARGETS = ("aggregate", "shaping", "retrain")
+"""Settings that do not apply to a task without sources."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.curriculum import SETTINGS, CurriculumResult
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, CurriculumResult
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import ArmStyle, arm_styles, shades_of
@@ -24,9 +24,6 @@ from curricle.statistics.curves import SCRATCH
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Size of the curves on a desktop and on a phone, in inches."""
-
-OF_TARGETS = ("aggregate", "shaping", "retrain")
-"""Settings that do not apply to a task without sources."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
-from curricle.curriculum.curriculum import SETTINGS, Curriculum
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.errors import SettingError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.config.merging import OF_TARGETS
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.task_names import NameGraph
 from curricle.tasks.live import is_live

@@ -4,13 +4,12 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
 from curricle.study.config.settings import DEEP, LEARNERS, EpisodesTable, Settings
 from curricle.study.config.task_names import NameGraph, table
 
 SETTINGS = tuple(Settings.model_fields)
-OF_TARGETS = ("aggregate", "shaping", "retrain")
-"""Settings of potentials; they do not apply to a task without sources."""
 LASTING = frozenset({*SETTINGS, *(key for one in LEARNERS for key in one.model_fields)})
 """Keys that mean the same in tables of every type."""
 ALTERNATIVES = {
