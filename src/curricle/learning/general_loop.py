@@ -1,7 +1,10 @@
-"""The general learning loop: every update rule, every way for a potential to enter.
+"""The general learning loop: all update rules and all shapings, one function for each equation.
 
-The functions trust their input; :func:`curricle.learn`, which calls them, validates. Plain
-Q-learning has a faster loop of its own, in ``q_learning.py``.
+The functions trust their input; :func:`curricle.learn`, which calls them, validates. Q-learning
+on unshaped rewards has a faster loop of its own in ``q_learning.py``, guarded learning one in
+``guard.py``. The loop is compiled once for all rules and shapings: with bodies chosen by type it
+would be compiled anew for each of their combinations, and compiling takes far longer than the few
+comparisons that a step of the loop makes.
 """
 
 from typing import Any, NamedTuple
@@ -100,43 +103,92 @@ def state_potential(shaping, state, step):
     return at(shaping.weight, step) * shaping.state_values[frame, state]
 
 
-@inlined
-def bootstrap(q, table, state, next_action, values, rule, step, bits):
-    """Return what the rule takes `state` to be worth; `values` are its acting values.
+# -- update rules: the target of Q(s, a) where the episode goes on from s' -----------------------
 
-    Q-learning (paper E1): max_a Q(s, a). SARSA: Q(s, a) of the action that will be taken.
-    Expected SARSA: the policy's mean. Double Q-learning: the other table's value of this
-    table's best action.
+
+@inlined
+def q_learning_target(reward, discount, q, next_state):
+    """Return r + gamma max_b Q(s', b) (paper E1; Watkins 1989)."""
+    return reward + discount * np.float64(highest(q[0], next_state))
+
+
+@inlined
+def sarsa_target(reward, discount, q, next_state, next_action):
+    """Return r + gamma Q(s', a'), a' the action that will be taken (Rummery, Niranjan 1994)."""
+    return reward + discount * np.float64(q[0, next_state, next_action])
+
+
+@inlined
+def expected_sarsa_target(reward, discount, q, next_state, exploration, values, step):
+    """Return r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009).
+
+    The policy pi acts on `values`, (1, A), those of s'.
     """
+    return reward + discount * expected_value(exploration, q, next_state, values, step)
+
+
+@inlined
+def double_q_learning_target(reward, discount, q, next_state, table, bits):
+    """Return r + gamma Q_other(s', argmax_b Q_table(s', b)) (van Hasselt 2010)."""
+    best = best_of(q[table], next_state, bits)[1] & ACTION
+    return reward + discount * np.float64(q[1 - table, next_state, best])
+
+
+@inlined
+def td_target(rule, reward, discount, q, next_state, next_action, values, table, bits, step):
+    """Return the target of the learner's update rule."""
     if rule.update == SARSA:
-        return np.float64(q[0, state, next_action])
+        return sarsa_target(reward, discount, q, next_state, next_action)
     if rule.update == EXPECTED_SARSA:
-        return expected_value(rule.exploration, q, state, values, step)
+        return expected_sarsa_target(
+            reward, discount, q, next_state, rule.exploration, values, step
+        )
     if rule.update == DOUBLE_Q_LEARNING:
-        return np.float64(q[1 - table, state, best_of(q[table], state, bits)[1] & ACTION])
-    return np.float64(highest(q[0], state))
+        return double_q_learning_target(reward, discount, q, next_state, table, bits)
+    return q_learning_target(reward, discount, q, next_state)
+
+
+# -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
 
 
 @inlined
-def shaping_reward(shaping, phi, discount, state, action, next_state, terminated, step, carried):
-    """Return what shaping adds to the reward of a step, and what it carries to the next step.
+def state_shaping_reward(shaping, discount, next_state, terminated, step, here):
+    """Return F = gamma Phi(s', t') - Phi(s, t), and Phi(s', t') (Ng, Harada, Russell 1999).
 
-    Carried is Phi(s', t') for a state potential, phi(s, a) for look-back advice. The potential of
-    a terminal state is 0.
+    Phi of a terminal state is 0 (Grzes 2017).
     """
-    if shaping.way == STATE:  # F = gamma Phi(s', t') - Phi(s, t)
-        here, there = carried, 0.0
-        if not terminated:
-            there = state_potential(shaping, next_state, step)
-        return discount * there - here, there
-    if shaping.way == LOOK_BACK:  # F = phi(s, a) - phi(s before, a before) / gamma
-        here, before = phi[state, action], carried
-        if terminated:  # the end's own term, gamma (0 - phi(s, a) / gamma), is due now
-            return -before / discount, 0.0
-        return here - before / discount, here
+    there = 0.0
+    if not terminated:
+        there = state_potential(shaping, next_state, step)
+    return discount * there - here, there
+
+
+@inlined
+def look_back_reward(shaping, discount, state, action, terminated, before):
+    """Return F = phi(s, a) - phi(s before, a before) / gamma, and phi(s, a).
+
+    Wiewiora, Cottrell, Elkan 2003. With the last step of an episode the term of its end is due,
+    gamma (0 - phi(s, a) / gamma), so that phi(s, a) cancels.
+    """
+    here = shaping.pair_values[state, action]
+    if terminated:
+        return -before / discount, 0.0
+    return here - before / discount, here
+
+
+@inlined
+def shaping_reward(shaping, discount, state, action, next_state, terminated, step, carried):
+    """Return what shaping adds to the reward of a step, and what it carries to the next step."""
+    if shaping.way == STATE:
+        return state_shaping_reward(shaping, discount, next_state, terminated, step, carried)
+    if shaping.way == LOOK_BACK:
+        return look_back_reward(shaping, discount, state, action, terminated, carried)
     if shaping.way == BONUS:
-        return phi[state, action], 0.0
+        return shaping.pair_values[state, action], 0.0
     return 0.0, 0.0
+
+
+# -- the loop ------------------------------------------------------------------------------------
 
 
 @inlined
@@ -182,7 +234,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before, `budget` are the :class:`Bounds`, `every` the steps between
+    `done` the warm-up, `budget` are the :class:`Bounds`, `eval_freq` the steps between
     checkpoints (checkpoint 0 is before the first step).
     """
     discount, limit = horizon
@@ -219,7 +271,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
         extra, carried = shaping_reward(
-            shaping, phi, discount, state, action, next_state, terminated, step, carried
+            shaping, discount, state, action, next_state, terminated, step, carried
         )
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
@@ -231,8 +283,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             acting_values(Acting(q, advice, at(weight, step), room), next_state, next_values)
             if rule.update == SARSA:
                 next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
-            target += discount * bootstrap(
-                q, table, next_state, next_action, next_values, rule, step, coin
+            target = td_target(
+                rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, state, action, step - 1)
         old = np.float64(q[table, state, action])
