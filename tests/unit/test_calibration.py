@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
-from curricle.learning.run import WarmUp
+from curricle.learning.record import WarmUp
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.transfer.calibration import calibrate, fit_calibration
 from curricle.transfer.edges import Calibrate

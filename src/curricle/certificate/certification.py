@@ -47,14 +47,14 @@ def certify(
     Both problems are solved and the actions optimal in one or the other compared in every state
     that can be reached, allowing for the proven error of both solutions: what is *acted on*,
 
-    - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s), which is Q* - Phi (Ng, Harada,
-      Russell 1999);
-    - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's expected update
-      with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi, which is Q* (Wiewiora 2003;
-      Wiewiora, Cottrell, Elkan 2003);
-    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, where each state is entered in
-      ways of one phi; elsewhere this is not proven, and such a state is named;
-    - :class:`DecayingAdvice`: Q* + xi phi with what the weight xi goes to in the long run (Behboudian et al.
+    - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s), which is Q* - Phi
+      (Ng, Harada, Russell 1999);
+    - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's
+      expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi, which is Q*
+      (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
+    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, where each state is
+      entered with one phi; elsewhere this is not proven, and such a state is named;
+    - :class:`DecayingAdvice`: Q* + xi phi with the weight xi of the long run (Behboudian et al.
       2020);
     - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
     - :class:`ShapingReward`: Q* for r + F(s, a, s').

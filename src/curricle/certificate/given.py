@@ -44,7 +44,9 @@ class ShapingReward:
 
     def __post_init__(self) -> None:
         if not callable(self.function):
-            raise SettingError(f"ShapingReward takes a function F(s, a, s'): got a {type(self.function).__name__}")
+            raise SettingError(
+                f"ShapingReward takes a function F(s, a, s'): got a {type(self.function).__name__}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
-"""What sampled steps say of a shaping, where a task is too large to be looked at state by state.
+"""A shaping checked on sampled steps, where a task is too large to be compared state by state.
 
-RandomRollouts of the uniform policy can refute that F comes of a potential, never prove that it does.
+Random rollouts can refute that F comes of a potential, never prove that it does.
 """
 
 from dataclasses import dataclass

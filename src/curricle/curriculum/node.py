@@ -14,8 +14,8 @@ from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner
+from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.run import WarmUp
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import Decision, StoppingRule, stopping_level
 from curricle.learning.storage import Storage

@@ -12,10 +12,9 @@ from curricle.curriculum.node import Node
 from curricle.errors import SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.record import Snapshots, WarmUp
 from curricle.learning.result import LearningResult, joined_results, one_seed
-from curricle.learning.run import WarmUp
 from curricle.learning.shaping import QInitialisation
-from curricle.learning.snapshots import Snapshots
 from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
 

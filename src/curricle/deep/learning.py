@@ -11,11 +11,11 @@ from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
+from curricle.learning.record import WarmUp, warm_ups
 from curricle.learning.result import LearningResult, learning_result
-from curricle.learning.run import WarmUp
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingRule
-from curricle.learning.training import charges, one_a_seed, warm_ups
+from curricle.learning.training import charges, one_a_seed
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask

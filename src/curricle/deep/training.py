@@ -13,8 +13,8 @@ from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import model_for, subtracted
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
-from curricle.learning.general_loop import Record
-from curricle.learning.run import NO_WARM_UP, Outcome, WarmUp
+from curricle.learning.record import NO_WARM_UP, Record, WarmUp
+from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, opens
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -110,7 +110,7 @@ class Progress:
         returns, greedy, guard_share = np.full((3, size), np.nan)
         no_frames = np.zeros(0, np.int64), np.zeros((0, 0, 0), np.float32)
         record = Record(returns, greedy, guard_share, np.zeros(size, np.int64), *no_frames)
-        spent = warm_up.note(record, run.eval_freq)
+        spent = warm_up.write(record, run.eval_freq)
         since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
         first = -(-spent.steps // run.eval_freq)
         return cls(record, spent.steps, spent.steps, spent.episodes, first, since)

@@ -13,8 +13,8 @@ from .potential import (
     StatePotential as StatePotential,
 )
 from .potential_rollouts import GreedyRollouts as GreedyRollouts, greedy_rollouts as greedy_rollouts
+from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
-from .run import WarmUp as WarmUp
 from .schedules import (
     Schedule as Schedule,
     constant as constant,
@@ -31,7 +31,6 @@ from .shaping import (
     Shaping as Shaping,
     StateShaping as StateShaping,
 )
-from .snapshots import Snapshots as Snapshots
 from .stopping import Decision as Decision, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .training import learn as learn

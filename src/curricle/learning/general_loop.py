@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from curricle.learning.exploration import choose, expected_value
 from curricle.learning.schedules import Schedule, at, rate_of
-from curricle.learning.stopping import StoppingKernel, stops
+from curricle.learning.stopping import stops
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, first_above, splitmix64
@@ -37,34 +37,6 @@ class ShapingKernel(NamedTuple):
     frame_steps: npt.NDArray[np.int64]  # (M,) the step from which each frame holds
     state_values: FloatArray  # (M, S) Phi(s) of each frame
     pair_values: FloatArray  # (S, A) phi(s, a)
-
-
-class Record(NamedTuple):
-    """What a run writes down, one entry a checkpoint."""
-
-    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
-    greedy_return: FloatArray  # (T,)
-    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
-    episodes: npt.NDArray[np.int64]  # (T,)
-    frame_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
-    frames: npt.NDArray[np.float32]  # (M, S, A)
-
-
-class Bounds(NamedTuple):
-    """Where a run ends: whichever comes first."""
-
-    steps: int
-    episodes: int
-    gate: StoppingKernel
-
-
-class Spent(NamedTuple):
-    """What a seed did in its task before it began to learn, on the account of its budget."""
-
-    steps: int
-    episodes: int
-    ended: int  # episodes that ended since the last checkpoint
-    ended_return: float  # their returns, added up
 
 
 class Acting(NamedTuple):
@@ -192,7 +164,7 @@ def shaping_reward(shaping, discount, state, action, next_state, terminated, ste
 
 
 @inlined
-def snapshots(record, checkpoint, q, other):
+def keep_snapshot(record, checkpoint, q, other):
     """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
     for i in range(record.frame_at.shape[0]):
         if record.frame_at[i] == checkpoint:
@@ -203,8 +175,8 @@ def snapshots(record, checkpoint, q, other):
 
 
 @inlined
-def write(record, checkpoint, so_far, q, other, gate):
-    """Fill one checkpoint of a record, and return whether the gate opens there.
+def write_checkpoint(record, checkpoint, so_far, q, other, gate):
+    """Fill one checkpoint of a record, and return whether the stopping rule ends the run there.
 
     `so_far` are the steps, the episodes, the number and returns of those ended since the last
     checkpoint, and the greedy return; the policy acts on the mean of `q` and `other`.
@@ -213,12 +185,12 @@ def write(record, checkpoint, so_far, q, other, gate):
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
     record.greedy_return[checkpoint] = value
     record.episodes[checkpoint] = episodes
-    snapshots(record, checkpoint, q, other)
+    keep_snapshot(record, checkpoint, q, other)
     return stops(gate, record.greedy_return, checkpoint, step)
 
 
 @inlined
-def spent_checkpoints(record, step, eval_freq, value):
+def warm_up_checkpoints(record, step, eval_freq, value):
     """Return the first checkpoint from `step` on; those before get the value of step 0.
 
     The value comes as a number: evaluating here too would compile the evaluation a second time.
@@ -246,14 +218,14 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     step, episodes, ended, ended_return = done
     first = Acting(q, advice, at(weight, step), room)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
-    checkpoint = spent_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:
         if step == checkpoint * eval_freq:
             view = Acting(q, advice, at(weight, step), room)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, view)
-            if write(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
+            if write_checkpoint(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes or has_failed(model):

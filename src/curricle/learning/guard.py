@@ -1,7 +1,11 @@
 """A guard against harmful potentials: a second learner without one, which learns from every step.
 
-Knowledge that is too hopeful corrects itself, since what it praises is tried. Knowledge that is too
-gloomy does not: what it speaks ill of is avoided. Only somebody who does not listen finds out.
+Values that are too high correct themselves, since greedy actions try those pairs. Values that are
+too low do not: those pairs are avoided, and only a learner without the potential tries them.
+
+The loop is not the general one. It updates two tables with each step, evaluates the one that is
+ahead, and chooses who acts after each episode. Folded into the general loop, these would make
+every other learning carry a second table and three more branches, and compile longer.
 """
 
 from dataclasses import dataclass
@@ -12,7 +16,12 @@ import numpy as np
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
 from curricle.learning.exploration import choose
-from curricle.learning.general_loop import Acting, acting_values, spent_checkpoints, write
+from curricle.learning.general_loop import (
+    Acting,
+    acting_values,
+    warm_up_checkpoints,
+    write_checkpoint,
+)
 from curricle.learning.schedules import rate_of
 from curricle.planning.greedy import highest
 from curricle.planning.policy_evaluation import greedy_return
@@ -28,14 +37,14 @@ FADING = 0.999
 
 @dataclass(frozen=True)
 class Guard:
-    """Down-weights a potential while learning where it does harm, and keeps the optimum.
+    """Reduces the influence of a potential where it does harm, and keeps the optimum.
 
-    Two Q-learners share one experience: one starts as phi, the other as if there were none. Every
-    step teaches both, every episode is acted by one of them. The one whose last episodes returned
-    more is evaluated and handed on; where it is ahead by `standard_errors` standard errors, it gets a larger
-    share of the steps from episode to episode. Each is Q-learning on plain rewards from an initial
-    value of its own, so both converge to Q* under the usual conditions, whatever phi is and however
-    the shares move: nothing has to be corrected when trust in phi changes.
+    Two Q-learners share one experience: one starts as phi, the other as if there were none. Both
+    learn from every step; in each episode one of them acts. The one whose last episodes returned more is
+    evaluated, and its values are returned; where it is ahead by `standard_errors`, its share of the
+    steps grows from episode to episode. Each is Q-learning on plain rewards from initial values of
+    its own, so both converge to Q* under the usual conditions, whatever phi is and however the
+    shares move: nothing has to be corrected when the shares change.
 
     Parameters
     ----------
@@ -115,15 +124,9 @@ def judged(guard, mean, variance, episodes, ahead, share):
     """Return which learner is ahead and the share of phi's, after an episode."""
     if min(episodes[0], episodes[1]) < FEWEST:
         return ahead, share
-    gap = mean[1] - mean[0]
+    gap, errors = mean[1] - mean[0], guard.standard_errors
     ahead = 1 if gap >= 0.0 else 0
-    if (
-        gap * gap
-        > guard.standard_errors
-        * guard.standard_errors
-        * (variance[0] + variance[1])
-        * guard.forgetting
-    ):
+    if gap * gap > errors * errors * (variance[0] + variance[1]) * guard.forgetting:
         goal = 1.0 - guard.min_share if ahead == 1 else guard.min_share
         share += guard.pace * (goal - share)
     return ahead, share
@@ -145,7 +148,7 @@ def train_guarded(
     step, episodes, ended, ended_return = done
     view = Acting(q[1:], none, 0.0, room)
     value = greedy_return(evaluation, model, view) if step > 0 else np.nan
-    checkpoint = spent_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
     record.guard_share[:checkpoint] = share
     counter = stream[0] + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
@@ -154,7 +157,7 @@ def train_guarded(
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
             record.guard_share[checkpoint] = share
             so_far = step, episodes, ended, ended_return, value
-            if write(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
+            if write_checkpoint(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if step >= budget.steps or episodes >= budget.episodes or has_failed(model):

@@ -7,7 +7,7 @@ value was lowered, so that a step scans no row: several times faster than the ge
 import numpy as np
 
 from curricle.learning.exploration import act
-from curricle.learning.general_loop import spent_checkpoints, write
+from curricle.learning.general_loop import warm_up_checkpoints, write_checkpoint
 from curricle.learning.schedules import rate_of
 from curricle.learning.tables import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
@@ -45,7 +45,7 @@ def train_q_learning(
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before (:class:`Spent`), `budget` the :class:`Bounds`, `every` the steps
+    `done` what was spent before (the warm-up), `budget` the :class:`Bounds`, `every` the steps
     between checkpoints (checkpoint 0 is before the first step). A table without room for another
     state ends the run before the step that needs it.
 
@@ -60,7 +60,7 @@ def train_q_learning(
     find_row_maxima(table)
     step, episodes, ended, ended_return = done
     value = greedy_return(evaluation, model, table) if step > 0 else np.nan
-    checkpoint = spent_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
     episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
@@ -68,7 +68,7 @@ def train_q_learning(
     while True:
         if step == checkpoint * eval_freq:
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
-            if write(record, checkpoint, so_far, q, q, budget.gate):
+            if write_checkpoint(record, checkpoint, so_far, q, q, budget.gate):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         spent = step >= budget.steps or episodes >= budget.episodes

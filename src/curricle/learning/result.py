@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.learning.learners import Learner
+from curricle.learning.record import Snapshots
 from curricle.learning.run import Outcome
-from curricle.learning.snapshots import Snapshots
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 

@@ -13,8 +13,8 @@ from curricle.learning.guard import train_guarded
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
+from curricle.learning.record import NO_WARM_UP, Bounds, Record, Spent, WarmUp, snapshot_checkpoints
 from curricle.learning.shaping import NOTHING_ADDED, Shaping
-from curricle.learning.snapshots import frame_checkpoints
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, opens
 from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import Dense, Number, Sparse, reorder
@@ -40,51 +40,11 @@ UNROLLED = 64
 class Outcome:
     """What one seed leaves: its record, its values if kept, what it spent."""
 
-    record: general_loop.Record
+    record: Record
     values: FloatTable | SparseValues | None
     steps: int
     episodes: int
     out_of_memory: bool
-
-
-@dataclass(frozen=True, eq=False)
-class WarmUp:
-    """The episodes that a seed acted in its task before it began to learn there.
-
-    Attributes
-    ----------
-    lengths : (E,) int64
-        Steps of each.
-    returns : (E,) float64
-        Their unshaped, undiscounted returns.
-
-    Examples
-    --------
-    >>> WarmUp(np.array([3, 4]), np.array([1.0, 2.0])).steps
-    7
-    """
-
-    lengths: npt.NDArray[np.int64]
-    returns: npt.NDArray[np.float64]
-
-    @property
-    def steps(self) -> int:
-        """Steps in all."""
-        return int(self.lengths.sum())
-
-    def note(self, record: general_loop.Record, eval_freq: int) -> general_loop.Spent:
-        """Fill the checkpoints of a record before the end of this; return what is left to note."""
-        ends = np.cumsum(self.lengths)
-        checkpoint = -(-ends // eval_freq)
-        n = int(checkpoint.max(initial=0))
-        ended = np.bincount(checkpoint, minlength=n + 1)
-        earned = np.bincount(checkpoint, self.returns, minlength=n + 1)
-        record.episodes[:n] = np.cumsum(ended)[:n]
-        np.divide(earned[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
-        return general_loop.Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
-
-
-NO_WARM_UP = WarmUp(np.zeros(0, np.int64), np.zeros(0))
 
 
 class _Seed(NamedTuple):
@@ -94,8 +54,8 @@ class _Seed(NamedTuple):
     steps: int
     shaping: Shaping | None
     out: FloatTable | None
-    record: general_loop.Record
-    spent: general_loop.Spent
+    record: Record
+    spent: Spent
 
     @property
     def initial(self) -> Any:
@@ -139,13 +99,13 @@ class Run:
         """
         size = self.longest // self.eval_freq + 1
         shape = (0, 0) if self.rows else (self.task.states.size, self.task.actions.size)
-        frame_at = frame_checkpoints(0 if self.rows else frames, size, max(1, shape[0] * shape[1]))
+        frame_at = snapshot_checkpoints(
+            0 if self.rows else frames, size, max(1, shape[0] * shape[1])
+        )
         returns, greedy, guard_share = np.full((3, size), np.nan)
         pictures = np.zeros((len(frame_at), *shape), np.float32)
-        record = general_loop.Record(
-            returns, greedy, guard_share, np.zeros(size, int), frame_at, pictures
-        )
-        spent = warm_up.note(record, self.eval_freq)
+        record = Record(returns, greedy, guard_share, np.zeros(size, int), frame_at, pictures)
+        spent = warm_up.write(record, self.eval_freq)
         seed = _Seed(start, self.steps - charged, shaping, out, record, spent)
         if shaping is not None and shaping.guard is not None:
             return self._train_guarded(seed)
@@ -220,7 +180,7 @@ class Run:
                 self.evaluation.for_run(seed.start),
                 np.array([seed.start], dtype=np.uint64),
                 seed.spent,
-                general_loop.Bounds(seed.steps, self.episodes, self.gate),
+                Bounds(seed.steps, self.episodes, self.gate),
                 self.eval_freq,
                 seed.record,
             )
@@ -280,8 +240,6 @@ class Run:
 def number(n: int) -> Number:
     """Return a number as loops are compiled for it."""
     return (None,) * n
-
-
 
 
 def rows_allowed(

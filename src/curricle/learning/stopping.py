@@ -1,4 +1,4 @@
-"""A gate: when a task has been learnt well enough, judged at every checkpoint, with its reasons."""
+"""When the training of a task stops: a rule applied at every checkpoint, with its reasons."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from curricle.tasks.task import Task
 class StoppingRule:
     """A budget that ends as soon as the greedy policy is good enough, or gets no better.
 
-    It is judged at each checkpoint after the first, by the last greedy evaluations of the seed
+    It is applied at each checkpoint after the first, by the last greedy evaluations of the seed
     alone, so that each seed ends in its own time.
 
     Parameters
@@ -52,13 +52,13 @@ class StoppingRule:
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> gate = StoppingRule(max_steps=50_000, threshold=190.0, patience=2)
-    >>> print(gate)
+    >>> rule = StoppingRule(max_steps=50_000, threshold=190.0, patience=2)
+    >>> print(rule)
     50,000 steps, until a greedy return of 190.0 over 2 evaluations
-    >>> result = learn(GridWorld("S..T"), budget=gate, eval_freq=100)
+    >>> result = learn(GridWorld("S..T"), budget=rule, eval_freq=100)
     >>> int(result.steps_used[0])
     200
-    >>> print(gate.decisions(result.steps, result.greedy_return[0])[-1])
+    >>> print(rule.decisions(result.steps, result.greedy_return[0])[-1])
     ends; greedy 193 >= 190 over 2 evaluations; 200 of at most 50,000 steps used
     """
 
@@ -79,7 +79,8 @@ class StoppingRule:
             object.__setattr__(self, name, whole)
         if self.min_steps > self.max_steps:
             raise SettingError(
-                f"min_steps of a stopping rule must not exceed max_steps: got {self.min_steps:,} and {self.max_steps:,} steps"
+                "min_steps of a stopping rule must not exceed max_steps: got "
+                f"{self.min_steps:,} and {self.max_steps:,} steps"
             )
         if self.threshold is not None:
             number("threshold of a stopping rule", self.threshold, SettingError)
@@ -138,7 +139,7 @@ class StoppingRule:
         level: float | None = None,
         used: int | None = None,
     ) -> list["Decision"]:
-        """Return what the gate decided at each checkpoint of one seed, up to the one it ended at.
+        """Return what the rule decided at each checkpoint of one seed, up to the one it ended at.
 
         Parameters
         ----------
@@ -168,7 +169,7 @@ _JOINED = {"any": "or", "all": "and"}
 
 
 class StoppingKernel(NamedTuple):
-    """A gate, for the compiled loops; NaN where a condition is not set."""
+    """A stopping rule for the compiled loops; NaN where a condition is not set."""
 
     min_steps: int
     patience: int
@@ -215,7 +216,7 @@ def rise_of_last(rule, greedy, checkpoint):
 
 
 def _judge(lowest_of, highest_of, rise_of):
-    """Return the gate's one predicate, made of compiled pieces or of plain functions."""
+    """Return the predicate of a rule, made of inlined or of plain functions."""
 
     def opens(rule, greedy, checkpoint, step):
         if step == 0 or step < rule.min_steps:
@@ -239,7 +240,7 @@ stops = inlined(_judge(*map(inlined, _PARTS)))
 
 @dataclass(frozen=True)
 class Decision:
-    """What a gate decided at one checkpoint, with its evidence. Prints as a sentence.
+    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence.
 
     Attributes
     ----------
@@ -247,7 +248,7 @@ class Decision:
     kernel : StoppingKernel
     step : int
     ends : bool
-        Whether the gate opened.
+        Whether the rule ended the run.
     start : float
         The first evaluation, return.
     lowest, highest : float
@@ -255,7 +256,7 @@ class Decision:
     rise : float
         Their mean less the mean of as many before, return; NaN if there were too few.
     then : str
-        What was done where that is more than to stay or to end.
+        What was done, where that was more than to go on or to end.
     """
 
     rule: StoppingRule
@@ -300,8 +301,8 @@ class Decision:
             )
         if self.dropped:
             found.append(
-                f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, where "
-                f"it started, {over}"
+                f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, "
+                f"where it started, {over}"
             )
         return found
 

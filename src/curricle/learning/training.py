@@ -11,12 +11,11 @@ from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import MappedPotential
+from curricle.learning.record import WarmUp, warm_ups
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import (
-    NO_WARM_UP,
     Outcome,
     Run,
-    WarmUp,
     rows_allowed,
 )
 from curricle.learning.shaping import Shaping
@@ -51,7 +50,7 @@ def learn(
     snapshots: int = 0,
     workers: int | None = None,
 ) -> LearningResult:
-    """Return what a learner makes of a task, for each of many seeds.
+    """Return what a learner learns in a task, for each of many seeds.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def learn(
     charged : sequence of K int, optional
         Steps that each seed spent elsewhere, in sources say, on the account of this budget.
     snapshots : int
-        Tables of the first seed to keep on the way (:class:`Snapshots`), at most; not of sparse ones.
+        Value tables of the first seed to keep on the way (:class:`Snapshots`), at most; dense ones.
     workers : int, optional
         Threads over seeds; as many as there are processors by default. A live task has one.
 
@@ -135,9 +134,7 @@ def learn(
     guarded = any(one is not None and one.guard is not None for one in each_shaping)
     n_tables = 2 if guarded else learner.tables
     rows = rows_allowed(generative, n_tables, storage, len(seeds), threads, longest)
-    run = Run(
-        generative, learner, steps, episodes, eval_freq, longest, kernel, storage, rows, gate
-    )
+    run = Run(generative, learner, steps, episodes, eval_freq, longest, kernel, storage, rows, gate)
     if rows:
         _check_sparse(run, each_shaping)
     starts = [stream_start(seed, stream) for seed in seeds]
@@ -197,23 +194,6 @@ def charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
             f"a budget must exceed what is charged on it: got {steps:,} and {max(each):,} steps"
         )
     return each
-
-
-def warm_ups(
-    warm_up: Sequence[WarmUp] | None, charged: Sequence[int], steps: int, episodes: int
-) -> Sequence[WarmUp]:
-    """Return the warm-up of each seed, checked against what is left of the budget."""
-    if warm_up is None:
-        return [NO_WARM_UP] * len(charged)
-    if len(warm_up) != len(charged):
-        raise SettingError(f"one warm-up a seed means {len(charged)} of them: got {len(warm_up)}")
-    for k, one in enumerate(warm_up):
-        if one.steps >= steps - charged[k] or len(one.lengths) >= episodes:
-            raise SettingError(
-                "a budget must exceed what was spent on it before learning: the warm-up of seed "
-                f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"
-            )
-    return warm_up
 
 
 def _check_sparse(run: Run, each: Sequence[Shaping | None]) -> None:

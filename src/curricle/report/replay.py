@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.curriculum.curriculum import CurriculumResult
-from curricle.learning.snapshots import Snapshots
+from curricle.learning.record import Snapshots
 from curricle.planning.rollouts import rollout
 from curricle.planning.solution import greedy_policy
 from curricle.plotting.grid_view import GridView

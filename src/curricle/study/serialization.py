@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from curricle.curriculum.node import Node
 from curricle.learning.result import LearningResult
-from curricle.learning.snapshots import Snapshots
+from curricle.learning.record import Snapshots
 from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 

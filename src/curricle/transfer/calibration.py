@@ -15,7 +15,7 @@ import numpy.typing as npt
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
-from curricle.learning.run import WarmUp
+from curricle.learning.record import WarmUp
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts

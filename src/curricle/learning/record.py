@@ -1,0 +1,155 @@
+"""What a run writes down: curves, snapshots, and the warm-up that came before learning."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.errors import SettingError
+from curricle.learning.stopping import StoppingKernel
+
+FloatArray = npt.NDArray[np.float64]
+
+LARGEST = 128_000_000
+"""Bytes that the snapshots of a run may take; a larger task has fewer, or none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshots:
+    """The values of one seed at M checkpoints of its learning, from before the first step.
+
+    Attributes
+    ----------
+    seed : int
+    steps : (M,) int64
+        Steps done at each; closer together early, when most is learnt.
+    values : (M, S, A) float32
+        In the task's own rewards, as ``LearningResult.values``.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> snapshots = learn(GridWorld("S.T"), budget=1000, snapshots=4).snapshots
+    >>> snapshots.steps, snapshots.values.shape
+    (array([   0,  110,  440, 1000]), (4, 3, 4))
+    """
+
+    seed: int
+    steps: npt.NDArray[np.int64]
+    values: npt.NDArray[np.float32]
+
+
+def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> npt.NDArray[np.int64]:
+    """Return the checkpoints whose values are kept, (M,) int64: none if fewer than two may be.
+
+    They lie quadratically, so that as many fall into the first quarter as into the rest.
+
+    Parameters
+    ----------
+    snapshots : int
+        At most so many.
+    checkpoints : int
+        T.
+    pairs : int
+        S x A of the task.
+
+    Examples
+    --------
+    >>> snapshot_checkpoints(5, 101, 12)
+    array([  0,   6,  25,  56, 100])
+    """
+    allowed = min(snapshots, LARGEST // (4 * pairs))
+    if allowed < 2:
+        return np.zeros(0, np.int64)
+    place = np.linspace(0.0, 1.0, allowed) ** 2 * (checkpoints - 1)
+    return np.unique(place.astype(np.int64))
+
+
+class Record(NamedTuple):
+    """What a run writes down, one entry a checkpoint."""
+
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    greedy_return: FloatArray  # (T,)
+    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
+    episodes: npt.NDArray[np.int64]  # (T,)
+    frame_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
+    frames: npt.NDArray[np.float32]  # (M, S, A)
+
+
+class Bounds(NamedTuple):
+    """Where a run ends: whichever comes first."""
+
+    steps: int
+    episodes: int
+    gate: StoppingKernel
+
+
+# -- the warm-up ---------------------------------------------------------------------------------
+
+
+class Spent(NamedTuple):
+    """What a seed spent of its budget before learning, for the compiled loops."""
+
+    steps: int
+    episodes: int
+    ended: int  # episodes that ended since the last checkpoint
+    ended_return: float  # their returns, added up
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUp:
+    """Episodes that a seed acted in its task before it began to learn there.
+
+    Attributes
+    ----------
+    lengths : (E,) int64
+        Steps of each.
+    returns : (E,) float64
+        Their unshaped, undiscounted returns.
+
+    Examples
+    --------
+    >>> WarmUp(np.array([3, 4]), np.array([1.0, 2.0])).steps
+    7
+    """
+
+    lengths: npt.NDArray[np.int64]
+    returns: npt.NDArray[np.float64]
+
+    @property
+    def steps(self) -> int:
+        """Steps in all."""
+        return int(self.lengths.sum())
+
+    def write(self, record: Record, eval_freq: int) -> Spent:
+        """Fill the checkpoints before its end; return what the next one still lacks."""
+        ends = np.cumsum(self.lengths)
+        checkpoint = -(-ends // eval_freq)
+        n = int(checkpoint.max(initial=0))
+        ended = np.bincount(checkpoint, minlength=n + 1)
+        earned = np.bincount(checkpoint, self.returns, minlength=n + 1)
+        record.episodes[:n] = np.cumsum(ended)[:n]
+        np.divide(earned[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
+        return Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
+
+
+NO_WARM_UP = WarmUp(np.zeros(0, np.int64), np.zeros(0))
+
+
+def warm_ups(
+    warm_up: Sequence[WarmUp] | None, charged: Sequence[int], steps: int, episodes: int
+) -> Sequence[WarmUp]:
+    """Return the warm-up of each seed, checked against what is left of the budget."""
+    if warm_up is None:
+        return [NO_WARM_UP] * len(charged)
+    if len(warm_up) != len(charged):
+        raise SettingError(f"one warm-up a seed means {len(charged)} of them: got {len(warm_up)}")
+    for k, one in enumerate(warm_up):
+        if one.steps >= steps - charged[k] or len(one.lengths) >= episodes:
+            raise SettingError(
+                "a budget must exceed what was spent on it before learning: the warm-up of seed "
+                f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"
+            )
+    return warm_up
