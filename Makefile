@@ -11,11 +11,11 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow deep lint format types doctest docs bench clean
+.PHONY: help paper test slow deep mutations lint format types doctest docs bench clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-9s%s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s%s\n", $$1, $$2 }' Makefile
 
 paper: .venv/core.stamp ## the paper's figures and verdicts, into paper-results/ (ARGS="--seeds 5")
 	$(BIN)/curricle paper --out "$(OUT)" $(ARGS)
@@ -29,6 +29,9 @@ slow: .venv/test.stamp ## the statistical and long tests
 deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torch)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/deep $(ARGS)
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle/deep docs/howto/your_own_network.md
+
+mutations: .venv/test.stamp ## make mistakes in a copy; the fast tests must catch each (ARGS="lock")
+	$(BIN)/python tests/mutations.py --jobs $(WORKERS) $(ARGS)
 
 lint: .venv/dev.stamp ## ruff: rules and layout
 	$(BIN)/ruff check .

@@ -14,7 +14,7 @@ from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Tick
 from curricle.plotting import STYLE
 from curricle.report import render
-from curricle.study.store import StudyStore
+from curricle.study import StudyStore
 
 FIGURES = {
     "1": "curricle.paper.figure1",
