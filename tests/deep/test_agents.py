@@ -184,7 +184,7 @@ def test_a_picture_shows_all_agents():
 # -- what it refuses ---------------------------------------------------------------------------
 
 
-def test_environments_that_are_none_are_refused():
+def test_other_environments_are_refused():
     with pytest.raises(SettingError, match="must be a ParallelEnv"):
         AgentsVecEnv(VectorPursuit(Pursuit()))
 

@@ -19,8 +19,8 @@ from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.serialization import VALUES
 
-# From a table to a network, which is calibrated, to two others: the last potential needs the network
-# before it, which needs the table.
+# A table, then a calibrated network, then two others: the last potential needs the network before
+# it, which needs the table.
 CHAIN = """
 name = "chain"
 seeds = 2
@@ -62,7 +62,7 @@ project = { predator = "predator_2" }
 [arms.state]
 shaping = "StateShaping"
 """
-ONE_ARM = CHAIN.split("[arms.residual]")[0].replace("seeds_per_unit", "scratch = false\nseeds_per_unit")
+ONE_ARM = "scratch = false\n" + CHAIN.split("[arms.residual]")[0]
 """Its units are some of the whole study's."""
 
 
@@ -99,7 +99,7 @@ def says(values, observations, n_actions):
 
 
 @pytest.mark.parametrize("arm", ["residual", "state"])
-def test_networks_read_again_say_the_same_bit_for_bit(study, whole, arm):
+def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm):
     curriculum = StudyResults(whole).arms.curricula[arm]
     trained = curriculum.train(study.seeds, charge=True)
     for node in ("alone", "hunt"):
@@ -220,7 +220,7 @@ def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_actor_critic_cannot_be_initialised_and_is_told_before(tmp_path):
+def test_initialising_an_actor_critic_is_refused_before_it_runs(tmp_path):
     file = tmp_path / "chain.toml"
     file.write_text(CHAIN)
     changes = ["tasks.hunt.learner={type='deep', algorithm='PPO', settings={n_steps=32}}"]
@@ -273,7 +273,7 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
     assert ">nan" not in page
 
 
-def test_values_that_were_not_kept_are_asked_for(tmp_path):
+def test_values_that_were_not_saved_are_refused(tmp_path):
     file = tmp_path / "chain.toml"
     file.write_text(CHAIN)
     given = read_study(file, set=["tasks.alone.storage.save_values=false", "seeds=1"])

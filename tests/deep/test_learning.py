@@ -209,7 +209,7 @@ def test_what_makes_no_sense_is_refused(observed, arguments, words):
         cr.deep.learn_deep(observed, **{"budget": 100, **arguments})
 
 
-def test_networks_say_what_they_value(observed):
+def test_networks_have_values(observed):
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     actions = np.tile(np.arange(4), (len(rows), 1))
     q = cr.deep.learn_deep(observed, DQN, 100).values[0]
@@ -227,7 +227,7 @@ def test_networks_say_what_they_value(observed):
     assert not values.of_actions
 
 
-def test_what_shaping_took_off_is_put_back(observed):
+def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
     result = cr.deep.learn_deep(observed, DQN, 60, shaping=cr.StateShaping(phi))
     (values,) = result.values

@@ -42,7 +42,7 @@ def said_by_torch(policy, kind, rows):
 
 @pytest.mark.parametrize("algorithm", sorted(SETTINGS))
 @pytest.mark.parametrize("n", [1, FEW, FEW + 1])
-def test_values_are_what_the_network_says_however_many_are_asked(algorithm, n):
+def test_values_are_the_networks_output_whatever_the_batch(algorithm, n):
     policy = policy_of(algorithm)
     values = NetworkValues(policy)
     assert plain_network(policy, values.kind) is not None

@@ -210,7 +210,7 @@ def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
 
 
 @pytest.mark.parametrize("reads", residual_networks.READS)
-def test_it_acts_on_the_best_of_what_it_says_however_many_are_asked(reads):
+def test_it_acts_greedily_on_the_sum_whatever_the_batch(reads):
     cart = cr.observation_task("CartPole-v1", discount=0.99)
     height = cr.transfer.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
     potential = cr.transfer.ObservationPotential.of(cart, height)

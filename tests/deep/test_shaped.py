@@ -75,7 +75,7 @@ class Calls:
 
 @pytest.mark.parametrize("source", ["batched", "one by one", "values", "encoded table"])
 @pytest.mark.parametrize("n", [1, 3])
-def test_each_step_is_paid_what_the_definition_says(n, source):
+def test_each_step_is_shaped_as_defined(n, source):
     task = cr.FiniteMDP.from_dense(P, R, terminal=np.zeros(SIZE, bool), start=0, discount=DISCOUNT)
     made = {
         "batched": {"potential": height, "batched": True},
@@ -114,7 +114,7 @@ def test_each_step_is_paid_what_the_definition_says(n, source):
     assert min(ends.values()) > 5
 
 
-def test_values_are_asked_once_a_step_and_never_for_a_terminal_state():
+def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
     values = Calls()
     venv = ShapedVecEnv(worlds(3), values, discount=DISCOUNT)
     venv.reset()
@@ -273,14 +273,14 @@ class Forgetful(VecEnvWrapper):
         return *rest, [{k: v for k, v in info.items() if "terminal" not in k} for info in infos]
 
 
-def test_final_observations_are_asked_for():
+def test_missing_final_observations_are_refused():
     venv = shape(Forgetful(worlds(2, limit=1)))
     venv.reset()
     with pytest.raises(SettingError, match=r"info\['terminal_observation'\]: sub-environment "):
         some_steps(venv)
 
 
-def test_a_potential_of_something_else_is_found_out_at_the_end():
+def test_a_potential_of_something_else_is_refused_at_the_end():
     ticks = iter(range(1000))
     venv = ShapedVecEnv(worlds(1), lambda o: float(next(ticks)), discount=1.0)
     venv.reset()

@@ -67,7 +67,7 @@ def dense(mdp):
 
 @settings(max_examples=25)
 @given(task=TASKS, seed=st.integers(0, 2**32 - 1))
-def test_moves_come_as_often_as_the_tables_say(task, seed):
+def test_moves_have_the_tables_probabilities(task, seed):
     mdp = tables(task)
     p, r = dense(mdp)
     begun, met = np.zeros(mdp.states.size), np.zeros(p.shape)
@@ -116,7 +116,7 @@ def test_a_seed_fixes_all_episodes_that_follow(task, seed):
         lambda: MazeEnvironment(["..F.", "S.#T"], rewards={"step": -5}),
     ],
 )
-def test_a_learner_by_hand_finds_the_value_that_planning_says(make):
+def test_a_learner_by_hand_finds_the_planned_value(make):
     environment = make()
     task = environment.unwrapped.task
     q = np.zeros((environment.observation_space.n, environment.action_space.n))

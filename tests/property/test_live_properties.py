@@ -96,7 +96,7 @@ def tables(draw):
 
 
 @given(tables(), st.randoms(use_true_random=False))
-def test_what_a_table_says_of_ends_is_kept(table, random):
+def test_ends_of_a_table_are_kept(table, random):
     """The value of acting at random from the start, by the table's own flags and by the task."""
     start = np.zeros(len(table))
     start[random.randrange(len(table))] = 1.0

@@ -102,19 +102,19 @@ class AgentsVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
         """Act; return observations, rewards (n,), whether the episode is over (n,) and infos."""
         chosen = dict(zip(self.agents, self._actions, strict=True))
-        observed, paid, terminated, truncated, told = self.environment.step(chosen)
+        observed, reward, terminated, truncated, info = self.environment.step(chosen)
         self.joint_steps += 1
         self._check_all(observed)
         over = np.array([terminated[agent] or truncated[agent] for agent in self.agents], np.bool_)
         self._check_together(over)
-        rewards = np.array([paid[agent] for agent in self.agents], np.float32)
+        rewards = np.array([reward[agent] for agent in self.agents], np.float32)
         infos = [
-            {**told[agent], "TimeLimit.truncated": bool(truncated[agent] and not terminated[agent])}
+            {**info[agent], "TimeLimit.truncated": bool(truncated[agent] and not terminated[agent])}
             for agent in self.agents
         ]
         if over[0]:
-            for agent, info in zip(self.agents, infos, strict=True):
-                info["terminal_observation"] = deepcopy(observed[agent])
+            for agent, last in zip(self.agents, infos, strict=True):
+                last["terminal_observation"] = deepcopy(observed[agent])
             observed = self._begun()
         return self._stacked(observed), rewards, over, infos
 

@@ -112,7 +112,7 @@ def test_an_episode_is_the_task_s():
     assert not truncated
 
 
-def test_ends_and_cuts_are_told_apart():
+def test_terminated_and_truncated_differ():
     environment = to_gymnasium(GridWorld("S.T", time_limit=2))
     environment.reset()
     assert environment.step(WEST)[2:4] == (False, False)
@@ -179,7 +179,7 @@ def test_a_start_can_be_named(given):
         ({"state": {"row": 0, "column": "east"}}, "whole number"),
     ],
 )
-def test_starts_that_are_none_are_refused(options, words):
+def test_invalid_starts_are_refused(options, words):
     with pytest.raises(SettingError, match=words):
         to_gymnasium(GridWorld("S.T")).reset(options=options)
 
@@ -204,7 +204,7 @@ def test_a_step_needs_an_episode():
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_what_is_observed_and_said_is_the_state(name):
+def test_observation_and_label_are_those_of_the_state(name):
     task = TASKS[name]
     low = [part.low for part in task.states.components]
     by_index = to_gymnasium(task)

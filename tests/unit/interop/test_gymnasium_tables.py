@@ -22,7 +22,7 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_a_table_tells_what_its_environment_does(name):
+def test_a_table_has_the_outcomes_of_its_environment(name):
     """Acted at random: every step is one of the table's outcomes, about as often as it says."""
     world, settings = WORLDS[name]
     task = cr.from_gymnasium(world, discount=0.9, **settings)
@@ -126,7 +126,7 @@ def test_a_lake_is_mapped_to_a_maze_by_name():
     assert maze.actions.label(pair % 4) == "move=south"
 
 
-def test_an_end_that_depends_on_the_transition_is_set_apart():
+def test_an_end_that_depends_on_the_transition_is_a_state_of_its_own():
     tabled = cr.from_gymnasium(Ring, discount=0.5)
     live = cr.from_gymnasium(Ring, discount=0.5, live=True)
     assert tabled.states.size == 4
@@ -149,7 +149,7 @@ class Doubled(gym.Wrapper):
         return observation, 2 * reward, *rest
 
 
-NOT_TOLD_BY_THE_TABLE = {
+NOT_IN_THE_TABLE = {
     "a wrapper that changes rewards": lambda: TransformReward(
         gym.make("FrozenLake-v1"), lambda r: -r
     ),
@@ -160,9 +160,9 @@ NOT_TOLD_BY_THE_TABLE = {
 }
 
 
-@pytest.mark.parametrize("why", NOT_TOLD_BY_THE_TABLE)
-def test_what_a_table_does_not_tell_is_played_live(why):
-    task = cr.from_gymnasium(NOT_TOLD_BY_THE_TABLE[why], discount=0.9)
+@pytest.mark.parametrize("why", NOT_IN_THE_TABLE)
+def test_what_a_table_does_not_describe_is_live(why):
+    task = cr.from_gymnasium(NOT_IN_THE_TABLE[why], discount=0.9)
     assert isinstance(task, cr.tasks.LiveMDP)
 
 

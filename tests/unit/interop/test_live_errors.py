@@ -29,7 +29,7 @@ LOOPS = {
 
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_what_an_environment_raises_surfaces_as_it_is(error, loop, capfd):
+def test_exceptions_of_an_environment_are_raised_unchanged(error, loop, capfd):
     log = []
 
     def fail(log):
@@ -97,7 +97,7 @@ def test_failures_outside_of_learning_surface_too():
             work()
 
 
-def test_an_environment_that_cannot_be_made_or_closed_says_so():
+def test_errors_on_making_and_closing_an_environment_are_raised():
     class Unclosable(Ring):
         def close(self):
             raise Trouble("close")
@@ -138,7 +138,7 @@ def test_an_observation_that_is_no_state_is_refused(shown):
 @pytest.mark.parametrize(
     "answer", [(0, None, False, False, {}), (0, "x", False, False, {}), (0, 1.0)]
 )
-def test_steps_that_are_none_surface(answer):
+def test_invalid_steps_raise(answer):
     class Odd(Ring):
         def step(self, action):
             return answer

@@ -48,7 +48,7 @@ def test_evaluation_does_not_disturb_learning():
     assert not np.isnan(found[0].greedy_return).any()
 
 
-def test_few_episodes_judge_a_live_task_unless_asked_otherwise():
+def test_a_live_task_is_evaluated_by_few_episodes_by_default():
     class Short(Watched):
         def step(self, action):
             return 0, 1.0, True, False, {}
@@ -128,7 +128,7 @@ def lake(**settings):
     return cr.from_gymnasium("FrozenLake-v1", discount=0.95, is_slippery=False, **settings)
 
 
-def test_a_live_target_is_taught_by_tables():
+def test_tables_transfer_to_a_live_target():
     tabled, live = lake(), lake(live=True)
     plan = cr.Curriculum(
         tasks={"tabled": tabled, "live": live},
@@ -148,7 +148,7 @@ def test_a_live_target_is_taught_by_tables():
     assert checked.findings[0].startswith("no contradiction")
 
 
-def test_what_needs_tables_is_refused_in_words():
+def test_what_needs_tables_is_refused():
     tabled, live = lake(), lake(live=True)
     edge = cr.Transfer("tabled", "live", cr.project(live, tabled))
     plan = cr.Curriculum(tasks={"tabled": tabled, "live": live}, transfers=[edge])

@@ -116,7 +116,7 @@ def test_moves_outside_the_space_and_outside_episodes_are_refused():
         hunt.step({"predator": 4})
 
 
-def test_settings_that_are_none_are_refused():
+def test_unknown_settings_are_refused():
     with pytest.raises(SettingError, match="must be a Pursuit"):
         to_pettingzoo("hunt")
     for setting in ("observation", "render_mode"):
@@ -133,7 +133,7 @@ def test_it_is_drawn_as_the_joint_environment_is(mode):
     assert np.array_equal(apart.render(), joint.render())
 
 
-def test_without_pettingzoo_it_says_what_to_install():
+def test_without_pettingzoo_the_error_names_the_extra():
     code = """
 import sys
 sys.modules["pettingzoo"] = None  # as if it were not installed

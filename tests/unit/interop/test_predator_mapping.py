@@ -182,7 +182,7 @@ def np_value(vectors, actions):
     return vectors[:, 2:3] + 0.1 * actions
 
 
-def test_tasks_and_predators_that_are_none_are_refused():
+def test_other_tasks_and_unknown_predators_are_refused():
     hunt, chase = observed_pursuit(Pursuit(3, 2)), Pursuit(3, 1)
     for target, source in (
         (observation_task("CartPole-v1"), chase),

@@ -37,7 +37,7 @@ from .shaping import (
 
 @pytest.mark.parametrize("batched", [False, True])
 @pytest.mark.parametrize("mode", MODES)
-def test_ends_are_worth_nothing_and_aggregates_are_not_asked(mode, batched):
+def test_ends_have_potential_0_under_any_aggregate(mode, batched):
     runs = []
     for potential, aggregate in ((lambda s: np.exp(PHI[s]), lambda p: 1 / p[0]), (None, None)):
         envs = VectorPotentialShaping(
@@ -203,7 +203,7 @@ def test_nested_observations_are_batched_as_gymnasium_batches_them(mode):
         (cr.StatePotential(task(), PHI), {"encode": lambda s: np.where(SOME[s], 99, s)}),
     ],
 )
-def test_batches_may_hold_nonsense_at_ends(mode, potential, settings):
+def test_potentials_may_be_invalid_at_ends(mode, potential, settings):
     runs = []
     for given in ({"potential": potential, "batched": True, **settings}, {"potential": table}):
         made = SyncVectorEnv([wander] * 2, autoreset_mode=mode)
@@ -262,7 +262,7 @@ class Forgetful(gym.vector.VectorWrapper):
         return *rest, {key: value for key, value in infos.items() if "final" not in key}
 
 
-def test_final_observations_are_asked_for():
+def test_missing_final_observations_are_refused():
     made = SyncVectorEnv([partial(wander, NONE)], autoreset_mode=AutoresetMode.SAME_STEP)
     envs = VectorPotentialShaping(Forgetful(made), table, discount=DISCOUNT)
     with pytest.raises(SettingError, match=re.escape("infos['final_obs']: sub-environment 0 did")):

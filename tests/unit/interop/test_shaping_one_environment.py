@@ -62,7 +62,7 @@ def test_the_oracle_met_both_ends_of_episodes():
     assert all(len(episode) == LIMIT for episode in episodes if not episode[-1][3])
 
 
-def test_only_the_ends_of_episodes_are_told_as_such():
+def test_only_ends_of_episodes_report_a_residual():
     env = PotentialShaping(wander(), table, discount=DISCOUNT)
     env.reset(seed=0)
     for _ in range(100):
@@ -104,7 +104,7 @@ def test_a_hand_sized_episode():
     assert info["potential"] == 20.0
 
 
-def test_ends_are_not_asked_for_their_potential():
+def test_terminal_observations_are_not_read():
     env = PotentialShaping(Corridor(), {0: 1.0, 1: 2.0}.__getitem__, discount=1)
     env.reset()
     env.step(1)
@@ -144,7 +144,7 @@ def logged_warnings(monkeypatch):
     yield said
 
 
-def test_gymnasiums_own_checker_has_nothing_to_say(monkeypatch):
+def test_gymnasiums_own_checker_passes(monkeypatch):
     lake = gym.make("FrozenLake-v1", disable_env_checker=True)
     env = PotentialShaping(lake, lambda square: square / 15, discount=0.9)
     with logged_warnings(monkeypatch) as said:

@@ -57,7 +57,7 @@ class Clock:
         return np.full(len(observations), self(observations))
 
 
-def test_a_potential_of_something_else_is_found_out_at_the_end():
+def test_a_potential_of_something_else_is_refused_at_the_end():
     env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT)
     # Phi was 1 at the start and is 9 there at the end of 7 steps.
     said = "Phi depends on the observation alone: it is off by 8 after 7 steps"
@@ -73,12 +73,12 @@ def test_a_potential_of_something_else_is_found_out_at_the_end():
         run_episode(SomeEnvs(envs))
 
 
-def test_a_potential_meant_to_change_is_let_through_and_measured():
+def test_without_a_tolerance_the_residual_is_only_reported():
     env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT, tolerance=None)
     assert run_episode(env)["telescoping_residual"] == pytest.approx(8.0, abs=1e-12)
 
 
-def test_rounding_is_no_offence_even_where_the_start_is_worth_nothing():
+def test_rounding_is_allowed_where_the_start_has_potential_0():
     first = Wander(NONE).reset(seed=0)[0]
     values = 1e9 * (PHI - PHI[first])
     settings = {"discount": 1.0, "tolerance": 1e-11}
@@ -89,7 +89,7 @@ def test_rounding_is_no_offence_even_where_the_start_is_worth_nothing():
     assert run_episode(SomeEnvs(envs))["telescoping_residual"][0] != 0.0
 
 
-def test_rounding_is_no_offence_where_the_start_is_worth_most():
+def test_rounding_is_allowed_where_the_start_has_the_largest_potential():
     phi = np.append(1e9, np.random.default_rng(0).random(49)).__getitem__
     settings = {"discount": DISCOUNT, "tolerance": 1e-11}
     env = PotentialShaping(Corridor(50), phi, **settings)
@@ -99,7 +99,7 @@ def test_rounding_is_no_offence_where_the_start_is_worth_most():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_observations_written_over_are_no_offence(seed):
+def test_observations_may_be_written_over(seed):
     room = np.zeros(N_STATES, np.float32)
 
     def observe(state):

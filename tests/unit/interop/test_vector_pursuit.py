@@ -57,7 +57,7 @@ def some_states(draw):
 
 
 @given(some_states())
-def test_vectors_say_what_they_are_to_say_and_tell_their_cells(drawn):
+def test_vectors_follow_their_definition_and_give_back_their_cells(drawn):
     pursuit, cells = drawn
     seen = PursuitVectors(pursuit)
     vectors = seen.of(cells)
@@ -121,7 +121,7 @@ def test_episodes_are_those_of_the_joint_environment(rules):
             over = expected[1] or expected[2]
 
 
-def test_the_first_predator_alone_moves_as_told_and_the_others_at_random():
+def test_the_first_predator_takes_the_action_and_the_others_move_at_random():
     pursuit = Pursuit(5, 3, torus=True)
     hunt = VectorPursuit(pursuit, acting="first")
     assert hunt.action_space == gymnasium.spaces.Discrete(5)
@@ -140,7 +140,7 @@ def test_the_first_predator_alone_moves_as_told_and_the_others_at_random():
 
 
 @pytest.mark.parametrize("acting", ["all", "first"])
-def test_actions_and_settings_that_are_none_are_refused(acting):
+def test_invalid_actions_and_settings_are_refused(acting):
     hunt = VectorPursuit(Pursuit(3, 2), acting=acting)
     with pytest.raises(SettingError, match="reset"):
         hunt.step(0)
@@ -150,7 +150,7 @@ def test_actions_and_settings_that_are_none_are_refused(acting):
             hunt.step(action)
 
 
-def test_pursuits_that_are_none_are_refused():
+def test_other_tasks_are_refused():
     with pytest.raises(SettingError, match="must be a Pursuit"):
         VectorPursuit("hunt")
     with pytest.raises(SettingError, match="acting must be one of all, first"):
