@@ -120,7 +120,7 @@ def test_the_schema_is_json(curricle):
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, command):
     file = tmp_path / "wrong.toml"
-    text = study_file.read_text().replace('shaping = "StateShaping"', 'shapign = "StateShaping"')
+    text = study_file.read_text().replace('shaping = "StateShaping"', 'shapping = "StateShaping"')
     file.write_text(text)
     line = 1 + text[: text.index("shapping")].count("\n")
     words = f"curricle: {file}, line {line}: arms.state.shapping"
@@ -254,6 +254,11 @@ def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study
     assert StudyStore(tmp_path / "chain-results").units()
 
 
+def interruptible():
+    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
     file = tmp_path / "long.toml"
@@ -263,7 +268,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
     long = ["--set", "tasks.maze.budget=2_000_000_000", "--set", "tasks.maze.eval_freq=1_000_000"]
     with subprocess.Popen(
-        [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+        [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as running:
         told = [running.stderr.readline() for _ in range(4)]  # both sources of both blocks
         running.send_signal(signal.SIGINT)
@@ -321,9 +326,10 @@ def test_decisions_are_sentences(curricle, refused, finished):
         f"chain: corner, seed 1: {words}"
         for words in StudyResults(finished).decisions("chain", "corner")[1]
     ]
+    steps = StudyResults(finished).result("chain", "corner").steps_used[1]
     assert out.splitlines()[-1] == (
         "chain: corner, seed 1: ends; greedy 194.5 >= 194.5 over 3 evaluations; "
-        f"{StudyResults(finished).result('chain', 'corner').steps_used[1]} of at most 300 steps used"
+        f"{steps} of at most 300 steps used"
     )
     refused(
         1,

@@ -537,7 +537,11 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
             {"budget": {"episodes": 3}},
             {"budget": {"episodes": 3}},
         ),
-        ({"budget": {"max_steps": 9}}, {"budget": {"threshold": 1}}, {"budget": {"max_steps": 9, "threshold": 1}}),
+        (
+            {"budget": {"max_steps": 9}},
+            {"budget": {"threshold": 1}},
+            {"budget": {"max_steps": 9, "threshold": 1}},
+        ),
         ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
         ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
         (
@@ -601,7 +605,10 @@ def test_an_arm_may_be_set(read):
 
 
 def test_a_configuration_is_plain_data_and_comes_back_equal(read):
-    study = read(HUNT + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { min_share = 0.2 }")
+    study = read(
+        HUNT
+        + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { min_share = 0.2 }"
+    )
     words = json.dumps(study.to_data())
     again = StudyConfig.from_data(json.loads(words), study.folder)
     assert again == study
@@ -676,7 +683,9 @@ SMALL = st.fixed_dictionaries(
         "torus": st.booleans(),
         "time_limit": st.integers(1, 99) | st.just("none"),
         "budget": st.integers(1, 10**6) | st.fixed_dictionaries({"episodes": st.integers(1, 99)}),
-        "shaping": st.sampled_from(["StateShaping", {"guard": True}, {"guard": {"min_share": 0.3}}]),
+        "shaping": st.sampled_from(
+            ["StateShaping", {"guard": True}, {"guard": {"min_share": 0.3}}]
+        ),
         "learner": st.fixed_dictionaries(
             {},
             optional={

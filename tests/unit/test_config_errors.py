@@ -379,7 +379,9 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
         ),
         (
             "[arms.a]\ntasks.chase.budget = 2_000",
-            ["line 21: arms.a changes nothing: its settings are the study's, or a task has its own"],
+            [
+                "line 21: arms.a changes nothing: its settings are the study's, or a task has its own"
+            ],
         ),
         ("[arms]\na = 3", ["line 22: arms.a must be a table: got 3"]),
         (
