@@ -59,7 +59,7 @@ def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
     for told, spent in zip(found.decisions("hunt"), extra, strict=True):
         returns = [str(one) for one in told if one.then.startswith("goes back")]
         assert len(returns) == spent // 400, told
-        assert all(words.startswith("goes back to chase; lost: greedy") for words in returns)
+        assert all(words.startswith("goes back to chase; dropped: greedy") for words in returns)
         steps = [one.step for one in told]
         assert steps == sorted(set(steps))
 

@@ -240,16 +240,16 @@ class Curriculum(TaskGraph):
                 saves=None if saves is None else Path(saves) / file_name(name),
             )
             if retraining:
-                retrained[name] = self._course(name, results, spent)
+                retrained[name] = self._retrained(name, results, spent)
                 results[name] = retrained[name].result
             if progress is not None:
                 progress(name)
         return CurriculumResult(self, results, potentials, calibrations, retrained)
 
-    def _course(
+    def _retrained(
         self, name: str, results: Mapping[str, LearningResult], spent: IntArray | None
     ) -> RetrainedResult:
-        """Return a task's training with its returns, once each seed has come as far as it could."""
+        """Return a task's training, its sources retrained as often as needed."""
         sources = {t.source: (self.node(t.source), results[t.source]) for t in self.in_edges(name)}
         retrain: RetrainSources = self.setting("retrain", name)
         known = partial(self._potential, name)
@@ -330,7 +330,7 @@ class CurriculumResult:
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
     retrained : dict of str to RetrainedResult
-        For each task trained here that may go back to its sources, what that took.
+        For each task trained here with RetrainSources, what that took.
     calibrations : dict of str to list of Calibration
         For each task trained here whose transfers are calibrated, that of each seed. Its steps are
         the first of the task's own budget and curve.
@@ -356,14 +356,14 @@ class CurriculumResult:
     def source_steps(self, name: str) -> IntArray:
         """Return the steps each seed spent on a task's sources, each once, (K,) int64.
 
-        Those spent on going back to them from `name` included.
+        Those of retraining them for `name` included.
         """
         spent = self.curriculum._spent(name, self.nodes, self.retrained)
         total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
         return total + self.retrained[name].extra if name in self.retrained else total
 
     def decisions(self, name: str) -> list[list[Decision]]:
-        """Return what a task's gate decided at each checkpoint of each seed."""
+        """Return what a task's stopping rule decided at each checkpoint of each seed."""
         if name in self.retrained:
             return self.retrained[name].decisions
         return self.curriculum.node(name).decisions(self[name])

@@ -1,4 +1,4 @@
-"""Going back to the sources where a target has lost what they gave it."""
+"""Training the sources further where the return of their target drops below its start."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +19,16 @@ from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
 
 Potential = Callable[[Mapping[str, LearningResult]], PairPotential]
-"""One seed's sources -> the potential they give the target."""
+"""One seed's sources -> the target's potential."""
 
 
 @dataclass(frozen=True)
 class RetrainSources:
-    """When a target goes back to its sources, and for how long.
+    """When the sources of a target are trained further, and for how long.
 
-    Knowledge that was too hopeful, or not learnt well enough, can leave a target worse off than it
-    started: its greedy return falls below that of the very potential. Then the sources are trained
-    on, and what they know now takes the place of what they knew: Q becomes Q - phi + phi', so that
+    A potential that is too high, or was not learnt well enough, can leave a target worse off than
+    it started: its greedy return falls below that of the potential itself. Then the sources are
+    trained further and their new potential phi' replaces phi: Q becomes Q - phi + phi', so that
     what the target learnt beyond phi is kept. As Q(s, a) = phi(s, a) is Q-learning from other
     initial values, the optimum is kept too.
 
@@ -67,7 +67,7 @@ class RetrainSources:
             object.__setattr__(self, name, whole)
 
     def watched(self, node: Node) -> Node:
-        """Return a node whose training stops where it has to go back.
+        """Return a node whose training stops where its sources have to be retrained.
 
         Raises
         ------
@@ -93,35 +93,35 @@ class RetrainSources:
 
 
 class RetrainedResult(NamedTuple):
-    """A target's training with its returns, for K seeds."""
+    """A target's training with that of its sources in between, for K seeds."""
 
     result: LearningResult
     extra: npt.NDArray[np.int64]
-    """(K,) source steps spent on returns."""
+    """(K,) steps of retraining the sources."""
     decisions: list[list[Decision]]
     """At each checkpoint of each seed."""
 
 
 def with_retraining(
-    back: RetrainSources,
+    retrain: RetrainSources,
     node: Node,
     sources: Mapping[str, tuple[Node, LearningResult]],
     potential_of: Potential,
     first: LearningResult,
     charged: Sequence[int] | npt.NDArray[np.int64] | None,
 ) -> RetrainedResult:
-    """Return a target's training, gone on with after each time it went back to its sources.
+    """Return a target's training, continued after each retraining of its sources.
 
     Parameters
     ----------
-    back : RetrainSources
+    retrain : RetrainSources
     node : Node
         The target.
     sources : dict of str to (Node, LearningResult)
         Of its direct sources, K seeds.
     potential_of : callable
     first : LearningResult
-        The training of the watched target: until each seed first lost what it had, or ended.
+        The training of the watched target: until the return of each seed first dropped, or its end.
     charged : sequence of K int, optional
         Steps that each seed was charged before.
     """
@@ -129,7 +129,9 @@ def with_retraining(
     for k in range(len(first.seeds)):
         known = {name: (own, one_seed(result, k)) for name, (own, result) in sources.items()}
         spent = None if charged is None else int(charged[k])
-        retrained.append(_course(back, node, known, potential_of, one_seed(first, k), spent))
+        retrained.append(
+            _one_retrained(retrain, node, known, potential_of, one_seed(first, k), spent)
+        )
     return RetrainedResult(
         joined_results([course.result for course in retrained]),
         np.concatenate([course.extra for course in retrained]),
@@ -137,8 +139,8 @@ def with_retraining(
     )
 
 
-def _course(
-    back: RetrainSources,
+def _one_retrained(
+    retrain: RetrainSources,
     node: Node,
     sources: Mapping[str, tuple[Node, LearningResult]],
     potential_of: Potential,
@@ -148,35 +150,42 @@ def _course(
     """Return the training of one seed."""
     nodes = {name: own for name, (own, _) in sources.items()}
     known = {name: learnt for name, (_, learnt) in sources.items()}
-    watched, phi = back.watched(node), potential_of(known)
+    watched, phi = retrain.watched(node), potential_of(known)
     on = (
         node
         if isinstance(node.budget, StoppingRule)
         else node.replace(budget=StoppingRule(node.most_steps))
     )
-    decisions, cost, extra, turn = _told(watched, result, charged), back.steps * len(known), 0, 0
+    decisions, cost, extra, turn = (
+        _decisions(watched, result, charged),
+        retrain.steps * len(known),
+        0,
+        0,
+    )
     while decisions[-1].dropped:
         step, turn = int(result.steps_used[0]), turn + 1
         spent = 0 if charged is None else charged + extra
         left, start = node.most_steps - spent - step, result.values[0]
         if left == 0:
             break
-        goes_back = turn <= back.times and (charged is None or left > cost)
-        if goes_back:
-            known = {name: _longer(nodes[name], known[name], back.steps, turn) for name in known}
+        retraining = turn <= retrain.times and (charged is None or left > cost)
+        if retraining:
+            known = {
+                name: _trained_on(nodes[name], known[name], retrain.steps, turn) for name in known
+            }
             better = potential_of(known)
             start, phi, extra = start - phi.values + better.values, better, extra + cost
             spent += 0 if charged is None else cost
-        then = f"goes back to {', '.join(known)}" if goes_back else "stays, with no return left"
+        then = f"goes back to {', '.join(known)}" if retraining else "stays, with no return left"
         decisions[-1] = replace(decisions[-1], then=then)
-        after = _later(watched if goes_back else on, step)
-        part = _gone_on(after, result, start, spent, turn)
-        decisions += [later for later in _told(after, part, spent) if later.step > step]
-        result = _followed_by(result, part)
+        after = _deferred(watched if retraining else on, step)
+        part = _continued(after, result, start, spent, turn)
+        decisions += [later for later in _decisions(after, part, spent) if later.step > step]
+        result = _joined(result, part)
     return RetrainedResult(result, np.array([extra]), [decisions])
 
 
-def _told(node: Node, result: LearningResult, charged: int | None) -> list[Decision]:
+def _decisions(node: Node, result: LearningResult, charged: int | None) -> list[Decision]:
     """Return the decisions of one seed, of whose budget so many steps were spent elsewhere."""
     gate = node.budget
     assert isinstance(gate, StoppingRule)
@@ -185,8 +194,8 @@ def _told(node: Node, result: LearningResult, charged: int | None) -> list[Decis
     return node.replace(budget=left).decisions(result)[0]
 
 
-def _longer(node: Node, result: LearningResult, steps: int, turn: int) -> LearningResult:
-    """Return a source trained on from what it knows, in its own name and at its own account."""
+def _trained_on(node: Node, result: LearningResult, steps: int, turn: int) -> LearningResult:
+    """Return a source trained further from its values, with a random stream of its own."""
     on = node.replace(
         name=f"{node.name}/return {turn}",
         budget=steps,
@@ -196,18 +205,18 @@ def _longer(node: Node, result: LearningResult, steps: int, turn: int) -> Learni
     return on.train(result.seeds, [_initial(on, result.values[0])], workers=1)
 
 
-def _later(node: Node, step: int) -> Node:
-    """Return a target that is judged by what it does from a step on."""
+def _deferred(node: Node, step: int) -> Node:
+    """Return a target whose stopping rule applies only to evaluations after a step."""
     gate = node.budget
     assert isinstance(gate, StoppingRule)
     least = min(step + gate.patience * node.eval_freq, gate.max_steps)
     return node.replace(budget=replace(gate, min_steps=max(gate.min_steps, least)))
 
 
-def _gone_on(
+def _continued(
     node: Node, so_far: LearningResult, start: npt.NDArray[np.float64], charged: int, turn: int
 ) -> LearningResult:
-    """Return a target's training from the step it is at, started at other values."""
+    """Return a target's training from its present step on, started at other values."""
     step = int(so_far.steps_used[0])
     on = node.replace(name=f"{node.name}/return {turn}")
     warm_up = WarmUp(np.array([step]), np.zeros(1))
@@ -221,8 +230,8 @@ def _initial(node: Node, values: npt.NDArray[np.float64]) -> StateActionPotentia
     return StateActionPotential(node.task, values - float(node.learner.initial_value))
 
 
-def _followed_by(first: LearningResult, second: LearningResult) -> LearningResult:
-    """Return one seed's training and what followed on it, which has the whole axis of steps."""
+def _joined(first: LearningResult, second: LearningResult) -> LearningResult:
+    """Return one seed's training and its continuation, on the axis of the latter."""
     n = int(np.searchsorted(second.steps, first.steps_used[0], side="right"))
 
     def curve(name: str) -> npt.NDArray[np.float64]:

@@ -40,11 +40,11 @@ class Guard:
     """Reduces the influence of a potential where it does harm, and keeps the optimum.
 
     Two Q-learners share one experience: one starts as phi, the other as if there were none. Both
-    learn from every step; in each episode one of them acts. The one whose last episodes returned more is
-    evaluated, and its values are returned; where it is ahead by `standard_errors`, its share of the
-    steps grows from episode to episode. Each is Q-learning on plain rewards from initial values of
-    its own, so both converge to Q* under the usual conditions, whatever phi is and however the
-    shares move: nothing has to be corrected when the shares change.
+    learn from every step; in each episode one of them acts. The one whose last episodes returned
+    more is evaluated, and its values are returned; where it is ahead by `standard_errors`, its
+    share of the steps grows from episode to episode. Each is Q-learning on plain rewards from
+    initial values of its own, so both converge to Q* under the usual conditions, whatever phi is
+    and however the shares move: nothing has to be corrected when the shares change.
 
     Parameters
     ----------

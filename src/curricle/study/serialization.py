@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from curricle.curriculum.node import Node
-from curricle.learning.result import LearningResult
 from curricle.learning.record import Snapshots
+from curricle.learning.result import LearningResult
 from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 
