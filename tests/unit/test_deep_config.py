@@ -3,24 +3,18 @@
 None of it needs torch.
 """
 
-import subprocess
-import sys
 import textwrap
 
-import gymnasium
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.controls import check_fit
-from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study import StudyConfig, json_schema, read_study
 from curricle.study.arms import Arms
 from curricle.study.config.templates import template
-from curricle.study.cost import costs
 
 HUNT = """
 name = "hunt"
@@ -163,7 +157,9 @@ def test_environments_of_ones_own_are_made_again_and_again(read):
     assert task.make() is not task.make()
     assert (
         task
-        == read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own)).curricula["transfer"].tasks["short"]
+        == read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own))
+        .curricula["transfer"]
+        .tasks["short"]
     )
     other = own.replace("7", "8")
     changed = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', other)).curricula["transfer"]
@@ -193,7 +189,10 @@ def test_mappings_are_functions_of_batches(read):
     carts[:, 2] = [-0.05, 0.05, 0.5]
     q = cr.transfer.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
     assert mapping.pairs(q, carts).tolist() == [[2, -9], [4, -9], [-9, -9]]
-    assert mapping.description == "observations by leaning, actions as 1 -1, where by upright finds them"
+    assert (
+        mapping.description
+        == "observations by leaning, actions as 1 -1, where by upright finds them"
+    )
     made = ('mapping = "identity"', 'factory = "own:made"')
     mapping = read(CART, source, tabular, made).curriculum("transfer").transfers[0].mapping
     assert mapping.pairs(q, carts).tolist() == [[2, 1], [4, 3], [4, 3]]
@@ -235,7 +234,11 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
             'line 10: tasks.chase.learner must be tabular for chase, such as { type = "QLear',
         ),
         ("settings =", "setings =", "line 17: tasks.hunt.learner.setings is unknown, did you mean"),
-        ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number"),
+        (
+            '"deep", ',
+            '"deep", envs = 0, ',
+            "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number",
+        ),
         ('"deep"', '"depe"', "DoubleQLearning, deep: got 'depe', did you mean 'deep'?"),
         (
             'aggregate = "minimum"',
@@ -348,136 +351,3 @@ def test_the_template_is_what_it_says(read):
     plan = read(template("deep")).curriculum("residual")
     assert plan.node("hunt").deep
     assert not plan.node("chase").deep
-
-
-# -- before training ---------------------------------------------------------------------------
-
-
-def test_costs_are_foreseen(read):
-    arms = Arms.of(read(HUNT))
-    found = {(one.arm, one.task): one for one in costs(arms, (0, 1), 5)}
-    assert found["scratch", "hunt"].steps == 5000
-    assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
-    assert found["scratch", "hunt"].table_bytes == 0
-    assert found["scratch", "hunt"].seconds > 2 * 5000 * 5e-4
-
-
-@pytest.fixture(scope="module")
-def plan():
-    chase = cr.Pursuit(3, 1, time_limit=30)
-    hunt = observed_pursuit(cr.Pursuit(3, 2, time_limit=30))
-    edges = [
-        cr.Transfer("chase", "hunt", cr.interop.predator_mapping(hunt, chase, predator=name))
-        for name in ("predator_1", "predator_2")
-    ]
-    return cr.Curriculum(
-        {"chase": chase, "hunt": hunt},
-        edges,
-        aggregate=cr.minimum,
-        learner={"chase": cr.QLearning(learning_rate=0.3), "hunt": cr.deep.DeepLearner()},
-        budget={"chase": 20_000, "hunt": 1000},
-    )
-
-
-def test_a_forecast_follows_potentials_through_observations(plan):
-    found = forecast(plan, seeds=2)
-    assert np.isnan(found.optimum)
-    assert not found.solved
-    assert not found.exact
-    assert found.random_return < -20
-    assert found["minimum"].mean("start") > -6  # two hunters by what one knows
-    assert found["minimum"].used
-    assert found["chase -> hunt [1]"].mean("start") < found["minimum"].mean("start")
-    assert found.ranking[0] in ("minimum", "mean", "total")
-    assert "starts at" in found["minimum"].verdict
-    for cover in found.coverage.values():
-        assert cover.mapped + cover.ended == pytest.approx(1.0)
-        assert cover.observations > 20
-    assert "nan%" not in str(found)
-    again = forecast(plan, seeds=2, trained=found.trained)
-    assert str(again) == str(found)
-
-
-def test_a_potential_of_states_gets_a_plain_answer(plan):
-    class Heights:
-        of_actions = False
-
-        def q(self, observations, actions):
-            raise AssertionError
-
-        def v(self, observations):
-            return -np.abs(observations).sum(axis=1)
-
-    hunt = plan.tasks["hunt"]
-    edge = cr.Transfer("near", "hunt", cr.transfer.ObservationMapping(hunt, hunt))
-    near = cr.Curriculum({"near": hunt, "hunt": hunt}, [edge], learner=cr.deep.DeepLearner())
-    known = plan.train(1, only="chase")["chase"]
-    learnt = type(known)(**{**vars(known), "task": hunt, "values": (Heights(),)})
-    found = forecast(near, seeds=1, trained={"near": learnt})
-    assert found["mean"].verdict.startswith("is the same for all actions")
-    assert np.isnan(found["mean"].mean("start"))
-    assert np.isnan(found["mean"].scale)
-    assert found.coverage["near -> hunt"].mapped == 1.0
-
-
-def test_controls_that_make_no_sense_are_refused(plan):
-    check_fit(["scaled", "negated", "pretraining"], "transfer", plan)
-    for control in ("placebo", "random_start"):
-        with pytest.raises(cr.errors.CurriculumError, match="is seen through observations"):
-            check_fit([control], "transfer", plan)
-    with pytest.raises(cr.errors.CurriculumError, match="PolicyReuse"):
-        check_fit(["scaled"], "transfer", plan.replace("hunt", shaping=cr.deep.PolicyReuse()))
-
-
-def test_tasks_seen_through_observations_are_told_apart(plan):
-    hunt = plan.tasks["hunt"]
-    assert differences(hunt, observed_pursuit(cr.Pursuit(3, 2, time_limit=30))) == ()
-    found = differences(hunt, observed_pursuit(cr.Pursuit(3, 3, discount=0.9, time_limit=30)))
-    assert [line.split()[0] for line in found] == [
-        "observations",
-        "actions",
-        "discount",
-        "environment",
-    ]
-    (line,) = differences(hunt, cr.Pursuit(3, 2))
-    assert line.startswith("observations (")
-
-
-def test_checking_needs_no_torch_and_says_what_does(tmp_path):
-    (tmp_path / "study.toml").write_text(HUNT)
-    code = """
-        import sys
-        class Missing:
-            def find_spec(self, name, path=None, target=None):
-                if name in ("torch", "stable_baselines3", "sb3_contrib"):
-                    raise ModuleNotFoundError(name)
-        sys.meta_path.insert(0, Missing())
-        from curricle.cli.app import main
-        sys.argv = ["curricle", *sys.argv[1:]]
-        main()
-    """
-
-    def curricle(*arguments):
-        command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
-        return subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
-
-    checked = curricle("check", "study.toml")
-    assert checked.returncode == 0, checked.stderr
-    assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in checked.stdout
-    assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
-    assert "Forecast for 'hunt'" in checked.stdout
-    run = curricle("run", "study.toml")
-    assert run.returncode == 1
-    assert run.stderr.endswith("pip install curricle[deep]\n")
-    assert not (tmp_path / "study-results").exists()
-
-
-def test_random_play_draws_from_the_space_alone():
-    from curricle.transfer.observation_rollouts import random_episodes
-
-    car = cr.observation_task("MountainCarContinuous-v0", time_limit=5)
-    state = gymnasium.make("CartPole-v1").action_space.sample()
-    one, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
-    assert np.array_equal(one[0].rewards, other[0].rewards)
-    assert not np.array_equal(one[0].rewards, one[1].rewards)
-    assert state in (0, 1)

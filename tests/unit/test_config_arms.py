@@ -1,0 +1,215 @@
+"""Study files: seeds, settings for all tasks and for one, arms, and what is set from outside."""
+
+import pytest
+from hypothesis import given, strategies as st
+
+from curricle import (
+    QLearning,
+    mean,
+    minimum,
+)
+from curricle.study import read_study
+from curricle.study.config.merging import merged
+from curricle.transfer import aggregation
+from tests.studies import HUNT, MAZE, only, reader
+
+
+@pytest.fixture
+def read(tmp_path):
+    return reader(tmp_path)
+
+
+# Seeds.
+
+
+@pytest.mark.parametrize(
+    ("said", "made"),
+    [
+        ("3", (0, 1, 2)),
+        ("[7, 0]", (7, 0)),
+        ("'0-2'", (0, 1, 2)),
+        ("'0-1, 8,20-21'", (0, 1, 8, 20, 21)),
+    ],
+)
+def test_seeds_may_be_a_number_a_list_or_ranges(read, said, made):
+    assert read(MAZE, set=[f"seeds={said}"]).seeds == made
+
+
+def test_everything_else_has_a_default(read):
+    study = read(MAZE)
+    assert study.seeds == tuple(range(30))
+    assert (study.seeds_per_unit, study.threshold, study.window) == (5, None, 5)
+    assert study.scratch
+    assert list(study.arms) == ["transfer"]
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(read, tmp_path):
+    expected = read(MAZE)
+    (tmp_path / "windows.toml").write_bytes(b"\xef\xbb\xbf" + MAZE.replace("\n", "\r\n").encode())
+    assert read_study(tmp_path / "windows.toml") == expected
+
+
+# Settings for all tasks, for one, and in an arm.
+
+
+def test_a_task_s_table_goes_over_the_one_for_all_key_by_key(read):
+    study = read(HUNT, set=["tasks.chase.learner.epsilon=0.5"])
+    assert only(study).setting("learner", "chase") == QLearning(0.2, 0.5)
+    assert only(study).setting("learner", "hunt") == QLearning(0.2, 0.1)
+
+
+def test_an_arm_changes_what_it_says_and_nothing_else(read):
+    study = read(
+        HUNT
+        + """
+        [arms.minimum]
+        [arms.mean]
+        aggregate = "mean"
+        [arms.long-chase]
+        tasks.chase.budget = 9_000
+        tasks.chase.learner.epsilon = 0.5
+        [arms.one-source]
+        transfers = [1]
+        [arms.scaled]
+        transfers.0.scale = 3
+        """
+    )
+    arms = study.curricula
+    assert list(arms) == ["minimum", "mean", "long-chase", "one-source", "scaled"]
+    assert [a.setting("aggregate", "hunt") for a in arms.values()].count(minimum) == 4
+    assert arms["mean"].setting("aggregate", "hunt") is mean
+    assert [a.setting("budget", "chase") for a in arms.values()].count(2_000) == 4
+    assert arms["long-chase"].setting("budget", "chase") == 9_000
+    assert arms["long-chase"].setting("learner", "chase") == QLearning(0.2, 0.5)
+    assert [len(a.transfers) for a in arms.values()] == [2, 2, 2, 1, 2]
+    assert arms["one-source"].transfers[0].mapping.renaming == {"predator": "predator_2"}
+    assert [t.scale for t in arms["scaled"].transfers] == [3, 2]
+    assert len({id(a.tasks["hunt"]) for a in arms.values()}) == 1
+
+
+def test_what_says_how_potentials_enter_is_of_tasks_with_sources_only(read):
+    study = read(HUNT + "[arms.a]\n[arms.b]\naggregate = 'mean'\nshaping = 'StateShaping'")
+    one, other = study.arms.values()
+    assert one.tasks["chase"] == other.tasks["chase"]
+    assert one.tasks["hunt"] != other.tasks["hunt"]
+
+
+def test_an_arm_without_a_source_is_without_its_task(read):
+    three = (
+        HUNT
+        + """
+        [tasks.small]
+        type = "pursuit"
+        size = 2
+        predators = 1
+        [[transfers]]
+        source = "small"
+        target = "chase"
+        project = {}
+        [arms.three]
+        [arms.two]
+        transfers = [0, 1]
+        [arms.other]
+        transfers = [{ source = "small", target = "hunt", project = { predator = "predator_1" } }]
+        """
+    )
+    arms = read(three).curricula
+    assert {name: set(arm.tasks) for name, arm in arms.items()} == {
+        "three": {"small", "chase", "hunt"},
+        "two": {"chase", "hunt"},
+        "other": {"small", "hunt"},
+    }
+
+
+def test_arms_may_fill_in_what_the_study_leaves_open(read):
+    study = read(
+        MAZE
+        + """
+        [tasks.corner]
+        type = "crop"
+        of = "maze"
+        [[transfers]]
+        source = "corner"
+        target = "maze"
+        mapping = "same_position"
+        [arms.small]
+        tasks.corner = { rows = [0, 1], columns = [3, 5] }
+        [arms.large]
+        tasks.corner = { rows = [0, 2], columns = [2, 5] }
+        """
+    )
+    assert [arm.tasks["corner"].states.size for arm in study.curricula.values()] == [2, 6]
+
+
+@pytest.mark.parametrize(
+    ("base", "patch", "expected"),
+    [
+        ({"budget": 5}, {"budget": {"episodes": 3}}, {"budget": {"episodes": 3}}),
+        ({"budget": {"episodes": 3}}, {"budget": {"max_steps": 9}}, {"budget": {"max_steps": 9}}),
+        (
+            {"budget": {"max_steps": 9, "threshold": 1}},
+            {"budget": {"episodes": 3}},
+            {"budget": {"episodes": 3}},
+        ),
+        (
+            {"budget": {"max_steps": 9}},
+            {"budget": {"threshold": 1}},
+            {"budget": {"max_steps": 9, "threshold": 1}},
+        ),
+        ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
+        ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
+        (
+            {"type": "pursuit", "size": 4, "budget": 9},
+            {"type": "maze", "map": "S.T"},
+            {"type": "maze", "map": "S.T", "budget": 9},
+        ),
+        (
+            {"learner": {"type": "QLearning", "learning_rate": 0.3}},
+            {"learner": {"type": "SARSA"}},
+            {"learner": {"type": "SARSA", "learning_rate": 0.3}},
+        ),
+        ({"a": [1, 2]}, {"a": [3]}, {"a": [3]}),
+    ],
+)
+def test_merging(base, patch, expected):
+    assert merged(base, patch) == expected
+
+
+TREES = st.recursive(
+    st.integers(0, 3) | st.lists(st.integers(0, 3)),
+    lambda inner: st.dictionaries(st.sampled_from("abcd"), inner, max_size=3),
+    max_leaves=8,
+)
+TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
+
+
+@given(TABLES, TABLES)
+def test_merging_twice_is_merging_once_and_nothing_changes_nothing(one, other):
+    assert merged(one, {}) == merged({}, one) == merged(one, one) == one
+    assert merged(merged(one, other), other) == merged(one, other)
+
+
+# Setting things from outside.
+
+
+def test_what_is_set_is_read_as_toml_or_else_as_text(read):
+    study = read(
+        HUNT,
+        set=[
+            "name=short",
+            "seeds='0-1'",
+            "tasks.hunt.size=4",
+            "aggregate=total",
+            "seeds_per_unit = 1e1",
+        ],
+    )
+    assert study.name == "short"
+    assert study.seeds == (0, 1)
+    assert study.seeds_per_unit == 10
+    assert only(study).tasks["hunt"].size == 4
+    assert only(study).setting("aggregate", "hunt") is aggregation.total
+
+
+def test_an_arm_may_be_set(read):
+    study = read(HUNT + '[arms."2 x"]\nbudget = 5', set=['arms."2 x".tasks.hunt.budget=70'])
+    assert only(study, "2 x").setting("budget", "hunt") == 70

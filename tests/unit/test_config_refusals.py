@@ -1,0 +1,370 @@
+"""What is wrong with names, arms, settings and own functions of a study, each with its line."""
+
+import pytest
+
+from curricle.errors import ConfigError
+from curricle.study import read_study
+from curricle.study.config.references import load
+from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES, complaints_of
+
+
+@pytest.fixture
+def complaints(tmp_path, monkeypatch):
+    """The sentences about a text, changed or not, at reading or at building."""
+    monkeypatch.chdir(tmp_path)
+    return complaints_of
+
+
+# Names: tasks, crops, arms.
+
+
+def test_a_cycle(complaints):
+    back = "[[transfers]]\nsource = 'hunt'\ntarget = 'chase'\nproject = {}\n"
+    (sentence,) = complaints(HUNT + back)
+    assert sentence in {
+        f"line 17: transfers must have no cycle: got {cycle}"
+        for cycle in ("chase -> hunt -> chase", "hunt -> chase -> hunt")
+    }
+
+
+def test_more_than_one_target(complaints):
+    assert complaints(HUNT + "[tasks.other]\ntype = 'pursuit'") == [
+        "line 7: tasks must have one that no other builds on: got hunt, other"
+    ]
+
+
+def test_no_task(complaints):
+    assert complaints("name = 'x'\n[tasks]\n") == [
+        "line 2: tasks must have 1 or more entries: got {}"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            'of = "maze"',
+            "of = 'mze'",
+            "line 12: tasks.corner.of must name a task: got 'mze', did you mean 'maze'?",
+        ),
+        (
+            'of = "maze"',
+            "of = 'corner'",
+            "line 12: tasks.corner.of must lead to a maze: got corner and so on",
+        ),
+        ("rows = [0, 2]", "rows = [0]", "line 13: tasks.corner.rows[1] is missing"),
+        ("rows = [0, 2]", "", "line 10: tasks.corner.rows is missing"),
+        (
+            "rows = [0, 2]",
+            "rows = [0, 'b']",
+            "line 13: tasks.corner.rows[1] must be a whole number: got 'b'",
+        ),
+        (
+            "rows = [0, 2]",
+            "rows = [0, 2]\nstart = 'here'",
+            "line 14: tasks.corner.start must be 'map', 'uniform' or a list of cells: got 'here'",
+        ),
+        (
+            "map = '''",
+            "ends = ['tresure']\nmap = '''",
+            "line 5: tasks.maze.ends[0] must be 'treasure', 'pit' or 'fire': got 'tresure', did "
+            "you mean 'treasure'?",
+        ),
+        (
+            "map = '''",
+            "file = 'm.txt'\nmap = '''",
+            "line 3: tasks.maze has both map and file: one of them is enough",
+        ),
+    ],
+)
+def test_mistakes_in_mazes(complaints, old, new, sentence):
+    assert complaints(MAZES, (old, new)) == [sentence]
+
+
+def test_a_crop_is_of_a_maze(complaints):
+    crop = "[tasks.part]\ntype = 'crop'\nof = 'hunt'\nrows = [0, 1]\ncolumns = [0, 1]\n"
+    assert "line 23: tasks.part.of must name a maze or a crop: got 'hunt'" in complaints(
+        HUNT + crop
+    )
+
+
+def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
+    text = "name = 'x'\n[tasks.maze]\ntype = 'maze'\nfile = 'maze.txt'\n"
+    assert complaints(text) == [
+        "line 4: tasks.maze.file cannot be read: maze.txt, No such file or directory"
+    ]
+    (tmp_path / "maze.txt").write_bytes(b"\xff\xfe")
+    assert complaints(text) == ["line 4: tasks.maze.file cannot be read: maze.txt, not UTF-8"]
+
+
+@pytest.mark.parametrize(
+    ("arms", "expected"),
+    [
+        (
+            "[arms.scratch]",
+            ["line 21: arms.scratch must have another name: it is the arm without sources"],
+        ),
+        (
+            "[arms.a]\ntasks.chace.budget = 5",
+            ["line 22: arms.a.tasks.chace is unknown, did you mean 'chase'?"],
+        ),
+        (
+            "[arms.a]\nagregate = 'mean'",
+            ["line 22: arms.a.agregate is unknown, did you mean 'aggregate'?"],
+        ),
+        (
+            "[arms.a]\nseeds = 3",
+            [
+                "line 22: arms.a.seeds is unknown: known are tasks, transfers, aggregate, "
+                "learner, budget, "
+                "shaping, retrain, eval_freq, evaluation, storage"
+            ],
+        ),
+        (
+            "[arms.a]\ntasks.chase.size = 'x'",
+            ["line 22: arms.a.tasks.chase.size must be a whole number: got 'x'"],
+        ),
+        (
+            "[arms.a]\nlearner.epsilon = 'x'",
+            ["line 22: arms.a.learner.epsilon must be a number: got 'x'"],
+        ),
+        (
+            "[arms.a]\ntransfers = [1]",
+            [
+                "line 22: arms.a.transfers[0] must name transfers of the study by number, below 1: "
+                "got 1"
+            ],
+        ),
+        (
+            "[arms.a]\ntransfers.7.scale = 2",
+            [
+                "line 22: arms.a.transfers must name transfers of the study by number, below 1: "
+                "got '7'"
+            ],
+        ),
+        (
+            "[arms.a]\ntransfers.0.scale = 'x'",
+            ["line 22: arms.a.transfers.0.scale must be a number: got 'x'"],
+        ),
+        (
+            "[arms.a]\ntasks.chase.budget = 2_000",
+            [
+                "line 21: arms.a changes nothing: its settings are the study's, or a task has its "
+                "own"
+            ],
+        ),
+        ("[arms]\na = 3", ["line 22: arms.a must be a table: got 3"]),
+        (
+            "[arms.a]\n[arms.b]\ntransfers = [{ source = 'hunt', target = 'chase', project = {} }]",
+            ["line 21: arms must all have the same target: a has hunt, b has chase"],
+        ),
+    ],
+)
+def test_mistakes_in_arms(complaints, arms, expected):
+    found = complaints(HUNT + arms)
+    assert found[: len(expected)] == expected
+
+
+def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complaints):
+    arms = "[arms.a]\n[arms.b]\ntransfers = [0]\ntasks.hunt.budget = 3\n"
+    assert complaints(HUNT + arms, ("size = 3\npred", "size = 'x'\npred")) == [
+        "line 9: tasks.chase.size must be a whole number: got 'x'"
+    ]
+
+
+# What Curricle refuses when it is built.
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "...T\nS...",
+            "...T\nS..",
+            "line 3: tasks.maze is refused: all lines of a map must be equally long: line 1 has 3 "
+            "characters, line 0 has 4",
+        ),
+        (
+            "columns = [2, 4]",
+            "columns = [2, 9]",
+            "line 10: tasks.corner is refused: a crop must lie within the map's columns 0..4: "
+            "got 2..9",
+        ),
+        (
+            "[tasks.corner]",
+            "budget = 0\n[tasks.corner]",
+            "line 10: tasks.maze.budget is refused: a budget in steps must be a whole number, at "
+            "least 1: got 0",
+        ),
+        (
+            "[tasks.corner]",
+            "budget = 9\neval_freq = 10\n[tasks.corner]",
+            "line 11: tasks.maze.eval_freq is refused: every must not exceed the budget of 9 "
+            "steps: got 10",
+        ),
+        (
+            "[tasks.corner]",
+            "learner.epsilon = 2\n[tasks.corner]",
+            "line 10: tasks.maze.learner is refused: epsilon must lie in [0, 1]: got 2",
+        ),
+        (
+            "[tasks.corner]",
+            "shaping.guard = { min_share = 0 }\n[tasks.corner]",
+            "line 10: tasks.maze.shaping is refused: min_share of a guard must be above 0, or one "
+            "learner would never act: got 0",
+        ),
+        (
+            "[tasks.corner]",
+            "shaping = 'LookBackAdvice'\n[tasks.corner]",
+            "line 10: tasks.maze.shaping is refused: LookBackAdvice is valid for on-policy SARSA "
+            "only: got QLearning",
+        ),
+        (
+            'mapping = "same_position"',
+            "project.row = 'raw'",
+            "line 16: transfers[0] is refused: source component 'row' must be read from a target "
+            "component (row, column): got 'raw'",
+        ),
+        (
+            'mapping = "same_position"',
+            "project = {}\ncalibrate.quantile = 2",
+            "line 16: transfers[0] is refused: quantile of a calibration must lie between 0 and 1: "
+            "got 2",
+        ),
+    ],
+)
+def test_what_curricle_refuses_has_its_place(complaints, old, new, sentence):
+    assert complaints(MAZES, (old, new)) == [sentence]
+
+
+def test_all_that_is_refused_is_told_at_once(complaints):
+    changes = [("...T\nS...", "...T\nS.."), ("[[tr", "learner.epsilon = 2\neval_freq = 0\n[[tr")]
+    assert [line.split(" is refused")[0] for line in complaints(MAZES, *changes)] == [
+        "line 3: tasks.maze",
+        "line 16: tasks.corner.learner",
+        "line 17: tasks.corner.eval_freq",
+    ]
+
+
+def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
+    other = "[[transfers]]\nsource = 'corner'\ntarget = 'maze'\nproject = {}\ncalibrate = true\n"
+    assert complaints(MAZES + other) == [
+        ": the study is refused: all transfers into a task are calibrated together and must agree "
+        "on it: those into 'maze' do not"
+    ]
+    assert complaints(MAZES + "[arms.odd]\ntransfers.0.scale = 2\n" + other)[0].startswith(
+        "line 20: arms.odd is refused: all transfers into a task"
+    )
+
+
+# What is set from outside.
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("tasks.chse.budget=3", "as set: tasks.chse is unknown, did you mean 'chase'?"),
+        ("tasks.chase.bugdet=3", "as set: tasks.chase.bugdet is unknown, did you mean 'budget'?"),
+        ("tasks.chase.size=x", "as set: tasks.chase.size must be a whole number: got 'x'"),
+        ("arms.a.budget=3", "as set: arms.a is unknown"),
+        ("transfers.4.scale=3", "as set: transfers[4] is unknown: known are 0"),
+        ("transfers.0.scal=3", "as set: transfers[0].scal is unknown, did you mean 'scale'?"),
+        ("sedes=3", "as set: sedes is unknown, did you mean 'seeds'?"),
+        ("learner.lerning_rate=3", "as set: learner.lerning_rate is unknown, did you mean"),
+        (
+            "tasks.chase.budget=0",
+            "as set: tasks.chase.budget is refused: a budget in steps must be",
+        ),
+    ],
+)
+def test_a_change_that_cannot_be_made(complaints, change, sentence):
+    (found,) = complaints(HUNT, set=[change])
+    assert found.startswith(sentence)
+
+
+@pytest.mark.parametrize("change", ["tasks", "=3", "a b=3", "a..b=3", ""])
+def test_what_is_no_assignment(tmp_path, change):
+    (tmp_path / "study.toml").write_text(HUNT)
+    with pytest.raises(ConfigError, match=r"^a setting is given as key=value, with dots"):
+        read_study(tmp_path / "study.toml", set=[change])
+
+
+# Functions of the user's own.
+
+
+@pytest.mark.parametrize(
+    ("reference", "text"),
+    [
+        ("own", "a function is named as module:function: got 'own'"),
+        ("own.:make", "a function is named as module:function: got 'own.:make'"),
+        (
+            "nobody_has_this:make",
+            "nobody_has_this:make names no module: nobody_has_this is neither",
+        ),
+        ("own:nothing", "own:nothing names no function: own has no nothing to call"),
+        ("own:NUMBER", "own:NUMBER names no function: own has no NUMBER to call"),
+        ("broken:make", "broken:make failed: ModuleNotFoundError: No module named 'nobody_has'"),
+        ("false:make", "false:make failed: SyntaxError: "),
+    ],
+)
+def test_a_function_that_cannot_be_loaded(tmp_path, reference, text):
+    (tmp_path / "own.py").write_text("NUMBER = 3")
+    (tmp_path / "broken.py").write_text("import nobody_has")
+    (tmp_path / "false.py").write_text("def make(:")
+    with pytest.raises(ConfigError) as caught:
+        load(reference, tmp_path)
+    assert str(caught.value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ("return 3", "a task must be a FiniteMDP or have its tables as .mdp: got 3"),
+        ("return 1 / 0", "own:make failed: ZeroDivisionError: division by zero"),
+        ("return cr.GridWorld('S')", "a map needs a treasure T: there is none"),
+    ],
+)
+def test_a_factory_that_makes_no_task(complaints, tmp_path, body, text):
+    (tmp_path / "own.py").write_text(f"import curricle as cr\ndef make():\n    {body}\n")
+    study = "name = 'x'\n[tasks.own]\ntype = 'factory'\nfactory = 'own:make'\n"
+    assert complaints(study) == [f"line 2: tasks.own is refused: {text}"]
+
+
+def test_a_factory_s_arguments_are_checked_by_itself(complaints, tmp_path):
+    (tmp_path / "own.py").write_text("def make(size): return size")
+    study = (
+        "name = 'x'\n[tasks.own]\ntype = 'factory'\nfactory = 'own:make'\narguments = { sice = 3 }"
+    )
+    (found,) = complaints(study)
+    assert "own:make failed: TypeError: make() got an unexpected keyword argument 'sice'" in found
+
+
+def test_the_error_of_a_user_s_function_is_the_cause(tmp_path):
+    (tmp_path / "own.py").write_text("def make(): return 1 / 0")
+    path = tmp_path / "study.toml"
+    path.write_text("name = 'x'\n[tasks.own]\ntype = 'factory'\nfactory = 'own:make'\n")
+    with pytest.raises(ConfigError) as caught:
+        read_study(path).curriculum("transfer")
+    assert isinstance(caught.value.__cause__.__cause__, ZeroDivisionError)
+
+
+@pytest.mark.parametrize(
+    ("function", "text"),
+    [
+        (
+            "def f(state, action): return state['nowhere'], action",
+            "own:f failed: KeyError: 'nowhere'",
+        ),
+        ("def f(state, action): return state", "the function must return two dicts"),
+    ],
+)
+def test_a_function_that_maps_nothing(complaints, tmp_path, function, text):
+    (tmp_path / "own.py").write_text(function)
+    (found,) = complaints(MAZES, ('mapping = "same_position"', "function = 'own:f'"))
+    assert found.startswith(f"line 16: transfers[0] is refused: {text}")
+
+
+@pytest.mark.parametrize("which", ["factory = 'own:f'", "mapping = 'identity'"])
+def test_a_value_that_nobody_reads(complaints, which):
+    (found,) = complaints(MAZES, ('mapping = "same_position"', f"{which}\nunmapped_value = 3"))
+    assert found.startswith("line 16: transfers[0] has an unmapped_value that is not used")
