@@ -48,7 +48,7 @@ doctest: .venv/dev.stamp ## every example in src/, docs/ and README.md
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
 
 docs: .venv/dev.stamp ## the documentation, into docs/_build (open index.html there)
-	rm -rf docs/_build docs/api/generated
+	rm -rf docs/_build docs/api/generated docs/api/*.rst
 	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
 
 bench: .venv/test.stamp ## time every benchmarks/bench_*.py
@@ -56,7 +56,7 @@ bench: .venv/test.stamp ## time every benchmarks/bench_*.py
 	  echo "$$script"; $(BIN)/python $$script $(ARGS); done
 
 clean: ## remove .venv, caches and builds (results stay)
-	rm -rf .venv build dist docs/_build docs/api/generated .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv build dist docs/_build docs/api/generated docs/api/*.rst .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find src tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 # Each stamp says that .venv holds that much: the library, then its test tools, then all tools.

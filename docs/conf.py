@@ -4,7 +4,10 @@ import sys
 from importlib.metadata import version as installed
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+from reference import write_pages  # noqa: E402 (found where the line above has Python look)
 
 project = html_title = "Curricle"
 version = release = installed("curricle")
@@ -19,7 +22,14 @@ extensions = [
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
-reference_package = "curricle"
+reference_packages = [
+    f"curricle.{name}"
+    for name in (
+        *("tasks", "learning", "planning", "transfer", "curriculum", "certificate", "comparison"),
+        *("statistics", "study", "plotting", "report", "interop", "deep", "errors"),
+    )
+]
+write_pages(reference_packages, HERE / "api")  # read by the extensions below
 
 # Docstrings say types in words, and arrays with their shapes.
 autodoc_typehints = "none"

@@ -24,6 +24,22 @@ TYPE = ":type: "
 """What napoleon makes of the words before a colon at the beginning of a property's docstring."""
 
 
+def public_names(package: ModuleType) -> list[str]:
+    """Return the names that a package offers; of one without a list, the classes it defines."""
+    if hasattr(package, "__all__"):
+        return list(package.__all__)
+    return [
+        name
+        for name, found in vars(package).items()
+        if inspect.isclass(found) and found.__module__ == package.__name__
+    ]
+
+
+def homes(packages: Iterable[str]) -> dict[str, str]:
+    """Return the package of each public name."""
+    return {name: package for package in packages for name in public_names(import_module(package))}
+
+
 def said(package: ModuleType, name: str) -> str:
     """Return the docstring of a public name; a constant's is the string below its assignment."""
     found = getattr(package, name)
@@ -31,26 +47,48 @@ def said(package: ModuleType, name: str) -> str:
         own = inspect.cleandoc(found.__doc__ or "")
         generated = own.startswith(f"{name}(")  # what a dataclass or NamedTuple is given
         return "" if generated else own
-    module, original = _home(package, name)
+    module, original = _origins(package).get(name, (package.__name__, name))
     docs = ModuleAnalyzer.for_module(module).find_attr_docs()
     return "\n".join(docs.get(("", original), ()))
 
 
-def _home(package: ModuleType, name: str) -> tuple[str, str]:
-    """Return the module in which a name of the package's stub is assigned, and its name there."""
+def _origins(package: ModuleType) -> dict[str, tuple[str, str]]:
+    """Return the module that each name of a package's stub is imported from, and its name there."""
     stub = Path(str(package.__file__)).with_suffix(".pyi")
-    for line in ast.parse(stub.read_text("utf-8")).body if stub.exists() else ():
-        for alias in line.names if isinstance(line, ast.ImportFrom) else ():
-            if (alias.asname or alias.name) == name:
-                return f"{package.__name__}.{line.module}", alias.name
-    return package.__name__, name
+    return {
+        alias.asname or alias.name: (f"{package.__name__}.{line.module}", alias.name)
+        for line in (ast.parse(stub.read_text("utf-8")).body if stub.exists() else ())
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
+    }
+
+
+def write_pages(packages: Iterable[str], folder: Path) -> None:
+    """Write a page for each package: what it is, and its public names under their modules."""
+    for package in packages:
+        module = import_module(package)
+        origins = _origins(module)
+        title = package.rpartition(".")[2].capitalize()
+        parts = [f"{title}\n{'=' * len(title)}", inspect.cleandoc(module.__doc__ or "")]
+        parts.append(f".. currentmodule:: {package}")
+        grouped: dict[str, list[str]] = {}
+        for name in public_names(module):
+            grouped.setdefault(origins.get(name, (package, name))[0], []).append(name)
+        for origin, names in sorted(grouped.items()):
+            if origin != package:
+                heading = origin.rpartition(".")[2].replace("_", " ").capitalize()
+                summary = inspect.cleandoc(import_module(origin).__doc__ or "").partition("\n\n")[0]
+                parts += [f"{heading}\n{'-' * len(heading)}", summary]
+            listed = "\n".join(f"   {name}" for name in names)
+            parts.append(f".. autosummary::\n   :toctree: generated\n   :nosignatures:\n\n{listed}")
+        (folder / f"{title.lower()}.rst").write_text("\n\n".join(parts) + "\n", "utf-8")
 
 
 def faults(package: ModuleType, documented: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each public name that the reference leaves out or says nothing of."""
     written = set(documented)
-    for name in package.__all__:
-        if name not in written:
+    for name in public_names(package):
+        if f"{package.__name__}.{name}" not in written:
             yield f"{package.__name__}.{name} is public, and missing from the reference"
         if not said(package, name):
             yield f"{package.__name__}.{name} is public, and has no docstring"
@@ -58,10 +96,9 @@ def faults(package: ModuleType, documented: Iterable[str]) -> Iterator[str]:
 
 def check(app: Any, env: Any) -> None:
     """Stop the build unless every public name is documented."""
-    package = import_module(app.config.reference_package)
-    prefix = f"{package.__name__}."
-    objects = env.domains["py"].objects
-    found = list(faults(package, [name.removeprefix(prefix) for name in objects]))
+    documented = env.domains["py"].objects
+    packages = [import_module(name) for name in app.config.reference_packages]
+    found = [fault for package in packages for fault in faults(package, documented)]
     if found:
         raise ExtensionError("\n".join(found))
 
@@ -87,20 +124,20 @@ def resolve(app: Any, env: Any, node: pending_xref, content: nodes.Node) -> node
     """
     if node.get("refdomain") != "py":
         return None
-    package = import_module(app.config.reference_package)
+    places = homes(app.config.reference_packages)
     *_, owner, name = [node.get("py:class") or "", *node["reftarget"].split(".")]
-    page = name if name in package.__all__ else owner if _public(package, owner, name) else None
+    page = name if name in places else owner if _public(places, owner, name) else None
     if page is None:
         return None
-    target, python = f"{package.__name__}.{page}", env.domains["py"]
+    target, python = f"{places[page]}.{page}", env.domains["py"]
     return python.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, content)
 
 
-def _public(package: ModuleType, name: str, member: str = "", *deeper: str) -> bool:
+def _public(places: dict[str, str], name: str, member: str = "", *deeper: str) -> bool:
     """Return whether a name is public, or a field or method of a public one."""
-    if name not in package.__all__ or deeper:
+    if name not in places or deeper:
         return False
-    found = getattr(package, name)
+    found = getattr(import_module(places[name]), name)
     return not member or hasattr(found, member) or member in getattr(found, "__annotations__", ())
 
 
@@ -111,13 +148,17 @@ class Links(SphinxTransform):
 
     def apply(self, **_: Any) -> None:
         """Wrap each literal that is a public name, outside titles and links."""
-        package = import_module(self.config.reference_package)
+        places = homes(self.config.reference_packages)
+        packages = {package.rpartition(".")[2] for package in places.values()}
         for literal in list(self.document.findall(nodes.literal)):
             found = NAME.fullmatch(literal.astext())
             inside = isinstance(literal.parent, nodes.title | nodes.reference | pending_xref)
-            if inside or not found or not _public(package, *found[1].split(".")):
+            names = found[1].split(".") if found else [""]
+            if names[0] in packages and len(names) > 1:  # cr.tasks.LiveMDP
+                names = names[1:]
+            if inside or not _public(places, *names):
                 continue
-            target = f"{package.__name__}.{found[1]}"
+            target = ".".join([places[names[0]], *names])
             link = pending_xref("", refdomain="py", reftype="obj", reftarget=target)
             link["refdoc"] = self.env.docname
             literal.replace_self(link)
@@ -126,7 +167,7 @@ class Links(SphinxTransform):
 
 def setup(app: Any) -> dict[str, Any]:
     """Register all this with Sphinx."""
-    app.add_config_value("reference_package", "", "env")
+    app.add_config_value("reference_packages", [], "env")
     app.add_transform(Links)
     app.connect("autodoc-process-docstring", explain, priority=600)  # after napoleon's
     app.connect("autodoc-skip-member", skip)

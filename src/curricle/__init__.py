@@ -12,10 +12,15 @@ The public names are those of ``__init__.pyi``; each is imported when first used
 ``Curricle/VectorPursuit-v0`` with Gymnasium.
 """
 
+from pkgutil import iter_modules
+
 import lazy_loader
 
 from curricle.interop.registration import register
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
+# Packages are attributes (`curricle.statistics`) and not exported.
+_packages = {module.name for module in iter_modules(__path__)}
+__all__ = [name for name in _offered if name not in _packages]
 
 register()
