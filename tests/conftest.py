@@ -14,7 +14,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 # Most of the suite's time is compilation, and loops are compiled for each number of actions up to
 # UNROLLED and anew for tables beyond NEAR bytes. Here they are compiled once for all of them;
-# oracle/test_rows.py holds that this changes no result.
+# oracle/test_greedy_actions.py holds that this changes no result.
 UNROLLED, NEAR = run.UNROLLED, run.NEAR
 run.UNROLLED, run.NEAR = 0, 2**62
 

@@ -293,7 +293,7 @@ SETTINGS = {
     ),
     "every 0": (
         lambda: ask(eval_freq=0),
-        "every, the steps between checkpoints, must be a whole number, at least 1: got 0",
+        "eval_freq, the steps between checkpoints, must be a whole number, at least 1: got 0",
     ),
     "every -5": (lambda: ask(eval_freq=-5), "got -5"),
     "every 2.5": (lambda: ask(eval_freq=2.5), "whole number.*got 2.5"),

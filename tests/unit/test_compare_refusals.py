@@ -134,7 +134,7 @@ RING = cr.ComputedMDP(
         (
             {"mine": copied(RING)},
             {"controls": ["placebo"]},
-            "a task given by functions or played live has no tables to look at",
+            "a task given by functions or played live has no tables",
         ),
         (
             {"mine": pursuit(storage={"hunt": cr.Storage(kind="sparse")})},

@@ -199,7 +199,7 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         (
             "[tasks.corner]",
             "budget = 9\neval_freq = 10\n[tasks.corner]",
-            "line 11: tasks.maze.eval_freq is refused: every must not exceed the budget of 9 "
+            "line 11: tasks.maze.eval_freq is refused: eval_freq must not exceed the budget of 9 "
             "steps: got 10",
         ),
         (

@@ -269,7 +269,7 @@ def test_memory_that_is_none_is_refused(memory):
 
 
 @pytest.mark.parametrize(
-    "settings", [{"kind": "hash"}, {"dtype": "float16"}, {"keep": 1}], ids=lambda s: next(iter(s))
+    "settings", [{"kind": "hash"}, {"dtype": "float16"}, {"save_values": 1}], ids=lambda s: next(iter(s))
 )
 def test_unknown_storage_is_refused(settings):
     with pytest.raises(SettingError):
@@ -285,7 +285,7 @@ def test_sparse_values_are_found_by_state():
     assert met.at([9, 2, 9])[:, 0].tolist() == [5, 1, 5]
     assert met.at([[2], [5]]).shape == (2, 1, 2)
     for state in (0, 3, 10):
-        with pytest.raises(SettingError, match=f"the states met only: {state} was not"):
+        with pytest.raises(SettingError, match=f"visited states only: {state} is not one"):
             met.at([2, state])
 
 

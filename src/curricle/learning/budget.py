@@ -1,4 +1,4 @@
-"""How much to learn: steps, episodes or up to a gate; checkpoints, seeds."""
+"""Budgets: steps, episodes or a stopping rule; checkpoints and seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,11 +40,11 @@ class Episodes:
 
 
 Budget = int | Episodes | StoppingRule
-"""Steps, episodes, or steps up to a gate."""
+"""Steps, episodes, or a stopping rule."""
 
 
 def limits(budget: Budget) -> tuple[int, int]:
-    """Return the steps and the episodes at which a budget is spent at the latest."""
+    """Return the most steps and the most episodes of a budget."""
     if isinstance(budget, Episodes):
         return int(NO_LIMIT), budget.number
     if isinstance(budget, StoppingRule):
@@ -56,16 +56,16 @@ def spacing(eval_freq: int | None, budget: Budget) -> int:
     """Return the steps between checkpoints; a hundredth of a step budget where not given."""
     if eval_freq is None:
         return 100 if isinstance(budget, Episodes) else max(1, limits(budget)[0] // 100)
-    steps = whole_number("every, the steps between checkpoints,", eval_freq, 1, SettingError)
+    steps = whole_number("eval_freq, the steps between checkpoints,", eval_freq, 1, SettingError)
     if steps > limits(budget)[0]:
         raise SettingError(
-            f"every must not exceed the budget of {limits(budget)[0]} steps: got {eval_freq}"
+            f"eval_freq must not exceed the budget of {limits(budget)[0]} steps: got {eval_freq}"
         )
     return steps
 
 
 def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
-    """Return the steps that a run can take at most, or raise SettingError if it knows no bound."""
+    """Return the most steps that a run can take, or raise SettingError if they are unbounded."""
     steps, episodes = limits(budget)
     if isinstance(budget, Episodes):
         if time_limit is None:
@@ -73,14 +73,14 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
         steps = episodes * time_limit
     if steps // eval_freq > MOST_CHECKPOINTS:
         raise SettingError(
-            f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: {steps:,} steps at most, "
-            f"one every {eval_freq:,}, are {steps // eval_freq:,}"
+            f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: up to {steps:,} steps with "
+            f"eval_freq {eval_freq:,} make {steps // eval_freq:,}"
         )
     return steps
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence as it is, or raise SettingError.
+    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError.
 
     Examples
     --------

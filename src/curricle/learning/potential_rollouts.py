@@ -22,7 +22,7 @@ from curricle.planning.greedy import (
     greedy_actions,
 )
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
-from curricle.planning.rollouts import GreedyPolicy, simulate
+from curricle.planning.simulator import GreedyPolicy, simulate
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.overloads import compiled

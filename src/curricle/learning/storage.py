@@ -1,4 +1,4 @@
-"""How learnt values are held: precision, dense or sparse tables, the memory they may take."""
+"""Storage of values: precision, dense or sparse tables, memory limit."""
 
 import os
 import re
@@ -14,35 +14,35 @@ from curricle.errors import SettingError
 UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 ROW_EXTRAS = 4 + 8 + 4 * 4
-"""Bytes of a sparse row beside its values and their best: greedy action, state, slots."""
+"""Bytes of a sparse row besides its values and their maximum: greedy action, state, slots."""
 
 
 @dataclass(frozen=True)
 class Storage:
     """How the values that :func:`learn` fills are stored.
 
-    Neither the kind of table nor the memory changes a result, as long as it suffices.
+    Neither the kind of table nor a memory limit that suffices changes a result.
 
     Parameters
     ----------
     kind : {"auto", "dense", "sparse"}
-        A row for every state, or for the states met, made from the potential when its state is
-        first met. "auto" is dense where that fits the memory. Only Q-learning that is not shaped
-        by rewards (``how`` "initialise" or "look_ahead") can be sparse.
+        A row for every state, or for the states visited, filled from the potential at the first
+        visit. "auto" is dense where that fits the memory. Only Q-learning without shaping, or with
+        :class:`QInitialisation` or :class:`LookAheadAdvice`, can be sparse.
     dtype : {"float64", "float32"}
         Precision of the values, and of what plain Q-learning computes with.
-    memory : int or str, optional
-        Bytes that all tables of a call of :func:`learn` may take, ``"4 GiB"``. Half of the
-        machine's by default. A sparse run ends where the next state would not fit, with all that
-        it has learnt (:attr:`LearningResult.out_of_memory`).
-    keep : bool
-        Whether the result holds the values; without, memory is only needed for the seeds that are
-        trained at the same time.
+    memory_limit : int or str, optional
+        Bytes that all tables of a call of :func:`learn` may take, such as ``"4 GiB"``; half of the
+        machine's memory by default. A sparse run stops before a state that would not fit, and
+        returns what it has learnt (:attr:`LearningResult.out_of_memory`).
+    save_values : bool
+        Whether the result holds the values. Without them, memory is needed only for the seeds that
+        are trained at the same time.
 
     Raises
     ------
     SettingError
-        On an unknown kind or precision, or a size that is none.
+        On an unknown kind or precision, or an invalid size.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Storage:
     def __post_init__(self) -> None:
         one_of("kind of storage", self.kind, ("auto", "dense", "sparse"), SettingError)
         one_of("dtype", self.dtype, ("float64", "float32"), SettingError)
-        instance("keep", self.save_values, bool, SettingError)
+        instance("save_values", self.save_values, bool, SettingError)
         _ = self.limit
 
     @property
@@ -67,12 +67,12 @@ class Storage:
         if self.memory_limit is None:
             return _physical_memory() // 2
         if not isinstance(self.memory_limit, str):
-            return whole_number("memory in bytes", self.memory_limit, 1, SettingError)
+            return whole_number("memory_limit in bytes", self.memory_limit, 1, SettingError)
         match = re.fullmatch(r"\s*([0-9]{1,18}(?:\.[0-9]*)?)\s*([A-Za-z]+)\s*", self.memory_limit)
         if not match or match[2] not in UNITS or float(match[1]) * UNITS[match[2]] < 1:
             raise SettingError(
-                f"memory must be 1 byte or more, or a number with one of {', '.join(UNITS)}: got "
-                f"{self.memory_limit!r}"
+                "memory_limit must be 1 byte or more, or a number with one of "
+                f"{', '.join(UNITS)}: got {self.memory_limit!r}"
             )
         return int(float(match[1]) * UNITS[match[2]])
 
@@ -88,7 +88,7 @@ class Storage:
 
 @dataclass(frozen=True, eq=False)
 class SparseValues:
-    """Values of the states that learning met; R of them.
+    """Values of the R states that learning visited.
 
     Attributes
     ----------
@@ -107,17 +107,17 @@ class SparseValues:
     values: npt.NDArray[np.floating[Any]]
 
     def at(self, states: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
-        """Return the values of these states, (..., A); SettingError where one was not met."""
+        """Return the values of these states, (..., A); SettingError if one was not visited."""
         wanted = np.asarray(states)
-        place = np.minimum(np.searchsorted(self.states, wanted), len(self.states) - 1)
-        if (self.states[place] != wanted).any():
-            missing = wanted[self.states[place] != wanted].flat[0]
-            raise SettingError(f"values are held of the states met only: {missing} was not")
-        return self.values[place]
+        row = np.minimum(np.searchsorted(self.states, wanted), len(self.states) - 1)
+        if (self.states[row] != wanted).any():
+            missing = wanted[self.states[row] != wanted].flat[0]
+            raise SettingError(f"sparse values hold visited states only: {missing} is not one")
+        return self.values[row]
 
 
 def _physical_memory() -> int:
-    """Return the machine's memory in bytes, 8 GiB where the system does not say."""
+    """Return the machine's memory in bytes, 8 GiB where it is unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):

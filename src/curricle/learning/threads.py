@@ -1,4 +1,4 @@
-"""Seeds side by side on threads, or one after another where a task is played live."""
+"""Threads over seeds; seeds of a live task run one after the other."""
 
 import os
 from collections.abc import Callable
@@ -13,9 +13,9 @@ Done = TypeVar("Done")
 
 
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:
-    """Return the threads on which seeds of a task run: `workers`, by default one a processor.
+    """Return the number of threads for the seeds of a task: `workers`, by default one a processor.
 
-    A live task gets one. Python runs its environment, and lets one thread at a time do so.
+    A live task gets one thread, as Python runs its environment in one thread at a time.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def threads_for(task: Any, workers: int | None, seeds: int) -> int:
 def over_seeds(work: Callable[[int], Done], seeds: int, threads: int) -> list[Done]:
     """Return work(0) .. work(seeds - 1).
 
-    One thread is the caller's own, so that an interrupt from the keyboard reaches an environment.
+    A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.
 
     Examples
     --------

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, TIED, acting_row, greedy_action
-from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
+from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.tasks.draws import draw, stream_start
 from curricle.tasks.generative_models import (
     Functions,

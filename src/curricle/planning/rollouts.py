@@ -1,30 +1,17 @@
-"""Rollouts: episodes of a policy, simulated in compiled code, in any kind of task.
-
-There is one simulator. The policy and what is recorded are types (:func:`policy_action`,
-:func:`record_step`), so every rollout draws from its random stream in the same order: one draw for
-the start, then one for each step, for the action and (mixed once more) for its outcome.
-"""
+"""Rollouts: one episode of a given policy, and many of the uniformly random one."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.planning.greedy import ACTION, greedy_action
-from curricle.planning.solution import Policy, checked_policy
-from curricle.tasks.draws import draw, integers, splitmix64, stream_start, uniform
-from curricle.tasks.generative_models import (
-    Functions,
-    cumulated,
-    first_state,
-    transition,
-    truncated,
-)
+from curricle.planning.simulator import StepRecord, UniformPolicy, simulate, table_policy
+from curricle.planning.solution import checked_policy
+from curricle.tasks.draws import stream_start
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.overloads import Overloaded, compiled, inlined
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel, Task, generative_model
 
@@ -33,173 +20,6 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 CHUNK = 65_536
 """Steps of one long episode that are simulated at a time."""
-
-# -- policies ------------------------------------------------------------------------------------
-
-
-def policy_action(policy, state, bits):
-    """Return the action that a policy takes in a state, drawn with 64 random bits."""
-
-
-policy_actions = Overloaded(policy_action)
-
-
-class UniformPolicy(NamedTuple):
-    """Takes every action with the same probability."""
-
-    n_actions: np.uint64
-
-
-class TablePolicy(NamedTuple):
-    """Takes actions with given probabilities."""
-
-    cumulative: FloatArray  # (S, A), the last possible action has 1
-
-
-class GreedyPolicy(NamedTuple):
-    """Takes a greedy action, ties broken uniformly."""
-
-    values: Any  # a view of what it is greedy on; numba reserves the name "view"
-
-
-@policy_actions.body(UniformPolicy)
-def _uniform_action(policy, state, bits):
-    return integers(bits, policy.n_actions)
-
-
-@policy_actions.body(TablePolicy)
-def _table_action(policy, state, bits):
-    action, chance = np.uint64(0), uniform(bits)
-    for i in range(np.uint64(policy.cumulative.shape[1] - 1)):
-        action += np.uint64(chance >= policy.cumulative[state, i])
-    return action
-
-
-@policy_actions.body(GreedyPolicy)
-def _greedy_policy_action(policy, state, bits):
-    return greedy_action(policy.values, state, bits) & ACTION
-
-
-def table_policy(policy: Policy, n_actions: int) -> TablePolicy:
-    """Return a checked policy, (S,) actions or (S, A) probabilities, for the simulator."""
-    chances = np.eye(n_actions)[policy] if policy.ndim == 1 else policy
-    return TablePolicy(cumulated(chances.astype(np.float64, copy=False)))
-
-
-# -- the simulator -------------------------------------------------------------------------------
-
-
-def record_step(record, n, state, action, reward):
-    """Note the n-th step of all episodes: what was done in a state and what it paid."""
-
-
-step_records = Overloaded(record_step)
-
-
-class StepRecord(NamedTuple):
-    """Every step, one after the other."""
-
-    states: IntArray  # (n,)
-    actions: IntArray  # (n,)
-    rewards: FloatArray  # (n,)
-
-
-class ReturnRecord(NamedTuple):
-    """The sum of returns, nothing else."""
-
-    discount: float
-    total: FloatArray  # (2,) the sum; what the next reward counts
-
-
-@step_records.body(StepRecord)
-def _record_all(record, n, state, action, reward):
-    record.states[n] = np.int64(state)
-    record.actions[n] = np.int64(action)
-    record.rewards[n] = reward
-
-
-@step_records.body(ReturnRecord)
-def _record_return(record, n, state, action, reward):
-    record.total[0] += record.total[1] * reward
-    record.total[1] *= record.discount
-
-
-@inlined
-def simulate_episode(model, policy, state, stream, limit, record, n):
-    """Simulate one episode from a state for at most `limit` steps, recorded from the n-th on.
-
-    Returns the steps of all episodes so far, the state reached and whether it terminated.
-    """
-    last, terminated, stopped = n + limit, False, False
-    while n < last and not stopped:
-        bits = draw(stream)
-        action = policy_action(policy, state, bits)
-        next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
-        record_step(record, n, state, action, reward)
-        state, n = next_state, n + 1
-        stopped = terminated or truncated(model)
-    return n, state, terminated
-
-
-class EpisodeEnds(NamedTuple):
-    """How each of E episodes ended."""
-
-    lengths: IntArray  # (E,) steps
-    last_states: IntArray  # (E,)
-    terminated: BoolArray  # (E,)
-    truncated: BoolArray  # (E,) by the task itself, not by the limit
-
-
-def _simulate(model, policy, starts, stream, limit, record, ends):
-    n = 0
-    for episode in range(ends.lengths.shape[0]):
-        if starts.shape[0] > 0:
-            state = np.uint64(starts[episode])
-        else:
-            state = np.uint64(first_state(model, draw(stream)))
-        first = n
-        n, state, terminated = simulate_episode(model, policy, state, stream, limit, record, n)
-        ends.lengths[episode] = n - first
-        ends.last_states[episode] = np.int64(state)
-        ends.terminated[episode] = terminated
-        ends.truncated[episode] = not terminated and truncated(model)
-
-
-def simulate(
-    model: Any,
-    policy: UniformPolicy | TablePolicy | GreedyPolicy,
-    stream: npt.NDArray[np.uint64],
-    *,
-    episodes: int,
-    limit: int,
-    starts: npt.NDArray[np.integer[Any]] | None = None,
-) -> tuple[StepRecord, EpisodeEnds]:
-    """Return the steps of some episodes, one after the other, and how each ended.
-
-    Parameters
-    ----------
-    model : NamedTuple
-        An open generative model (:func:`open_model`).
-    policy : NamedTuple
-    stream : (1,) uint64
-        The random stream, which advances.
-    episodes, limit : int
-        How many episodes, E, and the most steps of one.
-    starts : (E,) int array, optional
-        The state each starts in; drawn as the task draws them by default.
-    """
-    size = episodes * limit  # pages of memory that no step reaches are never taken
-    record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
-    whole = np.empty(episodes, np.int64), np.empty(episodes, np.int64)
-    ends = EpisodeEnds(*whole, np.empty(episodes, np.bool_), np.empty(episodes, np.bool_))
-    first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
-    loop = compiled(_simulate, isinstance(model, Functions))
-    loop(model, policy, first, stream, limit, record, ends)
-    n = int(ends.lengths.sum())
-    return StepRecord(*(steps[:n].copy() for steps in record)), ends
-
-
-# -- one episode ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,9 +141,6 @@ def _start(generative: GenerativeModel, start: int) -> IntArray:
     if state >= generative.states.size or (terminal is not None and terminal[state]):
         raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
     return np.array([state])
-
-
-# -- random episodes -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

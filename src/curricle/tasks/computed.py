@@ -1,4 +1,4 @@
-"""Tasks given by compiled functions instead of tables."""
+"""Computed tasks: given by compiled functions instead of tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from curricle.tasks.mdp import check_horizon
 from curricle.tasks.spaces import Space
 
 LARGEST = 2**62
-"""States above which their numbers do not fit the arrays that list them."""
+"""The most states: larger numbers do not fit the arrays that list them."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComputedMDP:
-    """An MDP whose successors are computed by a function, for tasks no table can hold.
+    """An MDP whose successors are computed by a function, for tasks too large for tables.
 
-    It can be learnt and transferred into and from, not solved: there is nothing to look up.
+    It can be learnt, and be a source or a target of transfer; only solving needs tables.
 
     Parameters
     ----------
@@ -30,12 +30,13 @@ class ComputedMDP:
         S states and A actions; their numbers are what the functions take and return.
     start : callable
         ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
-        bits, a uint64; :func:`unit`, :func:`below` and :func:`splitmix64` make numbers of them.
+        bits, a uint64; :func:`uniform`, :func:`integers`, :func:`bernoulli` and
+        :func:`splitmix64` turn them into numbers.
     step : callable
-        ``step(data, state, action, bits) -> (next state, reward, over)``. `over` says that the
-        episode has ended; it must depend on the next state alone.
-        Both are written in the Python that numba compiles (``numba.njit`` applied or not), take
-        state and action as uint64, and must not write into `data`.
+        ``step(data, state, action, bits) -> (next state, reward, terminated)``. `terminated` must
+        depend on the next state alone. Both functions are written in the Python that numba compiles
+        (``numba.njit`` applied or not), take state and action as uint64, and must not change
+        `data`.
     data : Any
         What the functions read: a number, an array, a NamedTuple of such.
     discount, time_limit
@@ -44,16 +45,16 @@ class ComputedMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is none.
+        When a space, a function or the horizon is invalid.
 
     Notes
     -----
-    The functions are compiled into the learning loop when a task is first learnt, which takes some
-    seconds in each process: code of one's own is not cached on disk.
+    The functions are compiled into the learning loop when a task is first learnt. This takes some
+    seconds in each process, as code of a user is not cached on disk.
 
     Examples
     --------
-    A walk on a ring of n places, home is 0; a step goes astray with probability 0.1.
+    A walk on a ring of n places, home is 0; a step goes the wrong way with probability 0.1.
 
     >>> import curricle as cr
     >>> def start(n, bits):
@@ -94,11 +95,11 @@ class ComputedMDP:
 
     @property
     def terminal(self) -> None:
-        """Unknown: which states end an episode is the step function's secret."""
+        """Unknown: only the step function decides which states end an episode."""
 
     @cached_property
     def model(self) -> Functions:
-        """The task as compiled loops read it."""
+        """The generative model for compiled loops."""
         return Functions(_compiled(self.start), _compiled(self.step), self.data)
 
     def __repr__(self) -> str:

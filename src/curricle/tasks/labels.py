@@ -1,10 +1,10 @@
-"""How states and actions are named in sentences."""
+"""Labels: states and actions in sentences."""
 
 from curricle.tasks.spaces import Space
 
 
 def state_name(space: Space, state: int) -> str:
-    """Return a state's number and what it is made of.
+    """Return a state's number and its components in words.
 
     Examples
     --------
@@ -19,7 +19,7 @@ def state_name(space: Space, state: int) -> str:
 
 
 def action_name(space: Space, action: int) -> str:
-    """Return what an action is called.
+    """Return an action in words.
 
     Examples
     --------

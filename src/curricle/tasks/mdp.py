@@ -1,9 +1,9 @@
 """Finite Markov decision processes as frozen tables.
 
-Pairs (s, a) that share an outcome distribution share a *row*: ``outcome_row[s, a]`` names one of
-Y rows, and each row lists up to O outcomes with probability, successor and reward. A domain whose
-moves are deterministic but for one random part (a maze: Y = cells; pursuit: Y = states, O = prey
-moves) so stays small, and an arbitrary MDP simply has Y = S * A.
+Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
+rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
+small whose moves are deterministic except for one random part (a maze: Y = 2 S; pursuit: Y = S,
+O = moves of the prey); an arbitrary MDP has Y = S A.
 """
 
 from dataclasses import dataclass
@@ -36,29 +36,28 @@ NO_LIMIT = np.int64(2**62)
 class FiniteMDP:
     """A finite MDP with a start distribution, a discount and a time limit; validated and frozen.
 
-    Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form at hand.
+    Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form.
 
     Parameters
     ----------
     states, actions : Space
         S states and A actions.
     outcome_row : (S, A) int32
-        The outcome row of each pair, in 0 .. Y-1. Rows of terminal states are never used.
+        The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
     probability : (Y, O) float64
         Outcome probabilities; each row sums to 1 (pad short rows with probability 0).
     next_state : (Y, O) int32
         Successor of each outcome.
     reward : (Y, O) float64
-        Reward of each outcome; so it may depend on s, a and s'.
+        Reward of each outcome, so that it may depend on s, a and s'.
     terminal : (S,) bool
         States whose entry ends the episode; their value is 0.
     start : (S,) float64
-        Probability of starting in each state; none on a terminal one.
+        Probability of starting in each state; 0 in terminal states.
     discount : float
-        In [0, 1]. 1 only where every policy ends or a time limit is set.
+        In [0, 1]; 1 only where every policy is proper (ends) or a time limit is set.
     time_limit : int, optional
-        Steps after which an episode is cut off. Cutting off is not termination: learners keep
-        bootstrapping.
+        Steps after which an episode is truncated. This is not termination: learners bootstrap.
 
     Raises
     ------
@@ -274,13 +273,13 @@ class FiniteMDP:
     def _check_discount(self) -> None:
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            endless = improper_states(
+            improper = improper_states(
                 self.terminal, self.outcome_row, self.probability, self.next_state
             )
-            if endless.size:
+            if improper.size:
                 raise TaskError(
                     "discount 1 needs a time limit or a task where every policy ends: from state "
-                    f"{endless[0]} an episode can go on for ever"
+                    f"{improper[0]} an episode can go on for ever"
                 )
 
     # -- derived -------------------------------------------------------------------------------
@@ -292,7 +291,7 @@ class FiniteMDP:
 
     @cached_property
     def model(self) -> Tables | DeterministicTables:
-        """The tables as learning reads them."""
+        """The generative model for compiled loops."""
         return learning_model(self)
 
     @cached_property

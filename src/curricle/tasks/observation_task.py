@@ -1,4 +1,4 @@
-"""Tasks seen through observations: vectors, pictures or dicts instead of numbered states."""
+"""Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from curricle.errors import TaskError
 
 @dataclass(frozen=True)
 class Registered:
-    """Makes an environment of Gymnasium's registry; equal where it makes the same one.
+    """Makes an environment of Gymnasium's registry; equal if it makes the same one.
 
     Examples
     --------
@@ -30,13 +30,13 @@ class Registered:
         return gymnasium.make(self.id, **self.arguments)
 
     def __str__(self) -> str:
-        said = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
-        return f"{self.id}({', '.join(said)})" if said else self.id
+        parts = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
+        return f"{self.id}({', '.join(parts)})" if parts else self.id
 
 
 @dataclass(frozen=True)
 class ObservationTask:
-    """A task whose learner sees observations, as deep learners do; tables know it not.
+    """A task whose learner gets observations, as deep learners do; it has no tables.
 
     Two tasks are equal where the same function makes their environments, with the same discount
     and time limit.
@@ -48,7 +48,7 @@ class ObservationTask:
     discount : float
         gamma, in [0, 1].
     time_limit : int, optional
-        Steps after which an episode is cut off; by default the environment's own affair.
+        Steps after which an episode is cut off; by default those of the environment.
 
     Raises
     ------
@@ -74,15 +74,15 @@ class ObservationTask:
         number("discount", self.discount, TaskError, 0, 1)
         if self.time_limit is not None:
             whole_number("time_limit", self.time_limit, 1, TaskError)
-        _ = self._looked_at
+        _ = self._inspected
 
     @cached_property
-    def _looked_at(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any], int | None]:
+    def _inspected(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any], int | None]:
         environment = self.make()
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
         limit = None if environment.spec is None else environment.spec.max_episode_steps
-        if limit is None:  # an environment of Curricle's cuts its task's episodes itself
+        if limit is None:  # environments of Curricle truncate episodes themselves
             limit = getattr(getattr(environment.unwrapped, "task", None), "time_limit", None)
         spaces = environment.observation_space, environment.action_space
         environment.close()
@@ -91,23 +91,23 @@ class ObservationTask:
     @property
     def observations(self) -> gymnasium.Space[Any]:
         """The space of one observation."""
-        return self._looked_at[0]
+        return self._inspected[0]
 
     @property
     def actions(self) -> gymnasium.Space[Any]:
         """The space of one action."""
-        return self._looked_at[1]
+        return self._inspected[1]
 
     @property
     def n_actions(self) -> int | None:
-        """The number of actions, A; None where they are not numbered from 0."""
+        """The number of actions, A; None unless they are numbered from 0."""
         space = self.actions
         return int(space.n) if isinstance(space, Discrete) and space.start == 0 else None
 
     @property
     def longest(self) -> int | None:
-        """Steps after which an episode is cut off; None if nobody says."""
-        return self._looked_at[2]
+        """Steps after which an episode is cut off; None if unknown."""
+        return self._inspected[2]
 
     def environment(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment, cut off at the task's time limit."""
@@ -118,8 +118,8 @@ class ObservationTask:
 
     @property
     def shapes(self) -> str:
-        """What is seen and done, in words, such as ``Box(2,) -> Discrete(3)``."""
-        return " -> ".join(_shape(space) for space in self._looked_at[:2])
+        """The spaces of observations and actions, such as ``Box(2,) -> Discrete(3)``."""
+        return " -> ".join(_shape(space) for space in self._inspected[:2])
 
     def __repr__(self) -> str:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"

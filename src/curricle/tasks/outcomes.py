@@ -1,4 +1,4 @@
-"""Reading outcome lists, the form in which Gymnasium's toy-text tasks give their tables."""
+"""Outcome lists, the form of the tables of Gymnasium's toy-text tasks, and checks of outcomes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -76,8 +76,9 @@ def _has_first(outcomes: Any) -> bool:
 def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.bool_]:
     """Collect the ``terminated`` flags of outcome lists into one flag a state.
 
-    Only what can be reached counts: tables such as Taxi's list impossible states too, whose
-    flags contradict the others.
+    Only reachable states count: tables such as Taxi's also list impossible states, whose flags
+    contradict the others. This is no plain graph search: flags are checked on the way, and a flag
+    decides whether the search goes on.
     """
     flags: dict[int, bool] = {}
     waiting, seen = list(first), set(first)
@@ -112,8 +113,8 @@ def check_rows(
 ) -> None:
     """Raise TaskError naming the first pair whose outcome row breaks a rule.
 
-    Rows that only terminal states name may hold anything; which those are is looked up only if
-    there is a row to complain about.
+    Rows that only terminal states use may hold anything; which those are is determined only if some
+    row breaks a rule.
 
     Parameters
     ----------

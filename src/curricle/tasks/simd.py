@@ -1,7 +1,7 @@
-"""What numba has no words for, in LLVM's: vectors of a row's values, and fetching ahead.
+"""Vector instructions and prefetching in LLVM's language, which numba does not offer.
 
-A row is looked at in pieces of :data:`LANES` values; a processor with narrower vectors takes
-several for a piece.
+A row is read in vectors of :data:`LANES` values; a processor with narrower vectors takes several
+instructions for one.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 LANES = 8
 LINE = 64
-"""Bytes that are fetched together."""
+"""Bytes of a cache line."""
 WORD, FLAG = ir.IntType(32), ir.IntType(1)
 WORDS = ir.VectorType(WORD, LANES)
 
@@ -27,7 +27,7 @@ def highest_of_lanes(_, table, row, first):
     """
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        values, _, inside = _piece(context, builder, table, args)
+        values, _, inside = _vector(context, builder, table, args)
         low = ir.Constant(values.type, [float("-inf")] * LANES)
         values = builder.select(inside, values, low)
         return _reduced(builder, "fmax", values, fastmath=("nnan",))
@@ -37,10 +37,10 @@ def highest_of_lanes(_, table, row, first):
 
 @intrinsic
 def ties_in_lanes(_, table, row, first, value):
-    """Return which of up to 8 values of a row equal `value`, from entry `first` on: a bit each."""
+    """Return which of 8 values of a row from entry `first` on equal `value`, one bit each."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        values, _, inside = _piece(context, builder, table, args)
+        values, _, inside = _vector(context, builder, table, args)
         tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
         bits = builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES))
         return builder.zext(bits, ir.IntType(64))
@@ -60,9 +60,9 @@ def ones(_, bits):
 
 @intrinsic
 def nth_one(_, bits, n):
-    """Return the number of the n-th bit, counted from 0, of those set in a 64-bit number.
+    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number.
 
-    One instruction where the processor has it (x86 with BMI2), else a loop over the bits below.
+    One instruction on processors that have it (x86 with BMI2), else a loop over the bits below.
     """
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -79,15 +79,15 @@ def nth_one(_, bits, n):
 
 
 def _without_lowest(bits: Any, n: Any) -> Any:
-    """Return a number without its n lowest bits that are set."""
+    """Return a number with its n lowest set bits cleared."""
     while n > 0:
         bits &= bits - np.uint64(1)
         n -= np.uint64(1)
     return bits
 
 
-def _piece(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any, Any]:
-    """Return 8 values of a row from an entry on, their numbers, and which the row has."""
+def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any, Any]:
+    """Return 8 values of a row from an entry on, their indices, and which lie in the row."""
     array = context.make_array(table)(context, builder, args[0])
     width, first = builder.extract_value(array.shape, 1), args[2]
     start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
@@ -99,7 +99,7 @@ def _piece(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any,
 
 
 def _masked_load(builder: Any, start: Any, kind: Any, inside: Any) -> Any:
-    """Return the values that are inside; nothing beyond the row is read."""
+    """Return the values that lie inside; nothing beyond the row is read."""
     size = 4 if kind.element == ir.FloatType() else 8
     name = f"llvm.masked.load.v{LANES}f{8 * size}.p0"
     parts = [kind.as_pointer(), WORD, inside.type, kind]
@@ -127,9 +127,9 @@ def _spread(builder: Any, value: Any) -> Any:
 
 @intrinsic
 def of_width(_, array, width):
-    """Return a C-ordered (n, m) array whose m the compiler knows: the length of `width`, unless 0.
+    """Return a C-ordered (n, m) array with m known to the compiler: len(width), unless that is 0.
 
-    Loops along a row are then unrolled and products with m become shifts and sums.
+    Loops along a row are then unrolled, and products with m become shifts and sums.
     """
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -147,9 +147,9 @@ def of_width(_, array, width):
 
 @intrinsic
 def prefetch(_, array, row):
-    """Ask for a row of a C-ordered (n, m) array to be fetched, all lines of it.
+    """Prefetch all cache lines of a row of a C-ordered (n, m) array.
 
-    The processor goes on meanwhile; a row of a table larger than its caches is then at hand when
+    The processor goes on meanwhile; a row of a table larger than its caches has then arrived when
     the next step reads it.
     """
 
@@ -176,7 +176,7 @@ def prefetch(_, array, row):
 
 
 def inverse_of(divisor: int, numbers: int) -> np.uint64:
-    """Return what :func:`quotient` divides numbers below `numbers` with; 0 if it cannot."""
+    """Return the multiplier with which :func:`quotient` divides numbers below `numbers`, or 0."""
     exact = divisor >= 2 and numbers * divisor <= 2**64
     return np.uint64(2**64 // divisor + 1 if exact else 0)
 
@@ -185,7 +185,7 @@ def inverse_of(divisor: int, numbers: int) -> np.uint64:
 def quotient(_, number, inverse):
     """Return number // divisor as the upper 64 bits of number * inverse.
 
-    Several times faster than to divide, and exact while number * divisor < 2^64: the inverse
+    Several times faster than division, and exact while number * divisor < 2^64: the inverse
     exceeds 2^64 / divisor by at most 1, so that the product exceeds 2^64 number / divisor by less
     than 2^64 / divisor, which is too little to reach the next whole number.
     """

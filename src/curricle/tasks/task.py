@@ -1,4 +1,4 @@
-"""What a task is, to whoever learns, plans or maps: any object with these properties."""
+"""Tasks: the properties that learning, planning and mapping need of any object."""
 
 from typing import Any, Protocol
 
@@ -11,7 +11,7 @@ from curricle.tasks.spaces import Space
 
 
 class Task(Protocol):
-    """Anything that can be learnt, solved and mapped: it has spaces and converts to tables."""
+    """A task to learn, solve and map: it has spaces and converts to tables."""
 
     @property
     def states(self) -> Space:
@@ -27,9 +27,9 @@ class Task(Protocol):
 
 
 class GenerativeModel(Protocol):
-    """What learning needs of a task: its spaces and horizon, and a model that compiled loops read.
+    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops.
 
-    `terminal`, (S,) bool, may be None where nobody knows.
+    `terminal`, (S,) bool, is None where it is unknown.
     """
 
     @property
@@ -47,7 +47,7 @@ class GenerativeModel(Protocol):
 
 
 def generative_model(task: Any) -> GenerativeModel:
-    """Return a task that computes its moves as it is, any other's tables."""
+    """Return a task that has a generative model as it is, the tables of any other."""
     generative: GenerativeModel = (
         task if isinstance(getattr(task, "model", None), tuple) else tables(task)
     )
@@ -55,7 +55,7 @@ def generative_model(task: Any) -> GenerativeModel:
 
 
 def has_tables(task: Any) -> bool:
-    """Return whether a task can be turned into tables (if they fit)."""
+    """Return whether a task can be converted to tables (if they fit)."""
     return hasattr(type(task), "mdp") or "mdp" in getattr(task, "__dict__", {})
 
 
@@ -64,15 +64,13 @@ def tables(task: Any) -> FiniteMDP:
     mdp = getattr(task, "mdp", None)
     if not isinstance(mdp, FiniteMDP):
         if isinstance(getattr(task, "model", None), tuple):
-            raise TaskError(
-                f"a task given by functions or played live has no tables to look at: {task!r}"
-            )
+            raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
         raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}")
     return mdp
 
 
 def same_task(one: Task, other: Task) -> bool:
-    """Return whether two tasks are one: the same object, or values that are equal.
+    """Return whether two tasks are the same: one object, or equal values.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Planning without tables against planning on them, on random pursuits of independent movers.
+"""Planning on factored models against planning on tables, on random pursuits.
 
 Two exact solutions must agree within the sum of their proven error bounds.
 """
@@ -38,7 +38,7 @@ def pursuits(draw, discounts=(0.0, 0.5, 0.9, 0.99)):
 
 @settings(max_examples=30)
 @given(pursuits(), st.sampled_from([1e-3, 1e-9]))
-def test_movers_and_tables_have_the_same_optimum(game, tolerance):
+def test_factored_models_and_tables_have_the_same_optimum(game, tolerance):
     one, other = cr.solve(game, tolerance=tolerance), cr.solve(game.mdp, tolerance=tolerance)
     assert max(one.error_bound, other.error_bound) <= tolerance
     bound = one.error_bound + other.error_bound + 1e-12
@@ -53,7 +53,7 @@ def test_movers_and_tables_have_the_same_optimum(game, tolerance):
 
 @settings(max_examples=30)
 @given(pursuits(), st.integers(0, 99), st.sampled_from(["actions", "mixed", "some", "greedy"]))
-def test_movers_and_tables_evaluate_alike(game, seed, kind):
+def test_factored_models_and_tables_evaluate_alike(game, seed, kind):
     rng = np.random.default_rng(seed)
     shape = game.states.size, game.actions.size
     policy = {
@@ -69,12 +69,12 @@ def test_movers_and_tables_evaluate_alike(game, seed, kind):
 
 
 @given(pursuits())
-def test_movers_say_what_the_tables_say(game):
-    movers, mdp = game.factored_model, game.mdp
-    assert movers.size == mdp.states.size
-    np.testing.assert_array_equal(movers.terminal(), mdp.terminal)
-    np.testing.assert_array_equal(movers.start(), mdp.start)
-    assert movers.discount == mdp.discount
+def test_factored_models_and_tables_agree(game):
+    model, mdp = game.factored_model, game.mdp
+    assert model.size == mdp.states.size
+    np.testing.assert_array_equal(model.terminal(), mdp.terminal)
+    np.testing.assert_array_equal(model.start(), mdp.start)
+    assert model.discount == mdp.discount
 
 
 def test_joint_landing_is_numbered_like_states_and_actions():
@@ -87,7 +87,7 @@ def test_joint_landing_is_numbered_like_states_and_actions():
         assert landed[place, action] == game.landing[p, a] * 4 + game.landing[q, b]
 
 
-def test_a_prey_that_looks_has_no_movers():
+def test_a_prey_that_reacts_has_no_factored_model():
     by_cell = np.full((4, 5), 0.2)
     assert cr.Pursuit(size=2, predators=1, prey=by_cell).factored_model is not None
     assert (

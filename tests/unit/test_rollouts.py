@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import curricle as cr
 from curricle import FiniteMDP, GridWorld
-from curricle.planning import rollout
+from curricle.planning import rollout, rollouts
+from curricle.planning.rollouts import random_rollouts
 
 LINE = GridWorld("S..T", discount=0.5)
 
@@ -56,3 +58,54 @@ def test_the_start_follows_its_distribution():
     spread = LINE.with_start([(0, 0), (0, 2)])
     starts = [rollout(spread, [1, 1, 1, 0], seed=s).states[0] for s in range(200)]
     assert set(starts) == {0, 2}
+
+
+def ring_step(n, state, action, bits):
+    after = (state + action) % n
+    return after, -1.0, after == 0
+
+
+RING = cr.ComputedMDP(
+    cr.Space([cr.Component("place", 5)]),
+    cr.Space([cr.Component("move", 2)]),
+    lambda n, bits: 3,
+    ring_step,
+    data=5,
+)
+
+
+def test_tasks_with_and_without_tables_draw_alike():
+    # The walk on the ring as a table: the same states, rewards, draws.
+    place = np.arange(5)
+    table = FiniteMDP.from_outcomes(
+        [[[(1.0, (s + a) % 5, -1.0)] for a in range(2)] for s in place],
+        terminal=place == 0,
+        start=3,
+        discount=0.99,
+        time_limit=200,
+    )
+    uniform = np.full((5, 2), 0.5)
+    for seed in range(5):
+        one, other = rollout(RING, uniform, seed=seed), rollout(table, uniform, seed=seed)
+        assert one.states.tolist() == other.states.tolist()
+        assert one.actions.tolist() == other.actions.tolist()
+        assert one.rewards.tolist() == other.rewards.tolist()
+        assert (one.terminated, one.truncated) == (other.terminated, other.truncated)
+    walked, tabled = (random_rollouts(task, episodes=9, length=7) for task in (RING, table))
+    np.testing.assert_array_equal(walked.states, tabled.states)
+    np.testing.assert_array_equal(walked.actions, tabled.actions)
+
+
+def test_a_computed_task_may_start_in_any_state():
+    assert rollout(RING, np.ones(5, int), start=2).states.tolist() == [2, 3, 4, 0]
+
+
+def test_a_long_episode_is_simulated_in_pieces(monkeypatch):
+    uniform = np.full((5, 2), 0.5)
+    whole = [rollout(RING, uniform, seed=seed) for seed in range(5)]
+    monkeypatch.setattr(rollouts, "CHUNK", 2)
+    for seed, expected in enumerate(whole):
+        found = rollout(RING, uniform, seed=seed)
+        assert found.states.tolist() == expected.states.tolist()
+        assert found.rewards.tolist() == expected.rewards.tolist()
+        assert found.terminated == expected.terminated
