@@ -66,7 +66,14 @@ def test_sparse_and_dense_tables_learn_the_same(name, dtype):
 @pytest.mark.parametrize("name", LEARNERS)
 def test_so_they_do_from_a_potential(name, aggregate, dtype):
     phi = [potential(FAR, AGGREGATES[aggregate], seed) for seed in range(2)]
-    both(FAR, LEARNERS[name], dtype=dtype, evaluation=ROLLED, seeds=2, potential=phi)
+    both(
+        FAR,
+        LEARNERS[name],
+        dtype=dtype,
+        evaluation=ROLLED,
+        seeds=2,
+        shaping=[cr.QInitialisation(one) for one in phi],
+    )
 
 
 def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
@@ -80,7 +87,14 @@ def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
 
 def test_states_not_met_are_judged_as_they_would_be_made():
     # Hardly any learning: nearly all states that an evaluation visits have no row yet.
-    both(FAR, QLearning(), 3, potential=potential(FAR), evaluation=ROLLED, eval_freq=1)
+    both(
+        FAR,
+        QLearning(),
+        3,
+        shaping=cr.QInitialisation(potential(FAR)),
+        evaluation=ROLLED,
+        eval_freq=1,
+    )
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -136,7 +150,7 @@ def limited(rows, **settings):
 @pytest.mark.parametrize("rows", [1, 2, 17, 100])
 def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     phi = potential(HUNT)
-    short = limited(rows, potential=phi, evaluation=ROLLED)
+    short = limited(rows, shaping=cr.QInitialisation(phi), evaluation=ROLLED)
     whole = cr.learn(
         HUNT,
         QLearning(epsilon=0.5),
@@ -238,7 +252,10 @@ REFUSED = {
         "are for QLearning .* got QLearning with StateShaping",
     ),
     "bonus": ({"shaping": cr.RewardBonus(ARRAY)}, "with RewardBonus"),
-    "array": ({"potential": ARRAY}, "got a StateActionPotential, which is an array"),
+    "array": (
+        {"shaping": cr.QInitialisation(ARRAY)},
+        "got a StateActionPotential, which is an array",
+    ),
 }
 
 
@@ -264,12 +281,14 @@ BAD += ["9" * 400 + " GB", "nan GB", 0, -1, 1.5, True, None.__class__]
 
 @pytest.mark.parametrize("memory", BAD, ids=lambda m: str(m)[:10])
 def test_memory_that_is_none_is_refused(memory):
-    with pytest.raises(SettingError, match=r"memory (must be|in bytes must)"):
+    with pytest.raises(SettingError, match=r"memory_limit (must be|in bytes must)"):
         Storage(memory_limit=memory)
 
 
 @pytest.mark.parametrize(
-    "settings", [{"kind": "hash"}, {"dtype": "float16"}, {"save_values": 1}], ids=lambda s: next(iter(s))
+    "settings",
+    [{"kind": "hash"}, {"dtype": "float16"}, {"save_values": 1}],
+    ids=lambda s: next(iter(s)),
 )
 def test_unknown_storage_is_refused(settings):
     with pytest.raises(SettingError):
