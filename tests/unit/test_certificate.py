@@ -694,7 +694,7 @@ def test_the_literal_sweep_pays_what_an_end_says():
 OTHER = cr.GridWorld("S.T")
 BAD = {
     "a shape": (
-        PotentialError, r"shape \(8,\): got \(3,\)", lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
+        PotentialError, r"shape \(8,\) or \(M, 8\): got \(3,\)", lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
     ),
     "states for pairs": (
         PotentialError, r"shape \(8, 4\): got \(8,\)", lambda: certify(MAZE, cr.QInitialisation(np.zeros(8))),

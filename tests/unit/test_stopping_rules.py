@@ -27,20 +27,20 @@ LEARNERS = [
 ]
 
 
-def oracle(gate: StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
+def oracle(rule: StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
     """The rule in plain words, written anew."""
-    n = gate.evaluations
+    n = rule.patience
     last, before = greedy[: checkpoint + 1][-n:], greedy[: checkpoint + 1][-2 * n : -n]
     conditions = []
-    if gate.value is not None:
-        conditions.append(len(last) == n and all(value >= gate.value for value in last))
-    if gate.plateau is not None:
+    if rule.threshold is not None:
+        conditions.append(len(last) == n and all(value >= rule.threshold for value in last))
+    if rule.plateau is not None:
         enough = len(before) == n
         conditions.append(
-            enough and sum(a - b for a, b in zip(last, before, strict=True)) / n < gate.plateau
+            enough and sum(a - b for a, b in zip(last, before, strict=True)) / n < rule.plateau
         )
-    holds = all(conditions) if gate.when == "all" else any(conditions)
-    return bool(conditions) and holds and step > 0 and step >= gate.least
+    holds = all(conditions) if rule.when == "all" else any(conditions)
+    return bool(conditions) and holds and step > 0 and step >= rule.min_steps
 
 
 @given(
@@ -52,14 +52,14 @@ def oracle(gate: StoppingRule, greedy: list[float], checkpoint: int, step: int) 
     least=st.integers(0, 60),
 )
 def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
-    gate = StoppingRule(
+    rule = StoppingRule(
         100, min_steps=least, threshold=value, plateau=plateau, patience=evaluations, when=when
     )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
-        found = opens(gate.kernel(), np.array(greedy), checkpoint, step)
+        found = opens(rule.kernel(), np.array(greedy), checkpoint, step)
         # Sums in another order may differ in the last digit, but not these: all values are short.
-        assert found == oracle(gate, greedy, checkpoint, step)
+        assert found == oracle(rule, greedy, checkpoint, step)
 
 
 @pytest.mark.parametrize(("learner", "guard"), LEARNERS)
