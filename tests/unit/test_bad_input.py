@@ -353,10 +353,6 @@ SETTINGS = {
         lambda: ask(shaping=cr.QInitialisation(PHI.to_state())),
         r"QInitialisation takes a potential phi\(s, a\): got a StatePotential",
     ),
-    "a plain array of another shape": (
-        lambda: ask(shaping=cr.QInitialisation(np.ones((4, 3)))),
-        r"must have shape \(3, 4\): got \(4, 3\)",
-    ),
     "too many potentials": (
         lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3),
         "means 3 of them: got 2",

@@ -489,7 +489,9 @@ def large_mapped():
 
 
 def test_a_large_task_is_sampled():
-    found = certify(LARGE, ShapingReward(lambda s, a, t: 0.99 * hidden(t) - hidden(s)), steps=30_000)
+    found = certify(
+        LARGE, ShapingReward(lambda s, a, t: 0.99 * hidden(t) - hidden(s)), steps=30_000
+    )
     assert found.holds is None
     assert (found.method, found.states) == ("sampled", 0)
     assert 25_000 < found.steps <= 30_000
@@ -550,10 +552,15 @@ def test_phi_is_read_where_walks_lead():
     np.testing.assert_array_equal(phi.rows(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
     assert len(pairs[0]) > READ  # more than one block
-    np.testing.assert_array_equal(checked(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs])
+    np.testing.assert_array_equal(
+        checked(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs]
+    )
     whole = certify(small, cr.QInitialisation(phi), method="sampled", steps=5_000)
     given = certify(
-        small, cr.QInitialisation(cr.StateActionPotential(small, phi.values)), method="sampled", steps=5_000
+        small,
+        cr.QInitialisation(cr.StateActionPotential(small, phi.values)),
+        method="sampled",
+        steps=5_000,
     )
     assert whole.residual == pytest.approx(given.residual, abs=1e-12)
     assert whole.findings == given.findings
@@ -579,9 +586,16 @@ def test_a_computed_task_is_sampled():
         certify(task, cr.StateShaping(cr.StatePotential(task, phi)), steps=10_000),
         certify(task, cr.StateShaping(ended), steps=10_000),
         certify(task, ShapingReward(difference(ended, 0.99)), steps=10_000),
-        certify(task, cr.QInitialisation(cr.StateActionPotential(task, np.outer(phi, [1, 2, 3, 4, 5]))), steps=10_000),
         certify(
-            task, cr.StateShaping(cr.StatePotential(task, phi, weight=cr.learning.linear(1, 0, steps=30)))
+            task,
+            cr.QInitialisation(cr.StateActionPotential(task, np.outer(phi, [1, 2, 3, 4, 5]))),
+            steps=10_000,
+        ),
+        certify(
+            task,
+            cr.StateShaping(
+                cr.StatePotential(task, phi, weight=cr.learning.linear(1, 0, steps=30))
+            ),
         ),
     ):
         assert own.holds is None
@@ -626,7 +640,9 @@ def test_loops_at_discount_1_must_earn_nothing():
     )  # fmt: skip
     paid = certify(ring, ShapingReward(lambda s, a, after: 0.5), steps=400)
     assert paid.findings[0].endswith("is paid 1.5, where a potential pays nothing")
-    balanced = certify(ring, ShapingReward(lambda s, a, after: np.array([1.0, 2.0, -3.0])[s]), steps=400)
+    balanced = certify(
+        ring, ShapingReward(lambda s, a, after: np.array([1.0, 2.0, -3.0])[s]), steps=400
+    )
     assert "no contradiction" in str(balanced)
 
 

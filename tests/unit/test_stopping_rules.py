@@ -83,9 +83,7 @@ def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
         assert decisions[-1].ends or steps == 4000
         assert not gated.out_of_memory[k]
         ended |= decisions[-1].ends
-        shorter = learn(
-            MAZE, learner, steps, **{**settings, "seeds": [k]}
-        )
+        shorter = learn(MAZE, learner, steps, **{**settings, "seeds": [k]})
         np.testing.assert_array_equal(shorter.values[0], gated.values[k])
     assert ended
 
@@ -123,7 +121,10 @@ def test_min_and_max_steps_bound_a_rule():
         ({"max_steps": 10, "patience": 0}, "patience of a stopping rule"),
         ({"max_steps": 10, "fraction": 1.5}, "fraction of a stopping rule must lie in"),
         ({"max_steps": 10, "plateau": -1}, "plateau of a stopping rule"),
-        ({"max_steps": 10, "threshold": float("nan")}, "threshold of a stopping rule must be finite"),
+        (
+            {"max_steps": 10, "threshold": float("nan")},
+            "threshold of a stopping rule must be finite",
+        ),
         ({"max_steps": 10, "when": "both"}, "when of a stopping rule must be one of any, all"),
     ],
 )
