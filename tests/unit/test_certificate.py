@@ -710,10 +710,12 @@ def test_the_literal_sweep_pays_what_an_end_says():
 OTHER = cr.GridWorld("S.T")
 BAD = {
     "a shape": (
-        PotentialError, r"shape \(8,\) or \(M, 8\): got \(3,\)", lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
+        PotentialError, r"shape \(8,\) or \(M, 8\): got \(3,\)",
+        lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
     ),
     "states for pairs": (
-        PotentialError, r"shape \(8, 4\): got \(8,\)", lambda: certify(MAZE, cr.QInitialisation(np.zeros(8))),
+        PotentialError, r"shape \(8, 4\): got \(8,\)",
+        lambda: certify(MAZE, cr.QInitialisation(np.zeros(8))),
     ),
     "frames as an array": (
         PotentialError, r"got \(2, 8\)", lambda: certify(MAZE, cr.StateShaping(np.zeros((2, 8)))),
@@ -770,7 +772,8 @@ BAD = {
         lambda: certify(MAZE, cr.StateShaping(ENDED), steps=0),
     ),
     "a seed": (
-        SettingError, "seed must be a whole number", lambda: certify(MAZE, cr.StateShaping(ENDED), seed=-1),
+        SettingError, "seed must be a whole number",
+        lambda: certify(MAZE, cr.StateShaping(ENDED), seed=-1),
     ),
     "no task": (TaskError, "a task must be", lambda: certify(3, cr.StateShaping(ENDED))),
     "a reward of NaN": (
@@ -787,14 +790,16 @@ BAD = {
     ),
     "a reward of NaN, sampled": (
         PotentialError, "must be finite: it is nan from state",
-        lambda: certify(LARGE, ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0)), steps=5_000),
+        lambda: certify(LARGE, ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0)),
+            steps=5_000),
     ),
     "starts for other walks": (
         SettingError, r"starts must have shape \(2,\)",
         lambda: random_rollouts(MAZE, episodes=2, length=1, starts=np.array([0])),
     ),
     "random rollouts of no steps": (
-        SettingError, "length of a random rollout in steps must be", lambda: random_rollouts(MAZE, episodes=2, length=0)
+        SettingError, "length of a random rollout in steps must be",
+        lambda: random_rollouts(MAZE, episodes=2, length=0)
     ),
 }  # fmt: skip
 
