@@ -94,9 +94,10 @@ def table_of(
         fields["type"] = (Literal[tag], tag)
     for one in parameters:
         annotation = annotations.get(one.name) or annotated(hints[one.name])
-        default = ... if one.default is inspect.Parameter.empty else one.default
-        if is_dataclass(default):
-            default = table_of(type(default))()
+        default: Any = ... if one.default is inspect.Parameter.empty else one.default
+        if _is_dataclass(type(default)):
+            kind: Any = type(default)
+            default = table_of(kind)()
         elif type(default).__name__ == "_HAS_DEFAULT_FACTORY_CLASS":
             default = {}
         fields[one.name] = (annotation, Field(default, description=texts[one.name]))
@@ -114,16 +115,20 @@ def annotated(hint: Any) -> Any:
     if get_origin(hint) in (Union, UnionType):
         if Schedule in members:
             return Rate | None if NoneType in members else Rate
-        tables = [table_of(one) for one in members if is_dataclass(one)]
+        tables = [table_of(one) for one in members if _is_dataclass(one)]
         if tables and bool in members:
             return flag_or(tables[0])
         if tables and NoneType in members:
             return flag_or(tables[0], None)
-        others = [annotated(one) for one in members if not is_dataclass(one)]
+        others = [annotated(one) for one in members if not _is_dataclass(one)]
         return Union[*tables, *others]
     if get_origin(hint) is tuple:
-        return tuple[*map(annotated, members)]
-    return table_of(hint) if is_dataclass(hint) else hint
+        return tuple[*map(annotated, members)]  # type: ignore[misc]
+    return table_of(hint) if _is_dataclass(hint) else hint
+
+
+def _is_dataclass(hint: Any) -> bool:
+    return is_dataclass(hint)
 
 
 def flag_or(table: type[Table], off: Any = False) -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -96,7 +96,7 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     wrong.sort(key=lambda one: positions.line(one[0]))
     found.add(positions.sentence(path, text) for path, text in wrong)
     found.raise_any()
-    return cast(StudyConfig, config)
+    return config
 
 
 @contextmanager

@@ -63,9 +63,9 @@ def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
             path = tuple(key.split("."))
             node = _at(table, path) if kind in kinds else None
             if node is not None and value in ("", node):
-                found[path] = new  # a key with its value comes after the key, and says more
-        for path, new in found.items():
-            yield (*place, *path), f"was renamed: write {new}"
+                found[path] = new  # a row with a value comes after that of its key
+        for at, new in found.items():
+            yield (*place, *at), f"was renamed: write {new}"
 
 
 def renamed_flag(flag: str) -> str | None:

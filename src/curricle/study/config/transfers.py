@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -33,6 +33,9 @@ def _actions(value: Any) -> Any:
 
 
 class _TransferTable(ObjectTable):
+    if TYPE_CHECKING:
+        target: str  # derived, as are source, scale, shift and calibrate
+
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = Field(
         default=None,
