@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -63,25 +63,23 @@ class Bins:
         """The space of all combinations of bins."""
         named = zip(self.edges, self._inner, strict=True)
         return Space(
-            [Component(name, size, labels=_labels(inner)) for name, (inner, size) in named]
+            [Component(name, len(inner) + 1, labels=_labels(inner)) for name, inner in named]
         )
 
     @cached_property
-    def _inner(self) -> list[tuple[tuple[float, ...], int]]:
-        """The edges between the bins of each component, and the number of these."""
+    def _inner(self) -> list[tuple[float, ...]]:
+        """The edges between the bins of each component."""
         each: Any = self.edges.values()
-        return [(edges[1:-1], len(edges) - 1) for edges in each]
+        return [edges[1:-1] for edges in each]
 
     def __call__(self, observation: npt.NDArray[np.floating[Any]]) -> int:
         """Return the number of the state that an observation, (n,) float, falls into."""
-        values, state = observation.tolist(), 0
+        values = observation.tolist()
         if len(values) != len(self._inner):
             raise TaskError(f"an observation must have {len(self._inner)} entries: got {values}")
-        for value, (inner, size) in zip(values, self._inner, strict=True):
-            if value != value:
-                raise TaskError(f"an observation must be of numbers: got {values}")
-            state = state * size + bisect_right(inner, value)
-        return state
+        if any(value != value for value in values):
+            raise TaskError(f"an observation must be of numbers: got {values}")
+        return self.states.encode_one(tuple(map(bisect_right, self._inner, values)))
 
     def many(self, observations: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
         """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
@@ -99,10 +97,8 @@ class Bins:
                 f"observations must be numbers of shape (N, {len(self._inner)}): got shape "
                 f"{values.shape}{', some of them NaN' * bool(np.isnan(values).any())}"
             )
-        states = np.zeros(len(values), np.int64)
-        for column, (inner, size) in zip(values.T, self._inner, strict=True):
-            states = states * size + np.searchsorted(inner, column, side="right")
-        return states
+        bins = map(partial(np.searchsorted, side="right"), self._inner, values.T)
+        return self.states.encode(**dict(zip(self.edges, bins, strict=True)))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Bins):
