@@ -117,7 +117,7 @@ def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm)
 
 def test_the_chain_is_calibrated(whole):
     found = [unit for unit in StudyResults(whole).store.units() if unit.task == "alone"]
-    fitted = [one for unit in found for one in StudyResults(whole).folder.calibrations(unit)]
+    fitted = [one for unit in found for one in StudyResults(whole).store.calibrations(unit)]
     assert any(one["scale"] != 1 for one in fitted)
 
 
@@ -190,7 +190,7 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
         "observations, Box(10,) → Discrete(25)",
         "predator is predator_2, prey by name",
         "Certificates are left out, because hunt is seen through observations",
-        "foreseen start",
+        "predicted start",
         "DeepLearner(DQN, MlpPolicy",
         "stable-baselines3",
     ):
@@ -240,13 +240,13 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
         algorithm = "PPO"
         settings = { n_steps = 64, batch_size = 64, policy_kwargs = { net_arch = [8] } }
         [tasks.short]
-        type = "observed"
+        type = "observation_task"
         id = "CartPole-v1"
         time_limit = 50
         budget = 128
         eval_freq = 64
         [tasks.cart]
-        type = "observed"
+        type = "observation_task"
         id = "CartPole-v1"
         budget = 192
         eval_freq = 64
@@ -270,7 +270,7 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
     assert shaped.values_offset.values[0].v(seen(short.task)).shape == (40,)
     page = write_report(tmp_path / "out").read_text()
     assert "is the same for all actions" in page
-    assert "No snapshots were kept" in page
+    assert "This study kept no snapshots" in page
     assert ">nan" not in page
 
 
