@@ -11,7 +11,7 @@ from curricle.study.results import ALL_DECISIONS, RESULTS
 
 CURVES = {
     "arm": "VARCHAR",
-    "node": "VARCHAR",
+    "task": "VARCHAR",
     "seed": "BIGINT",
     "checkpoint": "BIGINT",
     "steps": "BIGINT",
@@ -23,7 +23,7 @@ CURVES = {
 }
 DECISIONS = {
     "arm": "VARCHAR",
-    "node": "VARCHAR",
+    "task": "VARCHAR",
     "seed": "BIGINT",
     "steps": "BIGINT",
     "ends": "BOOLEAN",
@@ -31,7 +31,7 @@ DECISIONS = {
     "level": "DOUBLE",
     "rise": "DOUBLE",
     "plateau": "DOUBLE",
-    "words": "VARCHAR",
+    "reason": "VARCHAR",
 }
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (
@@ -84,7 +84,7 @@ def test_columns_and_their_types(finished, name, columns):
 def test_pandas_says_the_same(finished, finals, rows):
     frame = pd.read_parquet(finished / RESULTS)
     assert len(frame) == rows
-    target = frame[frame.node == "maze"]
+    target = frame[frame.task == "maze"]
     last = target.sort_values("checkpoint").groupby(["arm", "seed"]).greedy_return.last()
     assert last.groupby("arm").mean().to_dict() == pytest.approx(finals)
 
@@ -92,7 +92,7 @@ def test_pandas_says_the_same(finished, finals, rows):
 def test_polars_says_the_same(finished, finals, rows):
     frame = pl.read_parquet(finished / RESULTS)
     assert len(frame) == rows
-    target = frame.filter(pl.col("node") == "maze").sort("checkpoint")
+    target = frame.filter(pl.col("task") == "maze").sort("checkpoint")
     last = target.group_by("arm", "seed").agg(pl.col("greedy_return").last())
     means = last.group_by("arm").agg(pl.col("greedy_return").mean())
     assert dict(means.iter_rows()) == pytest.approx(finals)
@@ -128,7 +128,7 @@ def test_tables_of_units_are_read_without_the_study(finished):
 
 def test_curves_are_those_of_the_results(finished, study):
     frame = pd.read_parquet(finished / RESULTS)
-    for (arm, node, seed), part in frame.groupby(["arm", "node", "seed"]):
+    for (arm, node, seed), part in frame.groupby(["arm", "task", "seed"]):
         result = study.results[arm][node]
         k = result.seeds.index(seed)
         n = len(part)
@@ -142,11 +142,11 @@ def test_curves_are_those_of_the_results(finished, study):
 
 def test_every_seed_of_every_task_says_why_it_ended(finished, study):
     frame = pl.read_parquet(finished / ALL_DECISIONS)
-    last = frame.group_by("arm", "node", "seed", maintain_order=True).last()
+    last = frame.group_by("arm", "task", "seed", maintain_order=True).last()
     assert len(last) == 4 * len(study.arms.keys)
     assert last["ends"].all()
-    assert last["words"].str.starts_with("ends; ").all()
-    gates = frame.filter(pl.col("node") == "corner", pl.col("arm") == "chain")
+    assert last["reason"].str.starts_with("ends; ").all()
+    gates = frame.filter(pl.col("task") == "corner", pl.col("arm") == "chain")
     assert (gates["level"] == 194.5).all()
     ended = gates.filter(pl.col("ends"))
     assert ended["steps"].to_list() == study.results["chain"]["corner"].steps_used.tolist()
