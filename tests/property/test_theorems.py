@@ -331,7 +331,7 @@ def test_initialisation_at_the_optimum_is_optimal_before_the_first_step(mdp, dat
     solution = cr.solve(task)
     result = cr.learn(
         task, cr.QLearning(learning_rate=0.0), 1, workers=1,
-        shaping=cr.QInitialisation(cr.StateActionPotential(task, np.where(solution.optimal, 1.0, 0.0))),
+        shaping=cr.QInitialisation(np.where(solution.optimal, 1.0, 0.0)),
         evaluation=cr.GreedyEvaluation(method="exact"),
     )  # fmt: skip
     assert result.greedy_return[0, 0] == pytest.approx(solution.start_value, abs=1e-6)
@@ -455,7 +455,10 @@ def test_every_shaping_finds_the_optimal_policy(way, kind):
     assert (phi.values.argmax(axis=1) != solution.action_values.argmax(axis=1))[:7].all()
     result = cr.learn(
         task,
-        kind(learning_rate=cr.learning.harmonic(half=20), epsilon=cr.learning.linear(1.0, 0.01, steps=30_000)),
+        kind(
+            learning_rate=cr.learning.harmonic(half=20),
+            epsilon=cr.learning.linear(1.0, 0.01, steps=30_000),
+        ),
         40_000, seeds=3, shaping=shaping,
     )  # fmt: skip
     best = result.values[:, :7].argmax(axis=2)

@@ -233,7 +233,8 @@ def test_each_task_may_have_its_own_settings():
     assert result["left"].steps.tolist() == [0, 25, 50]
     assert result["far"].steps.tolist() == [0, 50_000, 100_000]
     by_hand = learn(
-        TASKS["left"], SARSA(learning_rate=0.5), 50, shaping=one_each(cr.QInitialisation, result, "left"), eval_freq=25,
+        TASKS["left"], SARSA(learning_rate=0.5), 50, eval_freq=25,
+        shaping=one_each(cr.QInitialisation, result, "left"),
         evaluation=GreedyEvaluation(discounted=False), stream="left",
     )  # fmt: skip
     assert same(by_hand, result["left"])

@@ -141,7 +141,12 @@ def test_the_optimum_has_no_error(task):
     target = Target.of(task)
     phi = cr.StateActionPotential(task, target.solution.action_values)
     found = potential_quality(phi, target)
-    assert (found.optimistic, found.excess, found.greedy_agreement, found.largest_underestimate) == (
+    assert (
+        found.optimistic,
+        found.excess,
+        found.greedy_agreement,
+        found.largest_underestimate,
+    ) == (
         0.0,
         0.0,
         1.0,
@@ -312,7 +317,9 @@ def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
     assert target.solution is None
     phi = cr.StateActionPotential(maze, np.tile([0.0, 198.0, 0.0, 0.0], (3, 1)))
     found = potential_quality(phi, target)
-    assert (found.start, found.excess, found.mean_absolute_value) == pytest.approx((198.0, -0.5, 198.5))
+    assert (found.start, found.excess, found.mean_absolute_value) == pytest.approx(
+        (198.0, -0.5, 198.5)
+    )
 
 
 def test_a_large_pursuit_is_estimated_by_rollouts():

@@ -75,7 +75,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_trace(tmp_path, monkeypat
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(StoreError, match="No space left.* what was stored before is whole"):
+    with pytest.raises(StoreError, match=r"No space left.* what was stored before is whole"):
         store.write("data/x", b"new")
     assert (tmp_path / "data" / "x").read_bytes() == b"old"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["x"]

@@ -190,7 +190,9 @@ def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
 
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
     begun = []
-    run_study(read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.units))
+    run_study(
+        read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.units)
+    )
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
         ("calibrated", "easy"),  # not taught, unlike in the other arms

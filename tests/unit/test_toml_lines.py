@@ -60,7 +60,7 @@ def test_lines_of_tables_keys_and_entries():
         "a = 1 # drawn in '''",
         'a = 1 # or """',
         "a = \"'''\"",
-        "a = '\"\"\"'",
+        'a = \'"""\'',
         'a = "# no comment"',
         'a = "\\"# still inside"',
         "a = '''one line'''",

@@ -188,4 +188,5 @@ def simulate(
     loop = compiled(_simulate, isinstance(model, Functions))
     loop(model, policy, first, stream, limit, record, ends)
     n = int(ends.lengths.sum())
-    return StepRecord(*(steps[:n].copy() for steps in record)), ends
+    taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
+    return StepRecord(*taken), ends
