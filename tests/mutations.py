@@ -42,7 +42,182 @@ class Mutation(NamedTuple):
         return text.replace(self.old, self.new)
 
 
-MUTATIONS: list[Mutation] = []
+MUTATIONS = [
+    Mutation(
+        "truncation treated as termination",
+        "learning/general_loop.py",
+        "        if not terminated:\n            acting_values",
+        "        if not terminated and length < limit:\n            acting_values",
+        ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
+    ),
+    Mutation(
+        "truncation treated as termination, fast loop",
+        "learning/q_learning.py",
+        "if not over:",
+        "if not over and step + 1 != last:",
+        ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
+    ),
+    Mutation(
+        "sign of the shaping term",
+        "learning/general_loop.py",
+        "return discount * there - here, there",
+        "return here - discount * there, there",
+        (
+            "tests/unit/test_published_mistakes.py::test_a_cut_episode_keeps_the_potential_of_its_last_state",
+            "tests/property/test_theorems.py::test_learnt_shaping_rewards_sum_to_nothing_but_the_start",
+        ),
+    ),
+    Mutation(
+        "phi of a terminal state not 0",
+        "learning/potential.py",
+        "np.where(ends, 0.0, values)",
+        "values.copy()",
+        (
+            "tests/unit/test_published_mistakes.py::test_a_potential_never_reaches_terminal_rows",
+            "tests/unit/test_published_mistakes.py::test_a_state_potential_is_zero_in_terminal_states_in_every_frame",
+        ),
+    ),
+    Mutation(
+        "time to threshold above, not at",
+        "statistics/thresholds.py",
+        "window) >= threshold",
+        "window) > threshold",
+        (
+            "tests/unit/test_metrics.py",
+            "tests/unit/test_times.py",
+        ),
+    ),
+    Mutation(
+        "os.replace dropped",
+        "files.py",
+        "os.replace(temporary, path)",
+        "path.write_bytes(content)",
+        ("tests/unit/test_files.py",),
+    ),
+    Mutation(
+        "os.fsync dropped",
+        "files.py",
+        "os.fsync(file.fileno())  #",
+        "pass  #",
+        ("tests/unit/test_files.py",),
+    ),
+    Mutation(
+        "charge_source off by one",
+        "statistics/curves.py",
+        "transfer.source_steps[:, np.newaxis]\n    rows",
+        "transfer.source_steps[:, np.newaxis] + 1\n    rows",
+        ("tests/unit/test_metrics.py",),
+    ),
+    Mutation(
+        "a control that is not negated",
+        "comparison/controls.py",
+        "StateActionPotential(phi.task, -phi.values)",
+        "StateActionPotential(phi.task, phi.values)",
+        (
+            "tests/unit/test_controls.py::test_controls_change_the_values_of_phi_alone",
+            "tests/unit/test_controls.py::test_knowing_the_optimum_pays_and_its_negation_does_not",
+        ),
+    ),
+    Mutation(
+        "ROUNDING times 1000",
+        "statistics/curves.py",
+        "ROUNDING = 1e-7",
+        "ROUNDING = 1e-4",
+        ("tests/unit/test_comparison.py",),
+    ),
+    Mutation(
+        "cost estimate times 100",
+        "study/cost.py",
+        "seconds = len(members) *",
+        "seconds = 100 * len(members) *",
+        ("tests/unit/test_cost.py",),
+    ),
+    Mutation(
+        "a stream shared between seeds",
+        "learning/training.py",
+        "[stream_start(seed, stream) for seed in seeds]",
+        "[stream_start(seeds[0], stream) for _ in seeds]",
+        (
+            "tests/unit/test_published_mistakes.py::test_equal_seeds_agree_and_different_seeds_differ",
+        ),
+    ),
+    Mutation(
+        "the lock not taken",
+        "study/store.py",
+        "lock.acquire(timeout=0)",
+        "pass",
+        ("tests/unit/test_study_folder.py::test_only_one_process_works_on_a_study",),
+    ),
+    Mutation(
+        "maximum for minimum",
+        "transfer/aggregation.py",
+        "potentials.min(axis=0)",
+        "potentials.max(axis=0)",
+        ("tests/unit/test_aggregation.py",),
+    ),
+    Mutation(
+        "bootstrapping without discount",
+        "learning/q_learning.py",
+        "target += discount * best[next_row]",
+        "target += best[next_row]",
+        (
+            "tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",
+            "tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",
+        ),
+    ),
+    Mutation(
+        "double Q-learning with one table",
+        "learning/general_loop.py",
+        "q[1 - table, next_state, best]",
+        "q[table, next_state, best]",
+        ("tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",),
+    ),
+    Mutation(
+        "unmapped treated as ended",
+        "transfer/mapping.py",
+        "np.where(index == UNMAPPED, unmapped_value, shift)",
+        "np.where(index == index, shift, unmapped_value)",
+        ("tests/unit/test_mapping.py",),
+    ),
+    Mutation(
+        "patience of a stopping rule ignored",
+        "learning/stopping.py",
+        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not greedy[i] >=",
+        "range(checkpoint, checkpoint + 1):\n        if not greedy[i] >=",
+        ("tests/unit/test_stopping_rules.py",),
+    ),
+    Mutation(
+        "Holm's p-values not monotone",
+        "statistics/hypothesis_tests.py",
+        "np.maximum.accumulate(scaled)",
+        "scaled",
+        ("tests/unit/test_hypothesis_tests.py",),
+    ),
+    Mutation(
+        "a forecast of another aggregate",
+        "comparison/forecasting.py",
+        "sources, function=function)",
+        "sources, function=own)",
+        (
+            "tests/unit/test_forecast.py::test_custom_aggregates_have_rows_too",
+            "tests/unit/test_forecast.py::test_the_table_holds_the_numbers",
+        ),
+    ),
+    Mutation(
+        "of ties always the first",
+        "planning/greedy.py",
+        "left = integers(bits * MULTIPLIER, ties)",
+        "left = np.uint64(0)",
+        ("tests/oracle/test_greedy_actions.py::test_every_tie_is_drawn_equally_often",),
+    ),
+    Mutation(
+        "a snapshot of the wrong step",
+        "learning/general_loop.py",
+        "record.frame_at[i] == checkpoint:",
+        "record.frame_at[i] == checkpoint + 1:",
+        ("tests/unit/test_stopping_rules.py::test_films_hold_the_policy_at_their_steps",),
+    ),
+]
 
 
 # -- one after another, each job in a copy of its own ---------------------------------------------

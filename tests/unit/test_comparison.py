@@ -101,6 +101,20 @@ def test_measures_are_those_of_the_metrics():
         assert contrast.p == cr.statistics.sign_flip_test(expected["strong_gain"])
 
 
+@pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])
+def test_a_gain_within_rounding_is_none(more, gain):
+    scratch, helped = (
+        Arm(
+            curve=Curve(np.array([0, 10]), np.full((1, 2), height)),
+            training_return=np.zeros((1, 2)),
+            guard_share=np.zeros((1, 2)),
+            control=False,
+        )
+        for height in (1.0, 1.0 + more)
+    )
+    np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
+
+
 def test_tests_are_corrected_for_the_number_of_arms():
     found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
     assert len(found.contrasts) == 6

@@ -222,6 +222,7 @@ def test_custom_aggregates_have_rows_too():
         ("mean [2]", "maximum"),
     ):
         assert found[mine].seeds == found[theirs].seeds
+    assert found["minimum"].seeds != found["mean [1]"].seeds != found["maximum"].seeds
     assert [one.name for one in found.rows if one.used] == ["<lambda> [1]"]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from curricle import (
     SARSA,
@@ -51,6 +51,7 @@ def oracle(rule: StoppingRule, greedy: list[float], checkpoint: int, step: int) 
     when=st.sampled_from(["any", "all"]),
     least=st.integers(0, 60),
 )
+@example(greedy=[0.0, 0.0, 5.0], value=3.0, plateau=None, evaluations=2, when="any", least=0)
 def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
     rule = StoppingRule(
         100, min_steps=least, threshold=value, plateau=plateau, patience=evaluations, when=when

@@ -1,0 +1,28 @@
+"""What a study will take, told beforehand."""
+
+import pytest
+
+from curricle.study import cost, read_study
+from curricle.study.arms import Arms
+
+PACE = 1e-6
+
+
+@pytest.fixture
+def estimates(study_file, monkeypatch):
+    """The estimates for two seeds; a random step of any task takes a microsecond."""
+    monkeypatch.setattr(cost, "pace", lambda task: PACE)
+    arms = Arms.of(read_study(study_file))
+    return {(one.arm, one.task): one for one in cost.costs(arms, (0, 1), 2)}
+
+
+def test_a_learning_step_takes_a_few_random_ones(estimates):
+    maze = estimates["scratch", "maze"]
+    assert maze.evaluation_steps == 0
+    assert PACE <= maze.seconds / (maze.seeds * maze.steps) <= 10 * PACE
+
+
+def test_seeds_and_steps_multiply(estimates):
+    easy, maze = estimates["scratch", "maze"], estimates["chain", "easy"]
+    assert easy.seeds == maze.seeds == 2
+    assert easy.seconds / easy.steps == pytest.approx(maze.seconds / maze.steps)

@@ -1,0 +1,48 @@
+"""Files are whole or absent, whatever moment the machine stops at."""
+
+import os
+
+import pytest
+
+from curricle.files import write_whole
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The names of the system calls that decide what is on disk, in the order they are made."""
+    made = []
+
+    def noted(name):
+        original = getattr(os, name)
+
+        def call(*arguments, **settings):
+            made.append(name)
+            return original(*arguments, **settings)
+
+        return call
+
+    for name in ("fsync", "replace"):
+        monkeypatch.setattr(os, name, noted(name))
+    return made
+
+
+def test_content_is_on_disk_before_it_has_its_name(tmp_path, calls):
+    write_whole(tmp_path / "a", b"whole")
+    assert (tmp_path / "a").read_bytes() == b"whole"
+    assert calls == ["fsync", "replace"]
+
+
+def test_until_the_last_moment_the_old_content_stays(tmp_path, monkeypatch):
+    write_whole(tmp_path / "a", b"old")
+    seen = []
+
+    def stop(part, place):
+        seen.append((tmp_path / "a").read_bytes())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "a", b"new")
+    assert seen == [b"old"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_bytes() == b"old"
