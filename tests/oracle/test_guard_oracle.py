@@ -54,8 +54,10 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
                 gap = mean[1] - mean[0]
                 ahead = 1 if gap >= 0.0 else 0
                 error = (variance[0] + variance[1]) * (1.0 / guard.memory)
-                if gap * gap > guard.sure * guard.sure * error:
-                    share += guard.pace * ((1.0 - guard.least if ahead else guard.least) - share)
+                if gap * gap > guard.standard_errors * guard.standard_errors * error:
+                    share += guard.pace * (
+                        (1.0 - guard.min_share if ahead else guard.min_share) - share
+                    )
             acted[acting] += length
             acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
             acted = [FADING * x for x in acted]

@@ -15,7 +15,7 @@ SEEDS = (0, 1, 3, 7, 8)
 BUDGETS = {
     "steps": 230,
     "episodes": Episodes(12),
-    "gate": StoppingRule(400, threshold=185.0, patience=2),
+    "stopping rule": StoppingRule(400, threshold=185.0, patience=2),
 }
 STORAGES = {
     "dense": Storage(kind="dense"),
@@ -26,7 +26,7 @@ STORAGES = {
 
 
 @cache
-def learnt(seeds, budget, storage, frames):
+def learnt(seeds, budget, storage, snapshots):
     return learn(
         MAZE,
         budget=BUDGETS[budget],
@@ -34,7 +34,7 @@ def learnt(seeds, budget, storage, frames):
         eval_freq=20,
         storage=STORAGES[storage],
         stream="joined",
-        snapshots=frames,
+        snapshots=snapshots,
         workers=1,
     )
 
@@ -74,22 +74,25 @@ def assert_equal(found, wanted):
 @given(
     labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), snapshots=st.sampled_from([0, 5])
 )
-def test_any_groups_joined_are_all_together(budget, storage, labels, frames):
-    parts = [learnt(seeds, budget, storage, frames) for seeds in parts_of(labels)]
-    assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, frames))
+def test_any_groups_joined_are_all_together(budget, storage, labels, snapshots):
+    parts = [learnt(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
+    assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, snapshots))
 
 
-def test_gates_end_the_seeds_apart():
+def test_stopping_rules_end_the_seeds_apart():
     """Or the property above would not join results of different lengths."""
-    assert len(set(learnt(SEEDS, "gate", "dense", 0).steps_used.tolist())) > 1
+    assert len(set(learnt(SEEDS, "stopping rule", "dense", 0).steps_used.tolist())) > 1
     assert len(set(learnt(SEEDS, "episodes", "dense", 0).steps_used.tolist())) > 1
 
 
 def test_the_order_of_seeds_within_a_group_does_not_matter():
-    parts = [learnt((7, 0), "gate", "dense", 0), learnt((8, 3, 1), "gate", "dense", 0)]
-    assert_equal(joined_results(parts), learnt(SEEDS, "gate", "dense", 0))
+    parts = [
+        learnt((7, 0), "stopping rule", "dense", 0),
+        learnt((8, 3, 1), "stopping rule", "dense", 0),
+    ]
+    assert_equal(joined_results(parts), learnt(SEEDS, "stopping rule", "dense", 0))
 
 
 def test_one_group_is_itself():
-    whole = learnt(SEEDS, "gate", "sparse", 0)
+    whole = learnt(SEEDS, "stopping rule", "sparse", 0)
     assert_equal(joined_results([whole]), whole)

@@ -313,7 +313,8 @@ def test_state_shaping_learns_exactly_what_initialisation_does(kind, mdp, data):
     shaped = cr.learn(
         task, learner, 15, shaping=cr.StateShaping(cr.StatePotential(task, phi)), **settings
     )
-    with mock.patch.object(Run, "plain", False):  # the fast loop draws among ties at other times
+    # The fast loop draws among ties at other times.
+    with mock.patch.object(Run, "plain", return_value=False):
         warm = cr.learn(
             task,
             learner,

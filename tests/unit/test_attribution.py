@@ -71,10 +71,9 @@ def test_the_differences_are_those_of_runs_with_and_without():
     solution = cr.solve(LINE)
 
     def runs(transfers):
-        phi = both.potentials("line", sources, transfers=transfers)
-        return cr.learn(
-            LINE, budget=60, seeds=4, shaping=cr.QInitialisation(phi), stream="line", eval_freq=60
-        )
+        potentials = both.potentials("line", sources, transfers=transfers)
+        shaping = [cr.QInitialisation(phi) for phi in potentials]
+        return cr.learn(LINE, budget=60, seeds=4, shaping=shaping, stream="line", eval_freq=60)
 
     def wrong(result):
         q = result.values

@@ -187,10 +187,10 @@ def _one_retrained(
 
 def _decisions(node: Node, result: LearningResult, charged: int | None) -> list[Decision]:
     """Return the decisions of one seed, of whose budget so many steps were spent elsewhere."""
-    gate = node.budget
-    assert isinstance(gate, StoppingRule)
-    most = gate.max_steps - (charged or 0)
-    left = replace(gate, max_steps=most, min_steps=min(gate.min_steps, most))
+    rule = node.budget
+    assert isinstance(rule, StoppingRule)
+    most = rule.max_steps - (charged or 0)
+    left = replace(rule, max_steps=most, min_steps=min(rule.min_steps, most))
     return node.replace(budget=left).decisions(result)[0]
 
 
@@ -207,10 +207,10 @@ def _trained_on(node: Node, result: LearningResult, steps: int, turn: int) -> Le
 
 def _deferred(node: Node, step: int) -> Node:
     """Return a target whose stopping rule applies only to evaluations after a step."""
-    gate = node.budget
-    assert isinstance(gate, StoppingRule)
-    least = min(step + gate.patience * node.eval_freq, gate.max_steps)
-    return node.replace(budget=replace(gate, min_steps=max(gate.min_steps, least)))
+    rule = node.budget
+    assert isinstance(rule, StoppingRule)
+    least = min(step + rule.patience * node.eval_freq, rule.max_steps)
+    return node.replace(budget=replace(rule, min_steps=max(rule.min_steps, least)))
 
 
 def _continued(

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.learning.exploration import choose, expected_value
+from curricle.learning.record import is_spent
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
@@ -175,7 +176,7 @@ def keep_snapshot(record, checkpoint, q, other):
 
 
 @inlined
-def write_checkpoint(record, checkpoint, so_far, q, other, gate):
+def write_checkpoint(record, checkpoint, so_far, q, other, stopping):
     """Fill one checkpoint of a record, and return whether the stopping rule ends the run there.
 
     `so_far` are the steps, the episodes, the number and returns of those ended since the last
@@ -186,7 +187,7 @@ def write_checkpoint(record, checkpoint, so_far, q, other, gate):
     record.greedy_return[checkpoint] = value
     record.episodes[checkpoint] = episodes
     keep_snapshot(record, checkpoint, q, other)
-    return stops(gate, record.greedy_return, checkpoint, step)
+    return stops(stopping, record.greedy_return, checkpoint, step)
 
 
 @inlined
@@ -225,10 +226,12 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
         if step == checkpoint * eval_freq:
             view = Acting(q, advice, at(weight, step), room)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, view)
-            if write_checkpoint(record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.gate):
+            if write_checkpoint(
+                record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
+            ):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes or has_failed(model):
+        if is_spent(budget, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
             state = first_state(model, splitmix64(counter))

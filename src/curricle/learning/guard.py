@@ -22,6 +22,7 @@ from curricle.learning.general_loop import (
     warm_up_checkpoints,
     write_checkpoint,
 )
+from curricle.learning.record import is_spent
 from curricle.learning.schedules import rate_of
 from curricle.planning.greedy import highest
 from curricle.planning.policy_evaluation import greedy_return
@@ -157,10 +158,10 @@ def train_guarded(
             value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
             record.guard_share[checkpoint] = share
             so_far = step, episodes, ended, ended_return, value
-            if write_checkpoint(record, checkpoint, so_far, q[ahead], q[ahead], budget.gate):
+            if write_checkpoint(record, checkpoint, so_far, q[ahead], q[ahead], budget.stopping):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if step >= budget.steps or episodes >= budget.episodes or has_failed(model):
+        if is_spent(budget, step, episodes) or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE

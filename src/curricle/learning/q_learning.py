@@ -8,6 +8,7 @@ import numpy as np
 
 from curricle.learning.exploration import act
 from curricle.learning.general_loop import warm_up_checkpoints, write_checkpoint
+from curricle.learning.record import is_spent
 from curricle.learning.schedules import rate_of
 from curricle.learning.tables import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
@@ -45,18 +46,17 @@ def train_q_learning(
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before (the warm-up), `budget` the :class:`Bounds`, `every` the steps
+    `done` what was spent before (the warm-up), `budget` the :class:`Bounds`, `eval_freq` the steps
     between checkpoints (checkpoint 0 is before the first step). A table without room for another
     state ends the run before the step that needs it.
 
     Rows of a far table come late from memory. There a step is learnt from during the next one,
-    before anything it changes is read: this does not change what is learnt.
+    before anything it changes is read: this does not change what is learnt. Arrays leave their
+    tuples before the loop, where each access would count a reference.
     """
-    # Arrays leave their tuples here: inside the loop each access would count a reference.
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     real, limit = q.dtype.type, horizon[1]
-    discount = real(horizon[0])
-    far = len(table.far) > 0
+    discount, far = real(horizon[0]), len(table.far) > 0
     find_row_maxima(table)
     step, episodes, ended, ended_return = done
     value = greedy_return(evaluation, model, table) if step > 0 else np.nan
@@ -68,11 +68,10 @@ def train_q_learning(
     while True:
         if step == checkpoint * eval_freq:
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
-            if write_checkpoint(record, checkpoint, so_far, q, q, budget.gate):
+            if write_checkpoint(record, checkpoint, so_far, q, q, budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        spent = step >= budget.steps or episodes >= budget.episodes
-        if spent or is_full(table, row) or has_failed(model):
+        if is_spent(budget, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
         stop = min(checkpoint * eval_freq, budget.steps)
         while step < stop:

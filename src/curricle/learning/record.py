@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.errors import SettingError
 from curricle.learning.stopping import StoppingKernel
+from curricle.tasks.overloads import inlined
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,7 +84,13 @@ class Bounds(NamedTuple):
 
     steps: int
     episodes: int
-    gate: StoppingKernel
+    stopping: StoppingKernel
+
+
+@inlined
+def is_spent(bounds, step, episodes):
+    """Return whether a run has used its steps or its episodes."""
+    return step >= bounds.steps or episodes >= bounds.episodes
 
 
 # -- the warm-up ---------------------------------------------------------------------------------

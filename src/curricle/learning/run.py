@@ -81,7 +81,7 @@ class Run:
     evaluation: EvaluationKernel
     storage: Storage
     rows: int
-    gate: StoppingKernel = NEVER_STOPS
+    stopping: StoppingKernel = NEVER_STOPS
 
     def train(
         self,
@@ -139,9 +139,11 @@ class Run:
         return Outcome(seed.record, values, steps, episodes, full)
 
     def _passed(self, seed: _Seed, steps: int) -> bool:
-        """Return whether a run that ended at so many steps had passed its gate."""
+        """Return whether a run that ended at so many steps ended by its stopping rule."""
         checkpoint, beyond = divmod(steps, self.eval_freq)
-        return not beyond and bool(opens(self.gate, seed.record.greedy_return, checkpoint, steps))
+        return not beyond and bool(
+            opens(self.stopping, seed.record.greedy_return, checkpoint, steps)
+        )
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
         shaping = seed.shaping
@@ -180,7 +182,7 @@ class Run:
                 self.evaluation.for_run(seed.start),
                 np.array([seed.start], dtype=np.uint64),
                 seed.spent,
-                Bounds(seed.steps, self.episodes, self.gate),
+                Bounds(seed.steps, self.episodes, self.stopping),
                 self.eval_freq,
                 seed.record,
             )

@@ -125,7 +125,7 @@ def learn(
     instance("storage", storage, Storage, SettingError)
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
-    gate = (
+    stopping = (
         budget.kernel(stopping_level(budget, task, evaluation))
         if isinstance(budget, StoppingRule)
         else NEVER_STOPS
@@ -134,7 +134,9 @@ def learn(
     guarded = any(one is not None and one.guard is not None for one in each_shaping)
     n_tables = 2 if guarded else learner.tables
     rows = rows_allowed(generative, n_tables, storage, len(seeds), threads, longest)
-    run = Run(generative, learner, steps, episodes, eval_freq, longest, kernel, storage, rows, gate)
+    run = Run(
+        generative, learner, steps, episodes, eval_freq, longest, kernel, storage, rows, stopping
+    )
     if rows:
         _check_sparse(run, each_shaping)
     starts = [stream_start(seed, stream) for seed in seeds]
