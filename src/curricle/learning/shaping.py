@@ -177,7 +177,7 @@ class QInitialisation(_StartsAtPotential):
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> phi = np.tile([0.0, 0.0, 1.0, 0.0], (3, 1))  # a hint: go east
+    >>> phi = np.tile([0.0, 1.0, 0.0, 0.0], (3, 1))  # a hint: go east
     >>> learn(GridWorld("S.T"), budget=500, shaping=QInitialisation(phi)).greedy_return[0, 0]
     np.float64(196.01)
     """
