@@ -161,7 +161,7 @@ class Node:
         )
 
     def decisions(self, result: LearningResult) -> list[list[Decision]]:
-        """Return what the stopping rule decided at each checkpoint of each seed, if there is one."""
+        """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
         if not isinstance(self.budget, StoppingRule):
             return [[] for _ in result.seeds]
         level = stopping_level(self.budget, self.task, self.evaluation)
