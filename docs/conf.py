@@ -43,8 +43,9 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", "ValueError|Exception"),
+    ("py:exc", r"pydantic\.ValidationError"),
     ("py:class", "Arms|FactoredModel"),
-    ("py:func", "right_states|shared_limits"),
+    ("py:func", "right_states|shared_limits|arm_styles"),
     ("myst", r"(\.\./)+examples(/\w+)?/"),
 ]
 

@@ -65,7 +65,7 @@ def compare(
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
         Of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run for each
-        curriculum (:mod:`curricle.comparison.controls` explains them).
+        curriculum (``curricle.comparison.controls`` explains them).
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
