@@ -198,10 +198,11 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     total = np.abs(array).sum()
     if array.size == 1 or total == 0:
         return 1.0
-    # In units of their total, sums that differ only by rounding are within SciPy's tolerance.
+    # SciPy's tolerance is relative to the observed value. One more than a sum in units of their
+    # total is of the order of 1, even where the sum itself is 0 but for rounding.
     result = permutation_test(
         (array / total,),
-        lambda signed, axis: np.abs(np.sum(signed, axis=axis)),
+        lambda signed, axis: 1.0 + np.abs(np.sum(signed, axis=axis)),
         permutation_type="samples",
         alternative="greater",
         n_resamples=2**array.size if array.size <= EXACT else draws,
