@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numba import njit
 
 from curricle import Component, ComputedMDP, FiniteMDP, Space
 from curricle.tasks.draws import integers, uniform
@@ -103,21 +104,28 @@ ASTRAY = 0.2
 LEFT_OR_RIGHT = Component("move", 2, labels=("left", "right"))
 
 
-def _ring_start(n, bits):
+@njit(nogil=True)
+def ring_start(n, bits):
+    """Return where an episode starts: anywhere but at place 0."""
     return 1 + integers(bits, n - 1)
 
 
-def _ring_step(n, state, action, bits):
+@njit(nogil=True)
+def ring_step(n, state, action, bits):
+    """Return the next place, the reward and whether it is place 0."""
     right = (action == 1) != (uniform(bits) < ASTRAY)
     place = (state + (1 if right else n - 1)) % n
     return place, -1.0, place == 0
 
 
 def ring(n=9, **settings):
-    """Return n places in a ring: -1 a step until place 0, where the episode ends."""
+    """Return n places in a ring: -1 a step until place 0, where the episode ends.
+
+    Its functions are compiled once for all rings, and loops with them once in a process.
+    """
     settings = {"discount": 0.9, "time_limit": 30, **settings}
     spaces = Space([Component("place", n)]), Space([LEFT_OR_RIGHT])
-    return ComputedMDP(*spaces, _ring_start, _ring_step, data=n, **settings)
+    return ComputedMDP(*spaces, ring_start, ring_step, data=n, **settings)
 
 
 def ring_by_tables(n=9):

@@ -120,10 +120,9 @@ def test_a_guard(pair):
     assert_same(*found, mdp.terminal)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_sparse_tables(dtype, pair):
+def test_sparse_tables(pair):
     mdp, live = pair(4, time_limit=9)
-    storage = cr.Storage("sparse", dtype)
+    storage = cr.Storage("sparse")
     one, other = (
         cr.learn(task, budget=STEPS, eval_freq=EVERY, storage=storage, evaluation=ROLLED).values[0]
         for task in (live, mdp)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from curricle import Episodes, GridWorld, StoppingRule, Storage, learn
+from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import joined_results
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
@@ -32,6 +32,7 @@ def learnt(seeds, budget, storage, snapshots):
         budget=BUDGETS[budget],
         seeds=seeds,
         eval_freq=20,
+        evaluation=GreedyEvaluation("rollouts", episodes=3),
         storage=STORAGES[storage],
         stream="joined",
         snapshots=snapshots,

@@ -7,45 +7,19 @@ from numba import njit
 import curricle as cr
 from curricle import Component, ComputedMDP, QLearning, Space, Storage
 from curricle.errors import TaskError
+from tests.tasks import ring, ring_by_tables, ring_start, ring_step
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
-RIGHT, ASTRAY, HOME = 1, 0.2, 0
 
 
-def ring_start(n, bits):
-    return 1 + cr.tasks.integers(bits, n - 1)
+@njit(nogil=True)
+def line_start(data, bits):
+    return 0
 
 
-def ring_step(n, state, action, bits):
-    right = (action == RIGHT) != (cr.tasks.uniform(bits) < ASTRAY)
-    place = (state + (1 if right else n - 1)) % n
-    return place, -1.0, place == HOME
-
-
-def ring(n=9, **settings):
-    spaces = Space([Component("place", n)]), Space([Component("move", 2)])
-    settings = {"discount": 0.9, "time_limit": 30, **settings}
-    return ComputedMDP(*spaces, ring_start, ring_step, data=n, **settings)
-
-
-def ring_by_tables(n=9):
-    """The same ring, its outcomes in the order that the function takes chances in: astray first."""
-    places, ways = np.arange(n), np.array([-1, 1])
-    straight = (places[:, None] + ways) % n
-    astray = (places[:, None] - ways) % n
-    terminal = places == HOME
-    return cr.FiniteMDP(
-        states=Space([Component("place", n)]),
-        actions=Space([Component("move", 2)]),
-        outcome_row=np.arange(2 * n).reshape(n, 2),
-        probability=np.tile([ASTRAY, 1 - ASTRAY], (2 * n, 1)),
-        next_state=np.stack([astray.ravel(), straight.ravel()], axis=1),
-        reward=np.full((2 * n, 2), -1.0),
-        terminal=terminal,
-        start=~terminal / (n - 1),
-        discount=0.9,
-        time_limit=30,
-    )
+@njit(nogil=True)
+def line_step(data, state, action, bits):
+    return state + 1, 1.0, state + 1 == 3
 
 
 @pytest.mark.parametrize("initial_value", [0.0, 5.0, -5.0])
@@ -70,16 +44,8 @@ def test_functions_lead_to_the_values_of_their_tables(initial_value):
     ],
 )
 def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
-    def step(data, state, action, bits):
-        return state + 1, 1.0, state + 1 == 3
-
-    line = ComputedMDP(
-        Space([Component("place", 4)]),
-        Space([Component("move", 1)]),
-        lambda data, bits: 0,
-        step,
-        discount=0.5,
-    )
+    spaces = Space([Component("place", 4)]), Space([Component("move", 1)])
+    line = ComputedMDP(*spaces, line_start, line_step, discount=0.5)
     hopeful = learner(learning_rate=1.0, initial_value=100.0)
     values = cr.learn(line, hopeful, 200, storage=Storage(kind)).values[0]
     q = values.at([0, 1, 2]) if kind == "sparse" else values[:3]
@@ -87,9 +53,10 @@ def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
 
 
 def test_compiled_functions_and_plain_ones_are_the_same():
-    spaces = Space([Component("place", 9)]), Space([Component("move", 2)])
-    compiled = ComputedMDP(*spaces, njit(ring_start), njit(ring_step), 9, 0.9, 30)
-    one, other = (cr.learn(task, budget=2000, seeds=2) for task in (ring(), compiled))
+    compiled = ring()
+    functions = ring_start.py_func, ring_step.py_func
+    plain = ComputedMDP(compiled.states, compiled.actions, *functions, 9, 0.9, 30)
+    one, other = (cr.learn(task, budget=2000, seeds=2) for task in (plain, compiled))
     np.testing.assert_array_equal(one.values, other.values)
     np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
 

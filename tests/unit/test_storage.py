@@ -21,6 +21,8 @@ LEARNERS = {
     "softmax": QLearning(learning_rate=0.3, inverse_temperature=1.0),
     "harmonic": QLearning(learning_rate=cr.learning.harmonic(0.9, 0.05, half=5)),
 }
+LEARNT = [*((name, "float64") for name in LEARNERS), ("greedy", "float32")]
+"""Each a loop of its own to compile; a table's precision does not depend on the exploration."""
 
 
 def potential(task, function=cr.minimum, seed=0):
@@ -55,15 +57,13 @@ def both(task, learner, budget=3000, *, dtype="float64", **settings):
 # -- dense and sparse ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize(("name", "dtype"), LEARNT)
 def test_sparse_and_dense_tables_learn_the_same(name, dtype):
     both(HUNT, LEARNERS[name], dtype=dtype, evaluation=ROLLED, seeds=2)
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize(("name", "dtype"), LEARNT)
 @pytest.mark.parametrize("aggregate", AGGREGATES)
-@pytest.mark.parametrize("name", LEARNERS)
 def test_so_they_do_from_a_potential(name, aggregate, dtype):
     phi = [potential(FAR, AGGREGATES[aggregate], seed) for seed in range(2)]
     both(
@@ -97,11 +97,10 @@ def test_states_not_met_are_judged_as_they_would_be_made():
     )
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("limit", [None, 30])
-def test_exact_evaluation_reads_sparse_tables(limit, dtype):
+def test_exact_evaluation_reads_sparse_tables(limit):
     small = cr.Pursuit(2, 2, time_limit=limit)
-    both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, eval_freq=50, dtype=dtype)
+    both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, eval_freq=50)
 
 
 def test_tables_of_tasks_are_learnt_sparsely_too():
@@ -119,9 +118,9 @@ def test_automatic_storage_is_sparse_where_dense_does_not_fit():
 
 
 def test_ten_thousand_million_states_are_learnt():
-    huge = cr.Pursuit(10, 4)
+    huge = cr.Pursuit(50, 2)
     near = cr.Pursuit(3, 1)
-    names = {"a": "predator_1", "b": "predator_4"}
+    names = {"a": "predator_1", "b": "predator_2"}
     curriculum = cr.Curriculum(
         {"near": near, "huge": huge},
         [cr.Transfer("near", "huge", cr.project(huge, near, predator=n)) for n in names.values()],
@@ -132,7 +131,7 @@ def test_ten_thousand_million_states_are_learnt():
     assert result["huge"].steps_used.tolist() == [2000, 2000]
     for met in result["huge"].values:
         assert 1000 < len(met.states) <= 2011
-        assert met.states.max() < 10**10
+        assert 10**10 < met.states.max() < 2500**3
 
 
 # -- memory --------------------------------------------------------------------------------------
@@ -236,11 +235,16 @@ def test_dense_tables_that_do_not_fit_are_refused_before_they_are_made():
 
 
 def test_a_curriculum_asks_for_sources_whose_values_are_kept():
-    edge = cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"))
+    edge = cr.Transfer("hunt", "far", cr.project(FAR, HUNT))
     for storage in (Storage("sparse"), Storage(save_values=False)):
-        tasks = {"chase": CHASE, "hunt": HUNT}
-        curriculum = cr.Curriculum(tasks, [edge], budget=50, storage={"chase": storage})
-        with pytest.raises(cr.errors.CurriculumError, match="those of 'chase', which 'hunt' reads"):
+        curriculum = cr.Curriculum(
+            {"hunt": HUNT, "far": FAR},
+            [edge],
+            budget=50,
+            storage={"hunt": storage},
+            evaluation=ROLLED,
+        )
+        with pytest.raises(cr.errors.CurriculumError, match="those of 'hunt', which 'far' reads"):
             curriculum.train()
 
 
@@ -334,9 +338,9 @@ def test_as_many_actions_as_can_be_numbered():
 def test_single_precision_is_exact_where_nothing_is_rounded():
     # Halves of small whole numbers, few updates of each pair: 24 bits hold every sum.
     learner = QLearning(learning_rate=0.5, epsilon=1.0)
-    chase = cr.Pursuit(4, 1, discount=0.5)
+    hunt = cr.Pursuit(2, 2, discount=0.5, time_limit=40)
     results = [
-        cr.learn(chase, learner, 900, storage=Storage(dtype=dtype))
+        cr.learn(hunt, learner, 4000, storage=Storage(dtype=dtype), evaluation=ROLLED)
         for dtype in ("float64", "float32")
     ]
     double, single = (r.values for r in results)
@@ -349,10 +353,10 @@ def test_single_precision_is_exact_where_nothing_is_rounded():
 @pytest.mark.parametrize("kind", [QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning])
 def test_single_precision_is_close_to_double(kind):
     # All explore at random, so that rounding changes no path.
-    learner, chase = kind(learning_rate=0.1, epsilon=1.0), cr.Pursuit(3, 1)
+    learner = kind(learning_rate=0.1, epsilon=1.0)
     settings = {"budget": 20_000, "evaluation": ROLLED, "eval_freq": 20_000}
-    double = cr.learn(chase, learner, **settings).values
-    single = cr.learn(chase, learner, storage=Storage(dtype="float32"), **settings).values
+    double = cr.learn(HUNT, learner, **settings).values
+    single = cr.learn(HUNT, learner, storage=Storage(dtype="float32"), **settings).values
     assert single.dtype == np.float32
     assert 0 < abs(double - single).max() < 1e-4
 
@@ -360,11 +364,11 @@ def test_single_precision_is_close_to_double(kind):
 @pytest.mark.parametrize("exploration", [{"epsilon": 0.3}, {"inverse_temperature": 1.0}])
 @pytest.mark.parametrize("kind", ["dense", "sparse"])
 def test_learning_that_diverges_ends_all_the_same(kind, exploration):
-    # 1e300 is infinite in single precision, and what follows is no number.
-    pay = [[(0.5, 0, 1e300, False), (0.5, 1, -1e300, False)] for _ in range(70)]
+    # Two such rewards add up to infinity, and what follows is no number.
+    pay = [[(0.5, 0, 1.5e308, False), (0.5, 1, -1.5e308, False)] for _ in range(70)]
     wild = cr.FiniteMDP.from_outcomes([pay, pay], start=0, discount=0.9, time_limit=10)
-    storage = Storage(kind, "float32")
-    found = cr.learn(wild, QLearning(**exploration), 5000, storage=storage, evaluation=ROLLED)
+    learner = QLearning(learning_rate=0.5, **exploration)
+    found = cr.learn(wild, learner, 5000, storage=Storage(kind), evaluation=ROLLED)
     values = found.values[0].values if kind == "sparse" else found.values
     assert found.steps_used[0] == 5000
     assert np.isnan(values).any()
