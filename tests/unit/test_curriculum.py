@@ -216,6 +216,15 @@ def test_trained_results_are_reused_bit_for_bit():
     assert set(kept) == {"near", "right"}
 
 
+def test_values_are_all_that_later_tasks_need_of_a_source():
+    fresh = build(DIAMOND).train(seeds=2)
+    given = {name: fresh.sources[name] for name in ("near", "right")}
+    again = build(DIAMOND).train(seeds=2, trained=given)
+    assert set(again.nodes) == {"left", "far"}
+    assert all(same(fresh[name], again[name]) for name in again.nodes)
+    assert again.source_steps("far").tolist() == fresh.source_steps("far").tolist()
+
+
 # -- settings for each task ----------------------------------------------------------------------
 
 

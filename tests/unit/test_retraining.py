@@ -56,6 +56,7 @@ def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
     assert set(extra.tolist()) <= {0, 400, 800}
     np.testing.assert_array_equal(found.source_steps("hunt"), 1500 + extra)
     np.testing.assert_array_equal(found["hunt"].steps_used, 9000 - 1500 - extra)
+    np.testing.assert_array_equal(found.sources["hunt"].steps_used, 9000 - 1500)
     for told, spent in zip(found.decisions("hunt"), extra, strict=True):
         returns = [str(one) for one in told if one.then.startswith("goes back")]
         assert len(returns) == spent // 400, told

@@ -13,7 +13,7 @@ from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms
 from curricle.study.results import ALL_DECISIONS, RESULTS
-from curricle.study.source_values import SourceValues
+from curricle.study.source_values import StoredValues
 from curricle.study.units import UnitInput, train_unit, units_of
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -274,7 +274,7 @@ def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
     unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
     rows = [1, 3]
     sources = {
-        name: SourceValues(known.values[rows], known.steps_used[rows])
+        name: StoredValues(known.values[rows], known.steps_used[rows])
         for name in unit.sources
         for known in [done.result("chain", name, values=True)]
     }

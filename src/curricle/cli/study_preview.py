@@ -8,8 +8,8 @@ import numpy as np
 from curricle.cli.terminal_tables import print_table, table
 from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurricleError, SettingError
-from curricle.learning.result import LearningResult, without_curves
 from curricle.planning.target import Target
 from curricle.report.graph import mapping_words
 from curricle.study.arms import Arms
@@ -97,7 +97,7 @@ def _forecast(curriculum: Curriculum) -> str | Forecast:
         return f"no forecast without training: {error}"
 
 
-def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
+def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
     """Return the sources as if one seed had learnt their optimal values."""
     found = {}
     for name in curriculum.ancestors(curriculum.target):
@@ -107,7 +107,7 @@ def _solved(curriculum: Curriculum) -> dict[str, LearningResult]:
         solution = Target.of(node.task, node.evaluation).solution
         if solution is not None:
             values, none = solution.action_values[None], np.zeros(1, np.int64)
-            found[name] = without_curves(node.task, node.learner, (0,), values, none)
+            found[name] = SourceValues(node.task, (0,), values, none)
     return found
 
 

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from curricle.checks import instance, one_of, whole_number
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.sources import Learnt
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import seed_tuple
 from curricle.learning.result import LearningResult
@@ -144,7 +145,7 @@ def attribute(
     *,
     steps: int,
     seeds: int | Sequence[int] = 20,
-    trained: Mapping[str, LearningResult] | None = None,
+    trained: Mapping[str, Learnt] | None = None,
     workers: int | None = None,
 ) -> Attribution:
     """Return which transfers helped or did harm, and in which states.
@@ -158,7 +159,7 @@ def attribute(
         Of learning in the target, after which choices are compared; 1 compares the potentials.
     seeds : int or sequence of int
         At least 2.
-    trained : dict of str to LearningResult, optional
+    trained : dict of str to SourceValues or LearningResult, optional
         Sources trained before, for the same seeds.
     workers : int, optional
         Threads over seeds.
@@ -194,7 +195,7 @@ def attribute(
     solution = solve(curriculum.tasks[name])  # before any training, as it may refuse the task
     sources = curriculum.train(
         numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).nodes
+    ).sources
     short = curriculum.replace(name, budget=steps, eval_freq=steps)
     elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
 

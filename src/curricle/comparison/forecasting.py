@@ -9,10 +9,9 @@ import numpy as np
 
 from curricle.checks import instance, one_of
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.potentials import calibrated
+from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.errors import CurriculumError
 from curricle.learning.budget import seed_tuple
-from curricle.learning.result import LearningResult
 from curricle.learning.threads import over_seeds, threads_for
 from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
@@ -98,7 +97,7 @@ class Forecast:
         Whether potentials are compared with the exact Q*.
     exact : bool
         Whether returns are exact too.
-    trained : dict of str to LearningResult
+    trained : dict of str to SourceValues
         The sources, to be passed to :meth:`Curriculum.train`.
     """
 
@@ -109,7 +108,7 @@ class Forecast:
     random_return: float
     solved: bool
     exact: bool
-    trained: Mapping[str, LearningResult] = field(repr=False)
+    trained: Mapping[str, SourceValues] = field(repr=False)
 
     def __getitem__(self, name: str) -> ForecastRow:
         by_name = {one.name: one for one in self.rows}
@@ -150,7 +149,7 @@ def forecast(
     *,
     seeds: int | Sequence[int] = 3,
     aggregates: Sequence[Aggregate] = (),
-    trained: Mapping[str, LearningResult] | None = None,
+    trained: Mapping[str, Learnt] | None = None,
     episodes: int | None = None,
     workers: int | None = None,
 ) -> Forecast:
@@ -165,7 +164,7 @@ def forecast(
         Of the sources.
     aggregates : sequence of callable
         In addition to the library's four and the curriculum's own.
-    trained : dict of str to LearningResult, optional
+    trained : dict of str to SourceValues or LearningResult, optional
         Sources trained before, for the same seeds.
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
@@ -210,7 +209,7 @@ def forecast(
     )
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).nodes
+    ).sources
     optimum, random_return = any_target.optimum, any_target.random_return
     make_row = partial(
         _row, any_target=any_target, optimum=optimum, random_return=random_return, workers=workers
@@ -236,7 +235,7 @@ def forecast(
 def _aggregate_rows(
     curriculum: Curriculum,
     name: str,
-    sources: Mapping[str, LearningResult],
+    sources: Mapping[str, SourceValues],
     aggregates: Sequence[Aggregate],
     seeds: Sequence[int],
     make_row: Callable[..., ForecastRow],

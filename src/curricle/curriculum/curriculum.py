@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,14 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of
 from curricle.curriculum.node import Node
-from curricle.curriculum.potentials import calibrated, source_potentials, warn_of_refusals
 from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
+from curricle.curriculum.sources import (
+    Learnt,
+    SourceValues,
+    calibrated,
+    source_potentials,
+    warn_of_refusals,
+)
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
@@ -29,6 +35,7 @@ from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
 
+FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 DEFAULT_BUDGET = 100_000
 SETTINGS: dict[str, Any] = {
@@ -170,7 +177,7 @@ class Curriculum(TaskGraph):
         seeds: int | Sequence[int] = 1,
         *,
         only: str | Sequence[str] | None = None,
-        trained: Mapping[str, LearningResult] | None = None,
+        trained: Mapping[str, Learnt] | None = None,
         charge: bool = False,
         snapshots: int = 0,
         workers: int | None = None,
@@ -188,7 +195,7 @@ class Curriculum(TaskGraph):
             it is, with a warning; ``calibrations`` of the result says why.
         only : str or sequence of str, optional
             What to train, with all that it builds on; every task by default.
-        trained : dict of str to LearningResult, optional
+        trained : dict of str to LearningResult or SourceValues, optional
             Tasks learnt before, for the same seeds; they are taken as they are.
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
@@ -210,7 +217,9 @@ class Curriculum(TaskGraph):
         if trained is not None:
             instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
-        results = self._checked(trained or {}, numbers)
+        given = self._checked(trained or {}, numbers)
+        sources = dict(given)
+        results = {k: v for k, v in (trained or {}).items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
         retrained: dict[str, RetrainedResult] = {}
@@ -218,16 +227,16 @@ class Curriculum(TaskGraph):
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in self.order:
-            if name in results or name not in wanted:
+            if name in sources or name not in wanted:
                 continue
-            potentials[name] = self.potentials(name, results)
+            potentials[name] = self.potentials(name, sources)
             fitted = list[Calibration]()
             if (settings := self.calibration(name)) is not None:
                 fitted = calibrated(name, potentials[name], settings, numbers)
                 warn_of_refusals(name, fitted)
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
-            spent = self._spent(name, results, retrained) if name == paying else None
+            spent = self._spent(name, sources) if name == paying else None
             node, retrain = self.node(name), self.setting("retrain", name)
             retraining = retrain is not None and bool(potentials[name])
             results[name] = (retrain.watched(node) if retraining else node).train(
@@ -239,44 +248,43 @@ class Curriculum(TaskGraph):
                 workers=workers,
                 saves=None if saves is None else Path(saves) / file_name(name),
             )
+            extra: IntArray | int = 0
             if retraining:
-                retrained[name] = self._retrained(name, results, spent)
-                results[name] = retrained[name].result
+                retrained[name] = self._retrained(name, results[name], sources, spent)
+                results[name], extra = retrained[name].result, retrained[name].extra
+            sources[name] = SourceValues.of(results[name], extra)
             if progress is not None:
                 progress(name)
-        return CurriculumResult(self, results, potentials, calibrations, retrained)
+        return CurriculumResult(self, results, potentials, calibrations, retrained, given)
 
     def _retrained(
-        self, name: str, results: Mapping[str, LearningResult], spent: IntArray | None
-    ) -> RetrainedResult:
-        """Return a task's training, its sources retrained as often as needed."""
-        sources = {t.source: (self.node(t.source), results[t.source]) for t in self.in_edges(name)}
-        retrain: RetrainSources = self.setting("retrain", name)
-        known = partial(self._potential, name)
-        return with_retraining(retrain, self.node(name), sources, known, results[name], spent)
-
-    def _potential(self, name: str, results: Mapping[str, LearningResult]) -> PairPotential:
-        """Return the potential that one seed's sources give a task."""
-        potential: PairPotential
-        (potential,) = self.potentials(name, results)
-        return potential
-
-    def _spent(
         self,
         name: str,
-        results: Mapping[str, LearningResult],
-        retrained: Mapping[str, RetrainedResult],
-    ) -> IntArray | None:
+        first: LearningResult,
+        sources: Mapping[str, SourceValues],
+        spent: IntArray | None,
+    ) -> RetrainedResult:
+        """Return a task's training, its sources retrained as often as needed."""
+        edges, aggregate = self.in_edges(name), self.setting("aggregate", name)
+        direct = {t.source: (self.node(t.source), sources[t.source].values) for t in edges}
+
+        def potential(tables: Mapping[str, FloatArray]) -> PairPotential:
+            values = {source: table[None] for source, table in tables.items()}
+            (found,) = source_potentials(self.tasks[name], edges, values, aggregate)
+            return found  # type: ignore[no-any-return]
+
+        retrain: RetrainSources = self.setting("retrain", name)
+        return with_retraining(retrain, self.node(name), direct, potential, first, spent)
+
+    def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
-        warm_up = self.ancestors(name)
-        spent = [results[source].steps_used for source in warm_up]
-        spent += [retrained[source].extra for source in warm_up if source in retrained]
+        spent = [sources[source].steps_used for source in self.ancestors(name)]
         return np.sum(spent, axis=0, dtype=np.int64) if spent else None
 
     def potentials(
         self,
         name: str,
-        results: Mapping[str, LearningResult],
+        sources: Mapping[str, Learnt],
         *,
         transfers: Sequence[Transfer] | None = None,
         function: Aggregate | None = None,
@@ -287,8 +295,8 @@ class Curriculum(TaskGraph):
         ----------
         name : str
             The target.
-        results : dict of str to LearningResult
-            Of its sources, for the same K seeds.
+        sources : dict of str to SourceValues or LearningResult
+            What its sources learnt, for the same K seeds.
         transfers : sequence of Transfer, optional
             To read; all into the task by default.
         function : callable, optional
@@ -301,11 +309,12 @@ class Curriculum(TaskGraph):
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name) if function is None else function
-        return source_potentials(self.tasks[name], edges, results, aggregate)
+        values = {edge.source: sources[edge.source].values for edge in edges}
+        return source_potentials(self.tasks[name], edges, values, aggregate)
 
     def _checked(
-        self, trained: Mapping[str, LearningResult], seeds: tuple[int, ...]
-    ) -> dict[str, LearningResult]:
+        self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]
+    ) -> dict[str, SourceValues]:
         for name, result in trained.items():
             if name not in self.tasks or not same_task(result.task, self.tasks[name]):
                 raise CurriculumError(
@@ -316,7 +325,7 @@ class Curriculum(TaskGraph):
                     f"a trained result must have the seeds asked for, {seeds}: {name!r} has "
                     f"{result.seeds}"
                 )
-        return dict(trained)
+        return {name: SourceValues.of(result) for name, result in trained.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +336,7 @@ class CurriculumResult:
     ----------
     curriculum : Curriculum
     nodes : dict of str to LearningResult
+        Of each task trained here, or given as such a result.
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
     retrained : dict of str to RetrainedResult
@@ -334,6 +344,8 @@ class CurriculumResult:
     calibrations : dict of str to list of Calibration
         For each task trained here whose transfers are calibrated, that of each seed. Its steps are
         the first of the task's own budget and curve.
+    given : dict of str to SourceValues
+        Of each task that was trained before.
 
     Examples
     --------
@@ -348,17 +360,25 @@ class CurriculumResult:
     potentials: Mapping[str, list[AnyPotential]]
     calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
     retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
+    given: Mapping[str, SourceValues] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
+
+    @cached_property
+    def sources(self) -> dict[str, SourceValues]:
+        """What each task hands on to those after it, whether it was trained here or before."""
+        extra = {name: one.extra for name, one in self.retrained.items()}
+        own = {name: SourceValues.of(one, extra.get(name, 0)) for name, one in self.nodes.items()}
+        return {**own, **self.given}
 
     def source_steps(self, name: str) -> IntArray:
         """Return the steps each seed spent on a task's sources, each once, (K,) int64.
 
         Those of retraining them for `name` included.
         """
-        spent = self.curriculum._spent(name, self.nodes, self.retrained)
+        spent = self.curriculum._spent(name, self.sources)
         total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
         return total + self.retrained[name].extra if name in self.retrained else total
 

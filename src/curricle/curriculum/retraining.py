@@ -18,8 +18,9 @@ from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
 
-Potential = Callable[[Mapping[str, LearningResult]], PairPotential]
-"""One seed's sources -> the target's potential."""
+FloatArray = npt.NDArray[np.float64]
+Potential = Callable[[Mapping[str, FloatArray]], PairPotential]
+"""The values of one seed's sources, (S', A') each -> the target's potential."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class RetrainedResult(NamedTuple):
 def with_retraining(
     retrain: RetrainSources,
     node: Node,
-    sources: Mapping[str, tuple[Node, LearningResult]],
+    sources: Mapping[str, tuple[Node, FloatArray]],
     potential_of: Potential,
     first: LearningResult,
     charged: Sequence[int] | npt.NDArray[np.int64] | None,
@@ -117,8 +118,8 @@ def with_retraining(
     retrain : RetrainSources
     node : Node
         The target.
-    sources : dict of str to (Node, LearningResult)
-        Of its direct sources, K seeds.
+    sources : dict of str to (Node, (K, S', A') float array)
+        Its direct sources with their values.
     potential_of : callable
     first : LearningResult
         The training of the watched target: until the return of each seed first dropped, or its end.
@@ -127,7 +128,7 @@ def with_retraining(
     """
     retrained = []
     for k in range(len(first.seeds)):
-        known = {name: (own, one_seed(result, k)) for name, (own, result) in sources.items()}
+        known = {name: (own, values[k]) for name, (own, values) in sources.items()}
         spent = None if charged is None else int(charged[k])
         retrained.append(
             _one_retrained(retrain, node, known, potential_of, one_seed(first, k), spent)
@@ -142,14 +143,14 @@ def with_retraining(
 def _one_retrained(
     retrain: RetrainSources,
     node: Node,
-    sources: Mapping[str, tuple[Node, LearningResult]],
+    sources: Mapping[str, tuple[Node, FloatArray]],
     potential_of: Potential,
     result: LearningResult,
     charged: int | None,
 ) -> RetrainedResult:
     """Return the training of one seed."""
     nodes = {name: own for name, (own, _) in sources.items()}
-    known = {name: learnt for name, (_, learnt) in sources.items()}
+    known = {name: values for name, (_, values) in sources.items()}
     watched, phi = retrain.watched(node), potential_of(known)
     on = (
         node
@@ -171,7 +172,8 @@ def _one_retrained(
         retraining = turn <= retrain.times and (charged is None or left > cost)
         if retraining:
             known = {
-                name: _trained_on(nodes[name], known[name], retrain.steps, turn) for name in known
+                name: _trained_on(nodes[name], values, result.seeds, retrain.steps, turn)
+                for name, values in known.items()
             }
             better = potential_of(known)
             start, phi, extra = start - phi.values + better.values, better, extra + cost
@@ -194,15 +196,18 @@ def _decisions(node: Node, result: LearningResult, charged: int | None) -> list[
     return node.replace(budget=left).decisions(result)[0]
 
 
-def _trained_on(node: Node, result: LearningResult, steps: int, turn: int) -> LearningResult:
-    """Return a source trained further from its values, with a random stream of its own."""
+def _trained_on(
+    node: Node, values: FloatArray, seeds: tuple[int, ...], steps: int, turn: int
+) -> FloatArray:
+    """Return a source's values after further training, with a random stream of its own."""
     on = node.replace(
         name=f"{node.name}/return {turn}",
         budget=steps,
         eval_freq=steps,
         shaping=QInitialisation(),
     )
-    return on.train(result.seeds, [_initial(on, result.values[0])], workers=1)
+    trained: FloatArray = on.train(seeds, [_initial(on, values)], workers=1).values[0]
+    return trained
 
 
 def _deferred(node: Node, step: int) -> Node:
@@ -214,7 +219,7 @@ def _deferred(node: Node, step: int) -> Node:
 
 
 def _continued(
-    node: Node, so_far: LearningResult, start: npt.NDArray[np.float64], charged: int, turn: int
+    node: Node, so_far: LearningResult, start: FloatArray, charged: int, turn: int
 ) -> LearningResult:
     """Return a target's training from its present step on, started at other values."""
     step = int(so_far.steps_used[0])
@@ -225,7 +230,7 @@ def _continued(
     )
 
 
-def _initial(node: Node, values: npt.NDArray[np.float64]) -> StateActionPotential:
+def _initial(node: Node, values: FloatArray) -> StateActionPotential:
     """Return the potential from which a node's table starts at these values."""
     return StateActionPotential(node.task, values - float(node.learner.initial_value))
 
@@ -234,7 +239,7 @@ def _joined(first: LearningResult, second: LearningResult) -> LearningResult:
     """Return one seed's training and its continuation, on the axis of the latter."""
     n = int(np.searchsorted(second.steps, first.steps_used[0], side="right"))
 
-    def curve(name: str) -> npt.NDArray[np.float64]:
+    def curve(name: str) -> FloatArray:
         whole = getattr(second, name).copy()
         whole[:, :n] = getattr(first, name)[:, :n]
         return frozen(whole)

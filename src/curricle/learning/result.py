@@ -128,35 +128,6 @@ def _film(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots |
     return Snapshots(seed, frozen(steps), frozen(frames))
 
 
-def without_curves(
-    task: Task, learner: Learner, seeds: tuple[int, ...], values: Any, steps_used: IntArray
-) -> LearningResult:
-    """Return what is known of a training of which only values, (K, S, A), and steps are known.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, QLearning
-    >>> known = np.zeros((1, 3, 4))
-    >>> without_curves(GridWorld("S.T"), QLearning(), (7,), known, np.array([100])).seeds
-    (7,)
-    """
-    none = np.zeros((len(seeds), 0))
-    return LearningResult(
-        task=task,
-        learner=learner,
-        seeds=seeds,
-        values=values,
-        steps=np.zeros(0, np.int64),
-        training_return=none,
-        greedy_return=none,
-        episodes=none.astype(np.int64),
-        steps_used=steps_used,
-        episodes_used=np.zeros(len(seeds), np.int64),
-        out_of_memory=np.zeros(len(seeds), np.bool_),
-        guard_share=none,
-    )
-
-
 def one_seed(result: LearningResult, k: int) -> LearningResult:
     """Return the result of the k-th seed alone, on the axis of all.
 

@@ -145,7 +145,7 @@ def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], 
         plans |= {
             f"{name} x {c:g}": hunt(size, name, scale=c) for name in ("min", "mean") for c in SWEEP
         }
-    sources = plans["mean"].train(seeds, only=["chase"], workers=workers).nodes
+    sources = plans["mean"].train(seeds, only=["chase"], workers=workers).sources
     return {
         (size, name): plan.train(seeds, trained=sources, workers=workers)["hunt"]
         for name, plan in plans.items()
@@ -168,7 +168,7 @@ def corner_plan(size: int) -> Curriculum:
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], Attribution]:
     plan = corner_plan(3)
-    sources = plan.train(seeds, only=["corner"], workers=workers).nodes
+    sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {
         "from the 3x3 corner": plan,
         "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
@@ -193,7 +193,7 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
 def _refused(size: int, seeds: int, workers: int | None) -> float:
     """Return the share of seeds for which a scale is the wrong model."""
     plan = corner_plan(size)
-    sources = plan.train(seeds, only=["corner"], workers=workers).nodes
+    sources = plan.train(seeds, only=["corner"], workers=workers).sources
     potentials = plan.potentials("target", sources)
     return float(np.mean([_is_refused(phi, k) for k, phi in enumerate(potentials)]))
 

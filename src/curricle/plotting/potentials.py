@@ -221,7 +221,7 @@ def draw_sources(
 def _row_of(seed: int, result: CurriculumResult, name: str) -> int:
     """Return the row of a seed among those of the target's sources."""
     source = result.curriculum.in_edges(name)[0].source
-    seeds = result[source].seeds
+    seeds = result.sources[source].seeds
     one_of("seed", seed, seeds, SettingError)
     return seeds.index(seed)
 
@@ -231,12 +231,14 @@ def _potential_panels(
 ) -> tuple[list[_Panel], FloatArray]:
     """Return the panels of a seed's potentials, and the aggregate, (S, A)."""
     curriculum, edges = result.curriculum, result.curriculum.in_edges(name)
-    each = [curriculum.potentials(name, result.nodes, transfers=[edge])[k].values for edge in edges]
+    each = [
+        curriculum.potentials(name, result.sources, transfers=[edge])[k].values for edge in edges
+    ]
     panels = [
         _Panel(f"φ{_subscript(i) * (len(edges) > 1)}: {words}", values)
         for i, (words, values) in enumerate(zip(transfer_names(edges), each, strict=True), 1)
     ]
-    used = result.potentials.get(name) or curriculum.potentials(name, result.nodes)
+    used = result.potentials.get(name) or curriculum.potentials(name, result.sources)
     aggregate = used[k].values
     if len(edges) > 1 or not np.array_equal(aggregate, each[0]):
         function = curriculum.setting("aggregate", name)

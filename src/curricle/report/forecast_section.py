@@ -1,7 +1,7 @@
 """The forecast of each curriculum next to what was measured, and whether its shaping is safe."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,9 +9,8 @@ from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate
 from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
-from curricle.curriculum.potentials import calibrated
+from curricle.curriculum.sources import calibrated
 from curricle.learning.potential_rollouts import PairPotential
-from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 
@@ -154,7 +153,7 @@ def _forecast(
     first = results[arms[0]]
     curriculum = first.curriculum
     sources = curriculum.ancestors(target)
-    trained = {name: first_seeds(first[name], seeds) for name in sources}
+    trained = {name: first.sources[name].first(seeds) for name in sources}
     others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
     return forecast(
         curriculum, seeds=first[target].seeds[:seeds], aggregates=others, trained=trained
@@ -192,33 +191,8 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
     if kept := result.potentials.get(target):
         phi = kept[0]
         return phi
-    sources = {
-        edge.source: first_seeds(result[edge.source], 1) for edge in curriculum.in_edges(target)
-    }
+    sources = {name: one.first(1) for name, one in result.sources.items()}
     phi, *_ = found = curriculum.potentials(target, sources)
     if (settings := curriculum.calibration(target)) is not None:
         phi = calibrated(target, found, settings, result[target].seeds[:1])[0].potential
     return phi
-
-
-def first_seeds(result: LearningResult, n: int) -> LearningResult:
-    """Return a training as if only its first `n` seeds had been run.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> first_seeds(learn(GridWorld("S.T"), budget=500, seeds=3), 2).seeds
-    (0, 1)
-    """
-    return replace(
-        result,
-        seeds=result.seeds[:n],
-        values=None if result.values is None else result.values[:n],
-        training_return=result.training_return[:n],
-        greedy_return=result.greedy_return[:n],
-        episodes=result.episodes[:n],
-        steps_used=result.steps_used[:n],
-        episodes_used=result.episodes_used[:n],
-        out_of_memory=result.out_of_memory[:n],
-        guard_share=result.guard_share[:n],
-    )

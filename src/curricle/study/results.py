@@ -21,7 +21,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALUES, result_of
-from curricle.study.source_values import source_results, sources_read
+from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_sources import finished, stored_values
 from curricle.transfer.observation_target import target_of
@@ -120,7 +120,7 @@ class StudyResults:
             )
             for name in (*curriculum.ancestors(task), task)
         }
-        return source_results(curriculum, seeds, sources)[task].values
+        return source_values(curriculum, seeds, sources)[task].values
 
     def _units(self, arm: str, task: str) -> list[StoredUnit]:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""

@@ -83,7 +83,7 @@ def arrays_of(
 def result_of(node: Node, arrays: Arrays) -> LearningResult:
     """Return the result that :func:`arrays_of` was called on; without values if there are none.
 
-    Networks are left out: :func:`source_results` makes them anew.
+    Networks are left out: :func:`source_values` makes them anew.
     """
     seeds = tuple(arrays["seeds"].tolist())
     values: Any = arrays.get("values")

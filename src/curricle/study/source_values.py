@@ -1,4 +1,4 @@
-"""The values of sources that were trained before, as plain data and as results."""
+"""The values of sources trained before: as plain data, and as a curriculum reads them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -8,10 +8,10 @@ import numpy.typing as npt
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
-from curricle.learning.result import LearningResult, without_curves
+from curricle.curriculum.sources import SourceValues
 
 
-class SourceValues(NamedTuple):
+class StoredValues(NamedTuple):
     """What K seeds learnt in a task, as plain data."""
 
     values: Any
@@ -47,16 +47,16 @@ def sources_read(curriculum: Curriculum, name: str) -> set[str]:
     return read
 
 
-def source_results(
-    curriculum: Curriculum, seeds: tuple[int, ...], sources: Mapping[str, SourceValues]
-) -> dict[str, LearningResult]:
-    """Return the results of sources as :meth:`Curriculum.train` takes them; networks are rebuilt.
+def source_values(
+    curriculum: Curriculum, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+) -> dict[str, SourceValues]:
+    """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
 
     Parameters
     ----------
     curriculum : Curriculum
     seeds : tuple of K int
-    sources : dict of str to SourceValues
+    sources : dict of str to StoredValues
         With the values of all tasks that :func:`sources_read` names for a network.
 
     Raises
@@ -67,11 +67,11 @@ def source_results(
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> sources = {"maze": SourceValues(np.zeros((1, 3, 4)), np.array([100]))}
-    >>> source_results(Curriculum({"maze": GridWorld("S.T")}), (7,), sources)["maze"].seeds
+    >>> sources = {"maze": StoredValues(np.zeros((1, 3, 4)), np.array([100]))}
+    >>> source_values(Curriculum({"maze": GridWorld("S.T")}), (7,), sources)["maze"].seeds
     (7,)
     """
-    found: dict[str, LearningResult] = {}
+    found: dict[str, SourceValues] = {}
     for name in curriculum.order:
         if name in sources:
             node, (values, steps_used, calibrations) = curriculum.node(name), sources[name]
@@ -81,7 +81,7 @@ def source_results(
                     pairs = zip(potentials, calibrations, strict=True)
                     potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
                 values = _networks(node, potentials or [None] * len(seeds), values)
-            found[name] = without_curves(node.task, node.learner, seeds, values, steps_used)
+            found[name] = SourceValues(node.task, seeds, values, steps_used)
     return found
 
 

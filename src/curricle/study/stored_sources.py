@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.study.serialization import RUN, VALUES
-from curricle.study.source_values import SourceValues
+from curricle.study.source_values import StoredValues
 from curricle.study.store import StoredUnit, StudyStore
 
 
@@ -21,7 +21,7 @@ def finished(units: Iterable[StoredUnit]) -> dict[str, dict[int, StoredUnit]]:
 
 def stored_values(
     store: StudyStore, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
-) -> SourceValues:
+) -> StoredValues:
     """Return what a store holds of a task, from whichever units its seeds are in.
 
     Parameters
@@ -53,7 +53,7 @@ def stored_values(
     ]
     calibrated = [fitted[stored.path][row] for stored, row in where if fitted[stored.path]]
     scales = [(one["scale"], one["shift"]) for one in calibrated]
-    return SourceValues(values, np.array(steps, dtype=np.int64), scales)
+    return StoredValues(values, np.array(steps, dtype=np.int64), scales)
 
 
 def _values_of(arrays: Mapping[str, npt.NDArray[Any]], row: int) -> Any:

@@ -10,7 +10,7 @@ from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.serialization import UnitResult, arrays_of
-from curricle.study.source_values import SourceValues, source_results
+from curricle.study.source_values import StoredValues, source_values
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class UnitInput(NamedTuple):
     folder: str
     """Of the study's own modules."""
     unit: Unit
-    sources: Mapping[str, SourceValues]
+    sources: Mapping[str, StoredValues]
     checkpoints: str | None = None
     """A folder for checkpoints, from which a killed unit goes on, to the same result."""
 
@@ -124,7 +124,7 @@ def train_unit(given: UnitInput) -> UnitResult:
     found = curriculum.train(
         unit.seeds,
         only=unit.task,
-        trained=source_results(curriculum, unit.seeds, given.sources),
+        trained=source_values(curriculum, unit.seeds, given.sources),
         charge=arms.total is not None,
         snapshots=unit.snapshots,
         workers=1,

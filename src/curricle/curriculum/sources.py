@@ -1,10 +1,12 @@
-"""Potentials of a task: its sources' values, mapped, aggregated, and calibrated if asked for."""
+"""What sources hand on, and the potentials made of it."""
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
@@ -16,14 +18,61 @@ from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.potentials import combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
 
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SourceValues:
+    """What K seeds learnt in a task: all that the tasks after it need of it.
+
+    Attributes
+    ----------
+    task : Task or ObservationTask
+    seeds : tuple of int
+        K of them.
+    values : (K, S, A) float array or K ValueSource
+        None if they were not kept.
+    steps_used : (K,) int64
+        Steps that each seed spent on the task, those of retraining its own sources included.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> SourceValues.of(learn(GridWorld("S.T"), budget=500, seeds=3)).first(2).seeds
+    (0, 1)
+    """
+
+    task: Any
+    seeds: tuple[int, ...]
+    values: Any
+    steps_used: IntArray
+
+    @classmethod
+    def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:
+        """Return what a result hands on; `extra_steps` were spent on retraining its sources."""
+        return cls(result.task, result.seeds, result.values, result.steps_used + extra_steps)
+
+    def first(self, n: int) -> "SourceValues":
+        """Return those of the first n seeds."""
+        values = None if self.values is None else self.values[:n]
+        return SourceValues(self.task, self.seeds[:n], values, self.steps_used[:n])
+
+
+Learnt = LearningResult | SourceValues
+
 
 def source_potentials(
-    task: Any,
-    edges: Sequence[Transfer],
-    results: Mapping[str, LearningResult],
-    aggregate: Aggregate,
+    task: Any, edges: Sequence[Transfer], values: Mapping[str, Any], aggregate: Aggregate
 ) -> list[AnyPotential]:
     """Return the potential of a task for each of K seeds; none without edges.
+
+    Parameters
+    ----------
+    task : Task or ObservationTask
+    edges : sequence of N Transfer
+    values : dict of str to array or sequence
+        Source -> its values, as in :class:`SourceValues`.
+    aggregate : callable
 
     Raises
     ------
@@ -33,14 +82,13 @@ def source_potentials(
     if not edges:
         return []
     observed = is_observation_task(task)
-    each = [_values(edge, results[edge.source], observed=observed) for edge in edges]
+    each = [_readable(edge, values[edge.source], observed=observed) for edge in edges]
     make = ObservationPotential if observed else combined_potential
-    return [make(task, edges, values, aggregate) for values in zip(*each, strict=True)]
+    return [make(task, edges, of_seed, aggregate) for of_seed in zip(*each, strict=True)]
 
 
-def _values(edge: Transfer, result: LearningResult, *, observed: bool) -> list[Any]:
+def _readable(edge: Transfer, values: Any, *, observed: bool) -> list[Any]:
     """Return the values of a source for each seed, in the form that its target reads."""
-    values: Any = result.values
     if isinstance(values, np.ndarray):
         return [TableValues(table) for table in values] if observed else [*values]
     if observed and values is not None and all(isinstance(one, ValueSource) for one in values):
