@@ -1,9 +1,8 @@
 """Any Gymnasium environment as a task: of numbered states, or seen through observations."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing, nullcontext
 from copy import deepcopy
-from dataclasses import dataclass, field
 from operator import index
 from typing import Any, Literal
 
@@ -18,7 +17,7 @@ from curricle.interop.discrete import Number, Point, is_discrete, space_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.observation_task import ObservationTask, Registered
+from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
 from curricle.tasks.spaces import Component, Space
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | Callable[..., Any]
@@ -89,13 +88,13 @@ def from_gymnasium(
     >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
     """
-    recipe = _recipe(environment, time_limit, make_arguments)
-    made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(recipe())
+    make = _maker(environment, time_limit, make_arguments)
+    made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(make())
     with made as env:
         limit = _own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
             return _from_table(env.unwrapped, states, actions, discount, limit)
-        if recipe.what is None:
+        if make.what is None:
             raise TaskError(
                 "an environment without a specification cannot be made again for each seed; give "
                 f"a function that makes it: got {environment}"
@@ -103,7 +102,7 @@ def from_gymnasium(
         names = names_of(env.unwrapped)
         encode, states = _observations(env.observation_space, encode, states, names[0])
         act, actions = _actions(env.action_space, actions, names[1])
-    return LiveMDP(states, actions, recipe, encode, act, discount, limit)
+    return LiveMDP(states, actions, make, encode, act, discount, limit)
 
 
 def observation_task(
@@ -138,7 +137,9 @@ def observation_task(
     """
     if isinstance(environment, str):
         try:
-            return ObservationTask(Registered(environment, make_arguments), discount, time_limit)
+            return ObservationTask(
+                EnvironmentMaker(environment, make_arguments), discount, time_limit
+            )
         except (gym.error.Error, ImportError) as error:
             raise TaskError(
                 f"an environment must be one of Gymnasium's registry: {environment!r} failed with "
@@ -152,32 +153,9 @@ def observation_task(
     return ObservationTask(environment, discount, time_limit)
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """How an environment is made: an id, a specification or a callable, and its arguments."""
-
-    what: Any = field(hash=False)
-    arguments: Mapping[str, Any] = field(hash=False)
-
-    def __call__(self) -> gym.Env[Any, Any]:
-        """Return a new environment."""
-        arguments = deepcopy(dict(self.arguments))
-        if callable(self.what):
-            made: gym.Env[Any, Any] = self.what(**arguments)
-            return made
-        return gym.make(self.what, **arguments)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Recipe):
-            return NotImplemented
-        return _alike((self.what, self.arguments), (other.what, other.arguments))
-
-    def __repr__(self) -> str:
-        what = getattr(self.what, "id", getattr(self.what, "__name__", self.what))
-        return ", ".join([str(what), *(f"{k}={v!r}" for k, v in self.arguments.items())])
-
-
-def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]) -> Recipe:
+def _maker(
+    environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
+) -> EnvironmentMaker:
     """Return how environments are made; of None if the one given has no specification."""
     arguments = deepcopy(arguments)
     if isinstance(environment, gym.Env) and arguments:
@@ -194,7 +172,7 @@ def _recipe(environment: Environment, time_limit: TimeLimit, arguments: dict[str
         time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
     if time_limit != "own" and isinstance(what, str | EnvSpec):
         arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
-    return Recipe(what, arguments)
+    return EnvironmentMaker(what, arguments)
 
 
 def _own_limit(env: gym.Env[Any, Any]) -> int | None:
@@ -274,16 +252,3 @@ def _renamed(what: str, given: Space | None, own: Space) -> Space:
     if given is not None and given.size != own.size:
         raise TaskError(f"{what} must name the environment's {own.size}: got {given.size} of them")
     return own if given is None else given
-
-
-def _alike(mine: Any, yours: Any) -> bool:
-    """Return whether two arguments are equal, including arrays in them."""
-    if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
-        mine, yours = vars(mine), vars(yours)
-    if isinstance(mine, Mapping) and isinstance(yours, Mapping):
-        return mine.keys() == yours.keys() and all(_alike(mine[key], yours[key]) for key in mine)
-    if isinstance(mine, list | tuple) and isinstance(yours, list | tuple):
-        return len(mine) == len(yours) and all(map(_alike, mine, yours))
-    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
-        return np.array_equal(mine, yours)
-    return bool(mine == yours)

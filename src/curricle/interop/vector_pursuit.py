@@ -12,7 +12,7 @@ from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
-from curricle.tasks.observation_task import ObservationTask, Registered
+from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, frozen
 from curricle.transfer.component_mapping import (
@@ -229,7 +229,8 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> Observation
     arguments = {name: value for name, (value, default) in rules.items() if value != default}
     if acting != "all":
         arguments["acting"] = acting
-    return ObservationTask(Registered("Curricle/VectorPursuit-v0", arguments), pursuit.discount)
+    make = EnvironmentMaker("Curricle/VectorPursuit-v0", arguments)
+    return ObservationTask(make, pursuit.discount)
 
 
 def predator_mapping(

@@ -1,11 +1,14 @@
 """Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Discrete
 
 from curricle.checks import number, whole_number
@@ -13,25 +16,40 @@ from curricle.errors import TaskError
 
 
 @dataclass(frozen=True)
-class Registered:
-    """Makes an environment of Gymnasium's registry; equal if it makes the same one.
+class EnvironmentMaker:
+    """Makes an environment; equal to another that makes the same one.
+
+    Parameters
+    ----------
+    what : str, gymnasium.envs.registration.EnvSpec or callable
+        What ``gymnasium.make`` takes, or a function or class that makes one.
+    arguments : dict
+        Of ``gymnasium.make`` or the function, by name; each environment gets a copy.
 
     Examples
     --------
-    >>> Registered("MountainCar-v0")().observation_space.shape
+    >>> EnvironmentMaker("MountainCar-v0")().observation_space.shape
     (2,)
     """
 
-    id: str
+    what: Any = field(hash=False)
     arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
-        return gymnasium.make(self.id, **self.arguments)
+        make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
+        made: gymnasium.Env[Any, Any] = make(**deepcopy(dict(self.arguments)))
+        return made
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, EnvironmentMaker):
+            return NotImplemented
+        return _alike((self.what, self.arguments), (other.what, other.arguments))
 
     def __str__(self) -> str:
+        what = _name(self.what) if callable(self.what) else getattr(self.what, "id", self.what)
         parts = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
-        return f"{self.id}({', '.join(parts)})" if parts else self.id
+        return f"{what}({', '.join(parts)})" if parts else str(what)
 
 
 @dataclass(frozen=True)
@@ -57,10 +75,10 @@ class ObservationTask:
 
     Examples
     --------
-    >>> car = ObservationTask(Registered("MountainCar-v0"), discount=0.98)
+    >>> car = ObservationTask(EnvironmentMaker("MountainCar-v0"), discount=0.98)
     >>> car
     ObservationTask(MountainCar-v0, discount 0.98, Box(2,) -> Discrete(3))
-    >>> car.n_actions, car == ObservationTask(Registered("MountainCar-v0"), discount=0.98)
+    >>> car.n_actions, car == ObservationTask(EnvironmentMaker("MountainCar-v0"), 0.98)
     (3, True)
     """
 
@@ -125,6 +143,25 @@ class ObservationTask:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
         made = getattr(self.make, "__name__", str(self.make))
         return f"ObservationTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
+
+
+def _name(function: Callable[..., Any]) -> str:
+    """Return a function's name as ``module:name``, the same in every process."""
+    kind = function if hasattr(function, "__name__") else type(function)
+    return f"{kind.__module__}:{kind.__name__}"
+
+
+def _alike(mine: Any, yours: Any) -> bool:
+    """Return whether two arguments are equal, including arrays in them."""
+    if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
+        mine, yours = vars(mine), vars(yours)
+    if isinstance(mine, Mapping) and isinstance(yours, Mapping):
+        return mine.keys() == yours.keys() and all(_alike(mine[key], yours[key]) for key in mine)
+    if isinstance(mine, list | tuple) and isinstance(yours, list | tuple):
+        return len(mine) == len(yours) and all(map(_alike, mine, yours))
+    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
+        return np.array_equal(mine, yours)
+    return bool(mine == yours)
 
 
 def _shape(space: gymnasium.Space[Any]) -> str:

@@ -50,9 +50,9 @@ class ObservationMapping:
     --------
     A car without a speedometer reads the values of one that stands still.
 
+    >>> from curricle import observation_task
     >>> from curricle.transfer.value_sources import FunctionValues
-    >>> from curricle.tasks.observation_task import Registered
-    >>> car = ObservationTask(Registered("MountainCar-v0"))
+    >>> car = observation_task("MountainCar-v0")
     >>> still = ObservationMapping(car, car, lambda cars: cars * [1, 0])
     >>> height = FunctionValues(state_values=lambda cars: cars.sum(axis=1))
     >>> still.states(height, np.array([[0.25, 0.07], [-0.5, 0.01]]))

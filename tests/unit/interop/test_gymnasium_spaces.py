@@ -6,7 +6,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.interop.gymnasium import Recipe
+from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.task import same_task
 
 from .environments import TWO, Echo, Ring
@@ -249,12 +249,12 @@ def test_live_tasks_made_of_the_same_are_one():
     assert same_task(*echoes)
 
 
-def test_what_a_recipe_holds_cannot_be_changed_from_outside():
+def test_what_a_maker_holds_cannot_be_changed_from_outside():
     table = np.array([1.0, 2.0])
-    recipe = Recipe(dict, {"table": table.copy()})
-    assert recipe == Recipe(dict, {"table": table})
-    assert recipe != Recipe(dict, {"table": table + 1})
-    assert recipe != 3
-    recipe()["table"][0] = 7.0
-    assert recipe == Recipe(dict, {"table": table})
-    assert "table=" in repr(recipe)
+    maker = EnvironmentMaker(dict, {"table": table.copy()})
+    assert maker == EnvironmentMaker(dict, {"table": table})
+    assert maker != EnvironmentMaker(dict, {"table": table + 1})
+    assert maker != 3
+    maker()["table"][0] = 7.0
+    assert maker == EnvironmentMaker(dict, {"table": table})
+    assert "table=" in str(maker)

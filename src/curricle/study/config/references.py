@@ -4,9 +4,8 @@ import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -52,30 +51,6 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     if not callable(function):
         raise ConfigError(f"{reference} names no function: {module_name} has no {name} to call")
     return function  # type: ignore[no-any-return]
-
-
-@dataclass(frozen=True)
-class Call:
-    """A call of a user's function, to be made again and again; equal where it is the same.
-
-    Examples
-    --------
-    >>> hypotenuse = Call(load("math:hypot", Path()), {})
-    >>> hypotenuse == Call(load("math:hypot", Path()), {}), str(hypotenuse)
-    (True, 'math:hypot')
-    """
-
-    function: Callable[..., Any]
-    arguments: Mapping[str, Any] = field(hash=False)
-
-    def __call__(self) -> Any:
-        """Return what the function returns."""
-        return self.function(**self.arguments)
-
-    def __str__(self) -> str:
-        name = f"{self.function.__module__}:{self.function.__name__}"
-        arguments = ", ".join(f"{key}={value!r}" for key, value in self.arguments.items())
-        return f"{name}({arguments})" if arguments else name
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from pydantic import (
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import ObjectTable, table_of
-from curricle.study.config.references import Call, load, users_code
+from curricle.study.config.references import load, users_code
 from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (
     KeyPath,
@@ -31,6 +31,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.task import generative_model
 
@@ -300,7 +301,7 @@ class ObservationTaskTable(TaskTable):
         if self.id is not None:
             return observation_task(self.id, **options, **dict[str, Any](self.arguments))
         own = str(self.factory)
-        make = Call(load(own, folder), dict(self.arguments))
+        make = EnvironmentMaker(load(own, folder), dict(self.arguments))
         with users_code(own):
             return observation_task(make, **options)
 
