@@ -1,20 +1,30 @@
-"""Compiled sweeps of exact planning over the tables of a FiniteMDP.
+"""Exact planning in sweeps: the loop that iterates to a fixed point, and backups of tables.
 
-Every loop ends with a sweep in which each value was backed up from a vector within `change` of
-the values returned, which is all that the error bound in ``solution.py`` needs. The callers
-validate and pass index tables as uint32: an unsigned index needs no test for being negative.
+A backup is a NamedTuple, and :func:`back_up` has a body for its type: here those that read the
+tables of a FiniteMDP, in ``factored_backups.py`` those of a factored model. Every iteration ends
+with a sweep in which each value was backed up from a vector within `change` of the values returned,
+which is all that the error bound in ``solution.py`` needs. The callers validate and pass index
+tables as uint32: an unsigned index needs no test for being negative.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
+from curricle.tasks.overloads import Overloaded
+
+FloatArray = npt.NDArray[np.float64]
+RowArray = npt.NDArray[np.uint32]
 SWEEPS = 5
 """Sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good."""
 PATIENCE = 100
 """Backups without progress near the limits of double precision before giving up, plus a horizon."""
 CONVERGED = -1
+
+
+# -- the loop ------------------------------------------------------------------------------------
 
 
 class Precision(NamedTuple):
@@ -24,11 +34,115 @@ class Precision(NamedTuple):
     unit: float  # the relative rounding error of one backup
     largest_reward: float
     horizon: float  # what a residual is multiplied by to bound the error
+    discount: float
+
+
+def back_up(backup, values, sweep):
+    """Back up all values in place, as the sweep of this number; return the largest change."""
+
+
+def accelerate(backup, values, sweep, precision, progress):
+    """Bring values closer to the fixed point after a sweep; return what `reach` grows by.
+
+    `progress` is whether the changes still shrink.
+    """
+
+
+back_ups = Overloaded(back_up, outlined=True)
+accelerations = Overloaded(
+    accelerate, outlined=True, otherwise=lambda backup, values, sweep, precision, progress: 0.0
+)
 
 
 @njit(cache=True, nogil=True)
-def back_up_rows(mean, probability, next_state, discount, values, rows):
+def iterate(backup, values, precision):
+    """Back up `values` in place until they have converged; return the change of the last sweep."""
+    least, waited, reach, sweep = np.inf, np.int64(0), largest_of(values), 0
+    while True:
+        change = back_up(backup, values, sweep)
+        reach += change
+        waited = converged(change, least, waited, values, reach, precision)
+        if waited == CONVERGED:
+            return change
+        least = min(least, change)
+        reach += accelerate(backup, values, sweep, precision, waited == 0)
+        sweep += 1
+
+
+@njit(cache=True, nogil=True)
+def largest_of(values):
+    """Return max |V|."""
+    largest = 0.0
+    for value in values:
+        largest = max(largest, abs(value))
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def converged(change, least, waited, values, reach, precision):
+    """Return for how many backups there has been no progress, or CONVERGED to end.
+
+    Iteration ends if the residual (gamma times the change, plus the rounding of a backup: `unit`
+    times the size of the numbers) is at most `enough`; if the change is well below that rounding;
+    or if, near it, the smallest change so far, `least`, has not been undercut for long. `reach`, a
+    sum of changes, stands for the largest value while the change is far from it, which spares the
+    search for that value.
+    """
+    enough, unit, largest_reward, horizon, discount = precision
+    if not change < np.inf:
+        return CONVERGED
+    if discount * change > enough and change > 64 * horizon * unit * (largest_reward + reach):
+        return 0
+    rounding = unit * (largest_reward + largest_of(values))
+    if discount * change + rounding <= enough or 2 * change <= rounding:
+        return CONVERGED
+    if change < least:
+        return 0
+    return waited + 1 if waited < PATIENCE + horizon else CONVERGED
+
+
+# -- the best policy -----------------------------------------------------------------------------
+
+
+class OutcomeRows(NamedTuple):
+    """The tables that backups read."""
+
+    mean: FloatArray  # (Y,) mean reward
+    probability: FloatArray  # (Y, O)
+    next_state: RowArray  # (Y, O)
+    terminal: npt.NDArray[np.bool_]  # (S,)
+    discount: float
+
+
+class GreedyBackup(NamedTuple):
+    """Modified policy iteration: a greedy backup, then a few sweeps of the greedy policy."""
+
+    outcomes: OutcomeRows
+    outcome_row: RowArray  # (S, A)
+    chosen: RowArray  # (S,) work space: the row of a greedy action
+    rows: FloatArray  # (Y,) work space: rows backed up
+
+
+@back_ups.body(GreedyBackup)
+def _greedy_backup(backup, values, sweep):
+    back_up_rows(backup.outcomes, values, backup.rows)
+    terminal = backup.outcomes.terminal
+    return improve(backup.outcome_row, terminal, backup.rows, values, backup.chosen)
+
+
+@accelerations.body(GreedyBackup)
+def _greedy_policy_sweeps(backup, values, sweep, precision, progress):
+    for n in range(SWEEPS):
+        change = policy_backup(backup.outcomes, backup.chosen, values, n)
+        if change <= 0.5 * precision.enough:
+            break
+    return 0.0
+
+
+@njit(cache=True, nogil=True)
+def back_up_rows(outcomes, values, rows):
     """Write r + gamma sum_s' P(s') V(s') of each outcome row into `rows`."""
+    mean, probability, next_state, _, discount = outcomes
     for row in range(len(probability)):
         total = 0.0
         for outcome in range(probability.shape[1]):
@@ -73,12 +187,16 @@ def improve(outcome_row, terminal, rows, values, chosen):
     return change
 
 
+# -- a given policy ------------------------------------------------------------------------------
+
+
 @njit(cache=True, nogil=True)
-def policy_backup(mean, probability, next_state, terminal, discount, chosen, values, sweep):
+def policy_backup(outcomes, chosen, values, sweep):
     """Back up the values of a policy of one row a state, in place; return the largest change.
 
     Odd sweeps go from the last state to the first.
     """
+    mean, probability, next_state, terminal, discount = outcomes
     n_states = len(values)
     change = 0.0
     for index in range(n_states):
@@ -95,117 +213,44 @@ def policy_backup(mean, probability, next_state, terminal, discount, chosen, val
     return change
 
 
-@njit(cache=True, nogil=True)
-def largest_of(values):
-    """Return max |V|."""
-    largest = 0.0
-    for value in values:
-        largest = max(largest, abs(value))
-    return largest
+class PolicyBackup(NamedTuple):
+    """Of a policy of one row a state: backed up in place, which takes fewer sweeps."""
+
+    outcomes: OutcomeRows
+    chosen: RowArray  # (S,)
+
+
+@back_ups.body(PolicyBackup)
+def _policy_backup(backup, values, sweep):
+    return policy_backup(backup.outcomes, backup.chosen, values, 0)  # upwards: equal sweeps
+
+
+class MixedPolicy(NamedTuple):
+    """A policy in compressed form: state s has the entries first[s] to first[s + 1]."""
+
+    first: npt.NDArray[np.int64]  # (S + 1,)
+    row: RowArray  # (n,) outcome row of each entry
+    weight: FloatArray  # (n,)
+
+
+class MixedPolicyBackup(NamedTuple):
+    """Of any policy."""
+
+    outcomes: OutcomeRows
+    policy: MixedPolicy
+    rows: FloatArray  # (Y,) work space: rows backed up
+
+
+@back_ups.body(MixedPolicyBackup)
+def _mixed_policy_backup(backup, values, sweep):
+    back_up_rows(backup.outcomes, values, backup.rows)
+    return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values, 0)
 
 
 @njit(cache=True, nogil=True)
-def converged(change, least, waited, values, reach, discount, precision):
-    """Return for how many backups there has been no progress, or CONVERGED to end.
-
-    Iteration ends if the residual (gamma times the change, plus the rounding of a backup: `unit`
-    times the size of the numbers) is at most `enough`; if the change is well below that rounding;
-    or if, near it, the smallest change so far, `least`, has not been undercut for long. `reach` is
-    a sum of changes that no value exceeds, which spares the search for the largest value.
-    """
-    enough, unit, largest_reward, horizon = precision
-    if not change < np.inf:
-        return CONVERGED
-    if discount * change > enough and change > 64 * horizon * unit * (largest_reward + reach):
-        return 0
-    rounding = unit * (largest_reward + largest_of(values))
-    if discount * change + rounding <= enough or 2 * change <= rounding:
-        return CONVERGED
-    if change < least:
-        return 0
-    return waited + 1 if waited < PATIENCE + horizon else CONVERGED
-
-
-@njit(cache=True, nogil=True)
-def optimal_values(
-    outcome_row,
-    probability,
-    next_state,
-    mean,
-    terminal,
-    discount,
-    values,
-    precision,
-):
-    """Turn `values`, bounds of the lengths of episodes, into the optimum; return the last change.
-
-    Modified policy iteration: a greedy backup of all states, then a few sweeps of the greedy
-    policy, which back up one row a state. It starts from the lengths times the smallest best mean
-    reward of a state, and ends after a greedy backup (:func:`converged`).
-    """
-    rows = np.empty(len(probability))
-    chosen = outcome_row[:, 0].copy()
-    best_reward = np.zeros(len(values))
-    improve(outcome_row, terminal, mean, best_reward, chosen)
-    worst = 0.0
-    for value in best_reward:
-        worst = min(worst, value)
-    for state in range(len(values)):
-        values[state] = 0.0 if terminal[state] else worst * values[state]
-    least, waited, reach = np.inf, np.int64(0), largest_of(values)
-    while True:
-        back_up_rows(mean, probability, next_state, discount, values, rows)
-        change = improve(outcome_row, terminal, rows, values, chosen)
-        reach += change
-        waited = converged(change, least, waited, values, reach, discount, precision)
-        if waited == CONVERGED:
-            return change
-        least = min(least, change)
-        for sweep in range(SWEEPS):
-            moved = policy_backup(
-                mean,
-                probability,
-                next_state,
-                terminal,
-                discount,
-                chosen,
-                values,
-                sweep,
-            )
-            if moved <= 0.5 * precision.enough:
-                break
-
-
-# -- a given policy ------------------------------------------------------------------------------
-
-
-@njit(cache=True, nogil=True)
-def policy_entries(policy, terminal, row_of):
-    """Return a policy in compressed form: state s has entries first[s] to first[s + 1].
-
-    An entry is an outcome row and its weight; a terminal state has one entry, of weight 0. `row_of`
-    has the row of each pair, for all states or, repeating, for a part of them.
-    """
-    n_states, n_actions = policy.shape
-    first = np.zeros(n_states + 1, dtype=np.int64)
-    for state in range(n_states):
-        taken = 1 if terminal[state] else np.count_nonzero(policy[state] > 0)
-        first[state + 1] = first[state] + taken
-    row = np.zeros(first[-1], dtype=np.uint32)
-    weight = np.zeros(first[-1])
-    for state in range(n_states):
-        entry = first[state]
-        for action in range(0 if terminal[state] else n_actions):
-            if policy[state, action] > 0:
-                row[entry] = row_of[state % len(row_of), action]
-                weight[entry] = policy[state, action]
-                entry += 1
-    return first, row, weight
-
-
-@njit(cache=True, nogil=True)
-def mixed_policy_backup(first, row, weight, terminal, rows, values, start):
+def mixed_policy_backup(policy, terminal, rows, values, start):
     """Make values the policy's mean of their rows, from state `start` on; return the change."""
+    first, row, weight = policy
     change = 0.0
     for index in range(len(values)):
         state = start + index
@@ -219,23 +264,38 @@ def mixed_policy_backup(first, row, weight, terminal, rows, values, start):
     return change
 
 
-@njit(cache=True, nogil=True)
-def copy(values, target):
-    """Copy: the assignment of slices takes seconds to compile."""
-    for state in range(len(values)):
-        target[state] = values[state]
+class ExtrapolatedBackup(NamedTuple):
+    """Of a policy, extrapolated along its last step from time to time (Anderson 1965, depth 1)."""
+
+    backup: Any  # linear, every sweep in the same direction
+    steps: FloatArray  # (2, S) work space: changes of the last two sweeps
+    last: npt.NDArray[np.int64]  # (1,) work space: the sweep after which it was last extrapolated
 
 
-@njit(cache=True, nogil=True)
-def difference(before, values):
-    """Write values - before into `before`."""
+@back_ups.body(ExtrapolatedBackup)
+def _recorded_backup(backup, values, sweep):
+    step = backup.steps[sweep % 2]
+    for state in range(len(values)):  # the assignment of slices takes seconds to compile
+        step[state] = values[state]
+    change = back_up(backup.backup, values, sweep)
     for state in range(len(values)):
-        before[state] = values[state] - before[state]
+        step[state] = values[state] - step[state]
+    return change
+
+
+@accelerations.body(ExtrapolatedBackup)
+def _extrapolation(backup, values, sweep, precision, progress):
+    if not progress or sweep - backup.last[0] < 4:
+        return 0.0
+    if not extrapolate(values, backup.steps[sweep % 2], backup.steps[1 - sweep % 2]):
+        return 0.0
+    backup.last[0] = sweep
+    return largest_of(values)
 
 
 @njit(cache=True, nogil=True)
 def extrapolate(values, step, last):
-    """Extrapolate along the last step (Anderson 1965, depth 1); return whether it was done.
+    """Extrapolate along the last step; return whether it was done.
 
     After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
     V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. t
@@ -257,46 +317,3 @@ def extrapolate(values, step, last):
     for state in range(len(values)):
         values[state] -= t * step[state]
     return True
-
-
-@njit(cache=True, nogil=True)
-def policy_values(
-    first,
-    row,
-    weight,
-    probability,
-    next_state,
-    mean,
-    terminal,
-    discount,
-    values,
-    precision,
-):
-    """Bring `values` to those of a policy, in place; ends and returns as `optimal_values` does."""
-    rows = np.empty(len(probability))
-    step, last = np.zeros(len(values)), np.zeros(len(values))
-    upwards = np.int64(0)  # every sweep in the same direction
-    single = True  # one row a state: backed up in place, which takes fewer sweeps
-    for state in range(len(values)):
-        one = first[state + 1] - first[state] == 1
-        single &= one and (terminal[state] or weight[first[state]] == 1.0)
-    least, waited, reach, pairs = np.inf, np.int64(0), 0.0, 0
-    while True:
-        last, step = step, last
-        copy(values, step)
-        if single:
-            change = policy_backup(
-                mean, probability, next_state, terminal, discount, row, values, upwards
-            )
-        else:
-            back_up_rows(mean, probability, next_state, discount, values, rows)
-            change = mixed_policy_backup(first, row, weight, terminal, rows, values, 0)
-        difference(step, values)
-        reach += change
-        waited = converged(change, least, waited, values, reach, discount, precision)
-        if waited == CONVERGED:
-            return change
-        least = min(least, change)
-        pairs += 1
-        if pairs >= 4 and waited == 0 and extrapolate(values, step, last):
-            pairs, reach = 0, reach + largest_of(values)

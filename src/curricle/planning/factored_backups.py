@@ -1,30 +1,84 @@
-"""Compiled sweeps of exact planning for a `FactoredModel`: one mover after the other, no tables.
+"""Backups of exact planning for a `FactoredModel`: one mover after the other, no tables.
 
 The values of all states with the prey on one cell are a *plane*, C^k numbers. A sweep backs up
 plane by plane, in place: the mean over the prey's moves is a sum of planes, and the best joint move
 is the best move of each predator in turn, since max over (a, b) is max over a of max over b. So a
 state costs M + k M numbers instead of M^k; all loops but one run along memory.
-
-``backups.py`` explains what the change of a sweep proves.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
-from curricle.planning.backups import (
-    CONVERGED,
-    converged,
-    copy,
-    difference,
-    extrapolate,
-    largest_of,
-    mixed_policy_backup,
-)
+from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Planes(NamedTuple):
+    """What backups read of a factored model."""
+
+    mean: FloatArray  # (S,) mean reward of a step after which the predators are in these places
+    landing: npt.NDArray[np.int32]  # (C, M)
+    prey_policy: FloatArray  # (C, M)
+    terminal: npt.NDArray[np.bool_]  # (S,)
+    discount: float
+
+
+class GreedyPlanes(NamedTuple):
+    """Value iteration: one sweep goes through the planes upwards, the next downwards.
+
+    The predators are interchangeable, so values that are symmetric in them stay symmetric, and the
+    last transposition is left out.
+    """
+
+    planes: Planes
+    predators: int
+    space: FloatArray  # (3, C^k) work space: a plane, its best moves, the largest change of each
+
+
+@back_ups.body(GreedyPlanes)
+def _greedy_backup(backup, values, sweep):
+    planes, n_cells = backup.planes, len(backup.planes.landing)
+    plane, best, worst = backup.space[0], backup.space[1], backup.space[2]
+    worst.fill(0.0)
+    for index in range(n_cells):
+        cell = n_cells - 1 - index if sweep % 2 else index
+        expect(planes, values, cell, plane)
+        best_of_moves(plane, planes.landing, best)
+        for _ in range(1, backup.predators):
+            next_predator_first(best, n_cells, plane)
+            best_of_moves(plane, planes.landing, best)
+        keep(best, planes.terminal, values, cell * len(plane), worst)
+    return largest_of(worst)
+
+
+class PolicyPlanes(NamedTuple):
+    """Of a given policy, plane by plane; its outcome rows are numbered within a plane."""
+
+    planes: Planes
+    policy: MixedPolicy
+    plane: FloatArray  # (C^k,) work space
+
+
+@back_ups.body(PolicyPlanes)
+def _policy_backup(backup, values, sweep):
+    plane, n, change = backup.plane, len(backup.plane), 0.0
+    for cell in range(len(backup.planes.landing)):
+        expect(backup.planes, values, cell, plane)
+        there, start = values[cell * n : (cell + 1) * n], cell * n
+        change = max(
+            change, mixed_policy_backup(backup.policy, backup.planes.terminal, plane, there, start)
+        )
+    return change
 
 
 @njit(cache=True, nogil=True)
-def expect(values, mean, landing, prey_policy, discount, cell, plane):
+def expect(planes, values, cell, plane):
     """Write r + gamma times the mean over the prey's moves from `cell` into `plane`."""
+    mean, landing, prey_policy, _, discount = planes
     n, n_moves = len(plane), landing.shape[1]
     base = mean[cell * n : (cell + 1) * n]
     source = values[landing[cell, 0] * n : (landing[cell, 0] + 1) * n]
@@ -78,75 +132,3 @@ def keep(best, terminal, values, start, worst):
         change = abs(new - target[index])
         worst[index] = change if change > worst[index] else worst[index]
         target[index] = new
-
-
-@njit(cache=True, nogil=True)
-def optimal_values(landing, prey_policy, predators, mean, terminal, discount, values, precision):
-    """Bring `values`, of which V <= TV, to the optimum by value iteration, plane by plane.
-
-    One sweep goes through the planes upwards, the next downwards; it ends and returns as
-    `optimal_values` of ``backups.py`` does. The predators are interchangeable, so values that are
-    symmetric in them stay symmetric, and the last transposition is left out.
-    """
-    n_cells = len(landing)
-    n = len(values) // n_cells
-    plane, best, worst = np.empty(n), np.empty(n), np.empty(n)
-    least, waited, reach, backwards = np.inf, np.int64(0), largest_of(values), False
-    while True:
-        worst.fill(0.0)
-        for index in range(n_cells):
-            cell = n_cells - 1 - index if backwards else index
-            expect(values, mean, landing, prey_policy, discount, cell, plane)
-            best_of_moves(plane, landing, best)
-            for _ in range(1, predators):
-                next_predator_first(best, n_cells, plane)
-                best_of_moves(plane, landing, best)
-            keep(best, terminal, values, cell * n, worst)
-        backwards = not backwards
-        change = largest_of(worst)
-        reach += change
-        waited = converged(change, least, waited, values, reach, discount, precision)
-        if waited == CONVERGED:
-            return change
-        least = min(least, change)
-
-
-@njit(cache=True, nogil=True)
-def policy_values(
-    first,
-    row,
-    weight,
-    landing,
-    prey_policy,
-    predators,
-    mean,
-    terminal,
-    discount,
-    values,
-    precision,
-):
-    """Bring `values` to those of a policy, plane by plane; rows are numbered within a plane."""
-    n_cells = len(landing)
-    n = len(values) // n_cells
-    plane = np.empty(n)
-    step, last = np.zeros(len(values)), np.zeros(len(values))
-    least, waited, reach, pairs = np.inf, np.int64(0), 0.0, 0
-    while True:
-        last, step = step, last
-        copy(values, step)
-        change = 0.0
-        for cell in range(n_cells):
-            expect(values, mean, landing, prey_policy, discount, cell, plane)
-            there = values[cell * n : (cell + 1) * n]
-            change = max(
-                change, mixed_policy_backup(first, row, weight, terminal, plane, there, cell * n)
-            )
-        difference(step, values)
-        reach += change
-        waited = converged(change, least, waited, values, reach, discount, precision)
-        if waited == CONVERGED:
-            return change
-        least = min(least, change)
-        pairs += 1
-        if pairs >= 4 and waited == 0 and extrapolate(values, step, last):
-            pairs, reach = 0, reach + largest_of(values)

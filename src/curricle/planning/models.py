@@ -1,18 +1,17 @@
 """Planning models: what exact planning reads of a task, its tables or its factored model.
 
-Both have the same methods: iterate to the optimum or to a policy's values, and back up once into
-(S, A). ``solution.py`` decides how far to iterate and what that proves.
+``solution.py`` decides how far to iterate and what that proves.
 """
 
-from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
-from curricle.planning.backups import Precision
+from curricle.planning.backups import MixedPolicy
 from curricle.tasks.factored import FactoredModel
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
@@ -24,45 +23,21 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 """An action for each state, (S,), or the probability of each action, (S, A)."""
 
 
-class Model(Protocol):
-    """A task as exact planning sees it."""
-
-    @property
-    def terminal(self) -> BoolArray:
-        """Which states end an episode, (S,)."""
-
-    @property
-    def n_actions(self) -> int:
-        """A."""
-
-    @property
-    def outcomes(self) -> int:
-        """The number of outcomes that a backup adds up."""
-
-    @property
-    def discount(self) -> float:
-        """Gamma."""
-
-    @property
-    def largest_reward(self) -> float:
-        """No reward is larger in size than this."""
-
-    def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
-
-    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last change."""
-
-    def start_value(self, values: FloatArray) -> float:
-        """Return the mean of `values` over the start distribution."""
-
-    def action_values(self, values: FloatArray) -> FloatArray:
-        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
-
-
 @dataclass(frozen=True, eq=False)
 class TabularPlanningModel:
     """A model read from the tables of a FiniteMDP.
+
+    Attributes
+    ----------
+    terminal : (S,) bool
+    mean_reward : (Y,) float64
+        Of each outcome row.
+    largest_reward : float
+        No reward is larger in size.
+    n_actions, n_outcomes : int
+        A, and the outcomes that a backup adds up.
+    discount : float
+    mdp : FiniteMDP
 
     Examples
     --------
@@ -71,52 +46,57 @@ class TabularPlanningModel:
     199.0
     """
 
-    mdp: FiniteMDP
+    terminal: BoolArray
     mean_reward: FloatArray
     largest_reward: float
+    n_actions: int
+    n_outcomes: int
     discount: float
+    mdp: FiniteMDP
 
     @classmethod
     def of(cls, mdp: FiniteMDP) -> Self:
         """Return the model of a FiniteMDP."""
-        mean = np.einsum("yo,yo->y", mdp.probability, mdp.reward)
         largest = max(mdp.reward.max(initial=0.0), -mdp.reward.min(initial=0.0))
         if not np.isfinite(largest):  # in a row that only terminal states name, hence no reward
             largest = abs(mdp.reward[np.isfinite(mdp.reward)]).max(initial=0.0)
-        return cls(mdp, mean, float(largest), mdp.discount)
-
-    @property
-    def terminal(self) -> BoolArray:
-        """Which states end an episode, (S,)."""
-        return self.mdp.terminal
-
-    @property
-    def n_actions(self) -> int:
-        """A."""
-        return self.mdp.actions.size
-
-    @property
-    def outcomes(self) -> int:
-        """The number of outcomes of a row."""
-        return int(self.mdp.probability.shape[1])
+        return cls(
+            terminal=mdp.terminal,
+            mean_reward=np.einsum("yo,yo->y", mdp.probability, mdp.reward),
+            largest_reward=float(largest),
+            n_actions=mdp.actions.size,
+            n_outcomes=mdp.probability.shape[1],
+            discount=mdp.discount,
+            mdp=mdp,
+        )
 
     @property
     def _rows(self) -> npt.NDArray[np.uint32]:
         return self.mdp.outcome_row.view(np.uint32)
 
     @property
-    def _dynamics(self) -> tuple[Any, Any, Any, Any, float]:
-        successor = self.mdp.next_state.view(np.uint32)
-        return self.mdp.probability, successor, self.mean_reward, self.terminal, self.discount
+    def _outcomes(self) -> backups.OutcomeRows:
+        mdp = self.mdp
+        successor = mdp.next_state.view(np.uint32)
+        return backups.OutcomeRows(
+            self.mean_reward, mdp.probability, successor, mdp.terminal, self.discount
+        )
 
-    def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
-        return float(backups.optimal_values(self._rows, *self._dynamics, values, precision))
+    def greedy_backup(self) -> tuple[Any, float]:
+        """Return the backup TV, and the lowest best mean reward of a state, 0 if none is lower."""
+        chosen, best = self._rows[:, 0].copy(), np.zeros(len(self.terminal))
+        backups.improve(self._rows, self.terminal, self.mean_reward, best, chosen)
+        space = np.empty(len(self.mean_reward))
+        backup = backups.GreedyBackup(self._outcomes, self._rows, chosen, space)
+        return backup, min(0.0, float(best.min()))
 
-    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last change."""
-        entries = policy_entries(policy, self.terminal, self._rows)
-        return float(backups.policy_values(*entries, *self._dynamics, values, precision))
+    def policy_backup(self, policy: Policy) -> Any:
+        """Return the backup of a policy; faster where it takes one action a state."""
+        mixed = mixed_policy(policy, self.terminal, self._rows)
+        one_each = len(mixed.row) == len(self.terminal)
+        if one_each and (self.terminal | (mixed.weight == 1.0)).all():
+            return backups.PolicyBackup(self._outcomes, mixed.row)
+        return backups.MixedPolicyBackup(self._outcomes, mixed, np.empty(len(self.mean_reward)))
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -151,12 +131,16 @@ class TabularPlanningModel:
 
     def counting_steps(self) -> Self:
         """Return the same with a reward of 1 for every step and discount 1."""
-        return type(self)(self.mdp, np.ones_like(self.mean_reward), 1.0, 1.0)
+        ones = np.ones_like(self.mean_reward)
+        return replace(self, mean_reward=ones, largest_reward=1.0, discount=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FactoredPlanningModel:
     """A model computed from a factored model; its discount is below 1.
+
+    Its attributes are those of :class:`TabularPlanningModel`, except that ``mean_reward``, (S,), is
+    that of a step after which the predators are where they are in a state.
 
     Examples
     --------
@@ -165,55 +149,54 @@ class FactoredPlanningModel:
     1.0
     """
 
-    factored_model: FactoredModel
     terminal: BoolArray
     mean_reward: FloatArray
+    largest_reward: float
+    n_actions: int
+    n_outcomes: int
+    discount: float
+    factored_model: FactoredModel
 
     @classmethod
     def of(cls, factored_model: FactoredModel) -> Self:
         """Return the planning model of a factored model."""
-        together = factored_model.predators_on_prey()
-        rewards = np.take(factored_model.rewards, together)
-        mean = expected(factored_model, np.zeros(len(rewards)), 1.0, rewards)
-        return cls(factored_model, np.take(factored_model.ends, together), mean)
-
-    @property
-    def n_actions(self) -> int:
-        """A = M^k."""
-        return int(self.factored_model.landing.shape[1] ** self.factored_model.predators)
-
-    @property
-    def outcomes(self) -> int:
-        """The number of moves of the prey."""
-        return int(self.factored_model.landing.shape[1])
-
-    @property
-    def discount(self) -> float:
-        """Gamma."""
-        return self.factored_model.discount
-
-    @property
-    def largest_reward(self) -> float:
-        """No reward is larger in size than this."""
-        return float(abs(self.factored_model.rewards).max())
-
-    @property
-    def _dynamics(self) -> tuple[Any, Any, int, Any, Any, float]:
-        m = self.factored_model
-        return m.landing, m.prey_policy, m.predators, self.mean_reward, self.terminal, m.discount
-
-    def optimise(self, values: FloatArray, precision: Precision) -> float:
-        """Turn bounds of the lengths of episodes into the optimum; return the last change."""
-        values *= min(0.0, float(self.factored_model.rewards.min()))
-        values[self.terminal] = 0.0
-        return float(factored_backups.optimal_values(*self._dynamics, values, precision))
-
-    def policy_backup(self, policy: Policy, values: FloatArray, precision: Precision) -> float:
-        """Bring `values` to those of a policy in place; return the last change."""
-        entries = policy_entries(
-            policy, self.terminal, self.factored_model.joint_landing().view(np.uint32)
+        together, rewards = factored_model.predators_on_prey(), factored_model.rewards
+        n_moves = factored_model.landing.shape[1]
+        model = cls(
+            terminal=np.take(factored_model.ends, together),
+            mean_reward=np.zeros(len(together)),
+            largest_reward=float(abs(rewards).max()),
+            n_actions=n_moves**factored_model.predators,
+            n_outcomes=n_moves,
+            discount=1.0,
+            factored_model=factored_model,
         )
-        return float(factored_backups.policy_values(*entries, *self._dynamics, values, precision))
+        # The mean reward is that of the next state: an expectation over the prey's moves.
+        mean = model._expected(np.take(rewards, together))
+        return replace(model, mean_reward=mean, discount=factored_model.discount)
+
+    @property
+    def _planes(self) -> factored_backups.Planes:
+        m = self.factored_model
+        return factored_backups.Planes(
+            self.mean_reward, m.landing, m.prey_policy, self.terminal, self.discount
+        )
+
+    @property
+    def _plane_size(self) -> int:
+        return len(self.terminal) // len(self.factored_model.landing)
+
+    def greedy_backup(self) -> tuple[Any, float]:
+        """Return the backup TV, and the lowest reward, 0 if none is lower."""
+        m, space = self.factored_model, np.empty((3, self._plane_size))
+        backup = factored_backups.GreedyPlanes(self._planes, m.predators, space)
+        return backup, min(0.0, float(m.rewards.min()))
+
+    def policy_backup(self, policy: Policy) -> Any:
+        """Return the backup of a policy."""
+        rows = self.factored_model.joint_landing().view(np.uint32)
+        mixed = mixed_policy(policy, self.terminal, rows)
+        return factored_backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -222,44 +205,41 @@ class FactoredPlanningModel:
     def action_values(self, values: FloatArray) -> FloatArray:
         """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
         m = self.factored_model
-        rows = expected(m, self.mean_reward, m.discount, values.copy())
-        q = np.take(rows.reshape(len(m.landing), -1), m.joint_landing(), axis=1)
-        q = q.reshape(len(values), self.n_actions)
+        rows = self._expected(values.copy()).reshape(len(m.landing), -1)
+        q = np.take(rows, m.joint_landing(), axis=1).reshape(len(values), self.n_actions)
         q[self.terminal] = 0.0
         return q
 
-
-def expected(
-    factored_model: FactoredModel, mean_reward: FloatArray, discount: float, values: FloatArray
-) -> FloatArray:
-    """Return r + gamma times the mean of `values` over the prey's moves, (S,)."""
-    rows = np.empty((len(factored_model.landing), len(values) // len(factored_model.landing)))
-    for cell, plane in enumerate(rows):
-        factored_backups.expect(
-            values,
-            mean_reward,
-            factored_model.landing,
-            factored_model.prey_policy,
-            discount,
-            cell,
-            plane,
-        )
-    return rows.ravel()
+    def _expected(self, values: FloatArray) -> FloatArray:
+        """Return r + gamma times the mean of `values` over the prey's moves, (S,)."""
+        rows = np.empty((len(self.factored_model.landing), self._plane_size))
+        for cell, plane in enumerate(rows):
+            factored_backups.expect(self._planes, values, cell, plane)
+        return rows.ravel()
 
 
-def policy_entries(
+def mixed_policy(
     policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
-) -> tuple[Any, Any, Any]:
-    """Return a policy in compressed form, as :func:`backups.policy_entries` does."""
-    if policy.ndim == 2:
-        first, row, weight = backups.policy_entries(policy, terminal, row_of)
-        return first, row, weight
-    n_states = len(policy)
-    row = row_of[np.arange(n_states) % len(row_of), policy]
-    return np.arange(n_states + 1), row, np.ones(n_states)
+) -> MixedPolicy:
+    """Return a policy in compressed form.
+
+    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them. A
+    terminal state has one entry, which means nothing.
+    """
+    n_states, n_actions = len(terminal), row_of.shape[1]
+    if policy.ndim == 1:
+        row = row_of[np.arange(n_states) % len(row_of), policy]
+        return MixedPolicy(np.arange(n_states + 1), row, np.ones(n_states))
+    taken = np.where(terminal[:, None], np.arange(n_actions) == 0, policy > 0)
+    first = np.concatenate([[0], np.cumsum(np.count_nonzero(taken, axis=1))])
+    pair = np.flatnonzero(taken)
+    return MixedPolicy(first, row_of.ravel()[pair % row_of.size], policy.ravel()[pair])
 
 
-def model_of(task: Task) -> Model:
+PlanningModel = TabularPlanningModel | FactoredPlanningModel
+
+
+def model_of(task: Task) -> PlanningModel:
     """Return the model to plan with: the task's factored model if it has one, else its tables.
 
     At discount 1 it is the tables, which can be searched for policies that never end.

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
-from curricle.planning.backups import Precision
-from curricle.planning.models import Model, Policy, TabularPlanningModel, model_of
+from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate
+from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.spaces import frozen
@@ -43,7 +43,7 @@ class PolicyValues:
     values: FloatArray
     start_value: float
     error_bound: float
-    _model: Model = field(repr=False)
+    _model: PlanningModel = field(repr=False)
 
     @cached_property
     def action_values(self) -> FloatArray:
@@ -225,7 +225,9 @@ def checked_policy(
     return table
 
 
-def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[FloatArray, float]:
+def _iterate(
+    model: PlanningModel, policy: Policy | None, tolerance: float
+) -> tuple[FloatArray, float]:
     """Return the values of a policy, the best if None, and their error bound.
 
     If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
@@ -234,15 +236,13 @@ def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[Flo
     if not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
     lengths = _lengths(model, policy)
-    horizon = float(lengths.max()) + (model.discount == 1)
-    unit = _unit(model, policy)
-    precision = Precision(0.999 * tolerance / horizon, unit, model.largest_reward, horizon)
-    if policy is None:
-        values = lengths
-        change = model.optimise(values, precision)
-    else:
-        values = np.zeros_like(lengths)
-        change = model.policy_backup(policy, values, precision)
+    horizon = float(np.max(lengths)) + (model.discount == 1)
+    # The relative rounding error of a backup, which adds up that many products.
+    products = model.n_outcomes + 3 + (0 if policy is None else model.n_actions)
+    unit = products * EPSILON
+    enough = 0.999 * tolerance / horizon
+    precision = Precision(enough, unit, model.largest_reward, horizon, model.discount)
+    values, change = _fixed_point(model, policy, lengths, precision)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
     error = (model.discount * change + rounding) * horizon
     if not error <= tolerance:
@@ -253,28 +253,31 @@ def _iterate(model: Model, policy: Policy | None, tolerance: float) -> tuple[Flo
     return values, error
 
 
-def _unit(model: Model, policy: Policy | None) -> float:
-    """Return the relative rounding error of one backup, which adds up that many products."""
-    mixed = model.n_actions if policy is not None else 0
-    return (model.outcomes + 3 + mixed) * EPSILON
+def _fixed_point(
+    model: PlanningModel, policy: Policy | None, lengths: FloatArray | float, precision: Precision
+) -> tuple[FloatArray, float]:
+    """Return the values of a policy, the best if None, and the change of the last sweep."""
+    if policy is None:
+        backup, lowest = model.greedy_backup()
+        values = np.where(model.terminal, 0.0, lowest * lengths)
+    else:
+        values = np.zeros(len(model.terminal))
+        steps = np.zeros((2, len(values)))
+        backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
+    return values, float(iterate(backup, values, precision))
 
 
-def _lengths(model: Model, policy: Policy | None) -> FloatArray:
+def _lengths(model: PlanningModel, policy: Policy | None) -> FloatArray | float:
     """Return a bound w of the expected (discounted) length of an episode from each state.
 
     It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
     best mean reward is below. 1 / (1 - gamma), or at discount 1 lengths computed up to a residual
     of at most 1/2: if |1 + P w - w| <= d then w / (1 - d) has the property.
     """
-    n_states = len(model.terminal)
     if model.discount < 1:
-        return np.full(n_states, 1 / (1 - model.discount))
+        return 1 / (1 - model.discount)
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
     model.check_ends(policy)
-    steps, lengths = model.counting_steps(), np.zeros(n_states)
-    precision = Precision(0.5, EPSILON, 1.0, float(n_states))
-    if policy is None:
-        change = steps.optimise(lengths, precision)
-    else:
-        change = steps.policy_backup(policy, lengths, precision)
+    precision = Precision(0.5, EPSILON, 1.0, float(len(model.terminal)), 1.0)
+    lengths, change = _fixed_point(model.counting_steps(), policy, 0.0, precision)
     return np.asarray(lengths / (1 - change))
