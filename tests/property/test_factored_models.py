@@ -104,6 +104,16 @@ def test_what_a_prey_returned_stays_its_own():
     assert game.factored_model.prey_policy.min() == 0.2
 
 
+@pytest.mark.parametrize("predators", [1, 2])
+def test_solve_takes_the_factored_model_of_a_pursuit(predators, monkeypatch):
+    game, mdp = (cr.Pursuit(size=3, predators=predators) for _ in range(2))
+    by_tables = cr.solve(mdp.mdp)
+    monkeypatch.setattr(cr.Pursuit, "mdp", property(lambda _: pytest.fail("tables were built")))
+    solution = cr.solve(game)
+    assert abs(solution.values - by_tables.values).max() <= 2e-8
+    assert (solution.optimal == by_tables.optimal).all()
+
+
 def test_planning_builds_no_table_and_no_action_values():
     game = cr.Pursuit(size=5, predators=2, discount=0.9)
     cr.solve(cr.Pursuit(size=2, discount=0.9))  # compiled

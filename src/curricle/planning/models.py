@@ -233,7 +233,8 @@ def mixed_policy(
     taken = np.where(terminal[:, None], np.arange(n_actions) == 0, policy > 0)
     first = np.concatenate([[0], np.cumsum(np.count_nonzero(taken, axis=1))])
     pair = np.flatnonzero(taken)
-    return MixedPolicy(first, row_of.ravel()[pair % row_of.size], policy.ravel()[pair])
+    weight = np.asarray(policy.ravel()[pair], np.float64)
+    return MixedPolicy(first, row_of.ravel()[pair % row_of.size], weight)
 
 
 PlanningModel = TabularPlanningModel | FactoredPlanningModel

@@ -168,18 +168,9 @@ def _small(task: Task) -> bool:
 def greedy_policy_return(
     task: Task, view: Any, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
 ) -> float:
-    """Return the expected return of the policy that is greedy on a view.
+    """Return the expected return of the policy that is greedy on a view (:func:`greedy_action`).
 
     Rollouts draw as :func:`learn` does at step 0 for the same seed and stream.
-
-    Parameters
-    ----------
-    task : Task
-    view : NamedTuple
-        What :func:`greedy_action` reads.
-    evaluation : GreedyEvaluation
-    seed, stream : int, str
-        Of the random stream.
     """
     generative, start = generative_model(task), stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)

@@ -1,7 +1,7 @@
 """Rollouts: one episode of a given policy, and many of the uniformly random one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -94,53 +94,43 @@ def rollout(
     (array([0, 1, 2]), array([ -1., 199.]), True)
     """
     generative = generative_model(task)
-    left = whole_number(
-        "the limit of a rollout in steps",
-        generative.time_limit if steps is None else steps,
-        1,
-        SettingError,
-    )
+    left = generative.time_limit if steps is None else steps
+    left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
     table = table_policy(checked_policy(policy, known, n_actions), n_actions)
-    starts = None if start is None else _start(generative, start)
+    starts = None if start is None else _starts(generative, [start])
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
     with open_model(generative.model, first) as model:
         while True:
             limit = min(left, CHUNK)
-            steps_done, ends = simulate(
-                model, table, stream, episodes=1, limit=limit, starts=starts
-            )
-            parts.append(steps_done)
+            part, ends = simulate(model, table, stream, episodes=1, limit=limit, starts=starts)
+            parts.append(part)
             left, starts = left - limit, ends.last_states
-            stopped = bool(ends.terminated[0] or ends.truncated[0])
-            if stopped or not left:
+            if ends.terminated[0] or ends.truncated[0] or not left:
                 break
     states, actions, rewards = (np.concatenate(part) for part in zip(*parts, strict=True))
-    terminated = bool(ends.terminated[0])
-    return Trajectory(
-        frozen(np.append(states, ends.last_states)),
-        frozen(actions),
-        frozen(rewards),
-        terminated,
-        not terminated,
-    )
+    states, terminated = np.append(states, ends.last_states), bool(ends.terminated[0])
+    return Trajectory(frozen(states), frozen(actions), frozen(rewards), terminated, not terminated)
 
 
-def _start(generative: GenerativeModel, start: int) -> IntArray:
-    """Return the state a rollout starts in, (1,), or raise SettingError if it cannot."""
-    if is_live(generative):
+def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray:
+    """Return the states that episodes start in, (E,), or raise SettingError if they cannot."""
+    if is_live(task):
+        raise SettingError(f"a live task starts where its episodes do: start was {starts[0]!r}")
+    name, terminal = "the state a rollout starts in", task.terminal
+    states = np.array([whole_number(name, state, 0, SettingError) for state in starts])
+    bad = states >= task.states.size
+    if terminal is not None:
+        bad[~bad] = terminal[states[~bad]]
+    if bad.any():
         raise SettingError(
-            f"a rollout of a live task starts where its episodes do: start was {start!r}"
+            f"a rollout must start in a state that is not terminal: got {states[bad][0]}"
         )
-    state = whole_number("the state a rollout starts in", start, 0, SettingError)
-    terminal = generative.terminal
-    if state >= generative.states.size or (terminal is not None and terminal[state]):
-        raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
-    return np.array([state])
+    return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,25 +180,12 @@ def random_rollouts(
     episodes: int,
     length: int,
     seed: int = 0,
-    starts: npt.NDArray[np.integer[Any]] | None = None,
+    starts: IntArray | None = None,
 ) -> RandomRollouts:
     """Return episodes in which every action is equally likely at every step.
 
-    Parameters
-    ----------
-    task : Task
-        With or without tables.
-    episodes, length : int
-        E and L, at least 1. An episode shorter than L terminated or was truncated by the task.
-    seed : int
-        Equal seeds give equal episodes.
-    starts : (E,) int array, optional
-        States, not terminal, to start in; drawn as the task draws them by default.
-
-    Raises
-    ------
-    SettingError
-        When a number is too small, or `starts` has another shape or is given for a live task.
+    One that is shorter than `length` terminated, or the task truncated it. Episodes start as the
+    task draws them, or in `starts`, (E,), as many states as `episodes`.
 
     Examples
     --------
@@ -221,21 +198,13 @@ def random_rollouts(
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
     generative = generative_model(task)
-    if starts is not None and np.shape(starts) != (n,):
-        raise SettingError(f"starts must have shape ({n},), one an episode: got {np.shape(starts)}")
-    if starts is not None and is_live(generative):
-        raise SettingError("a live task starts where its episodes do: starts must be left out")
     first = stream_start(seed, "random_rollouts")
-    policy = UniformPolicy(np.uint64(generative.actions.size))
+    policy, stream = UniformPolicy(np.uint64(generative.actions.size)), np.array([first], np.uint64)
+    given = None if starts is None else _starts(generative, starts)
+    if given is not None and len(given) != n:
+        raise SettingError(f"starts must be as many as episodes, {n}: got {len(given)}")
     with open_model(generative.model, first) as model:
-        steps, ends = simulate(
-            model,
-            policy,
-            np.array([first], np.uint64),
-            episodes=n,
-            limit=length,
-            starts=starts,
-        )
+        steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=given)
     taken = np.arange(length) < ends.lengths[:, None]
     states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
     states[:, :-1][taken] = steps.states

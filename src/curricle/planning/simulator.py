@@ -168,17 +168,8 @@ def simulate(
 ) -> tuple[StepRecord, EpisodeEnds]:
     """Return the steps of some episodes, one after the other, and how each ended.
 
-    Parameters
-    ----------
-    model : NamedTuple
-        An open generative model (:func:`open_model`).
-    policy : NamedTuple
-    stream : (1,) uint64
-        The random stream, which advances.
-    episodes, limit : int
-        How many episodes, E, and the most steps of one.
-    starts : (E,) int array, optional
-        The state each starts in; drawn as the task draws them by default.
+    The model must be open (:func:`open_model`); `stream`, (1,), advances. Each episode has at most
+    `limit` steps, and starts in a state of `starts`, (E,), or where the task draws it.
     """
     size = episodes * limit  # pages of memory that no step reaches are never taken
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
