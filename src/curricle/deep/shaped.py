@@ -1,7 +1,7 @@
 """Potential-based shaping of Stable-Baselines3's vector environments, for all its algorithms."""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,8 @@ class ShapedVecEnv(VecEnvWrapper):
             batched=batched,
         )
         stacked = batch_space(space, venv.num_envs)
-        self._episodes = Episodes(self._potential, stacked, venv.num_envs, same_step=True)
+        finals_in = "info['terminal_observation']"
+        self._episodes = Episodes(self._potential, stacked, venv.num_envs, finals_in)
 
     @property
     def discount(self) -> float:
@@ -115,8 +116,10 @@ class ShapedVecEnv(VecEnvWrapper):
         for info in infos:
             check_unshaped(info)
         truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
-        finals = _finals(truncated, infos)
-        done = self._episodes.step(observations, rewards, dones & ~truncated, truncated, finals)
+        done = self._episodes.step(
+            observations, rewards, dones & ~truncated, truncated,
+            lambda i: infos[i].get("terminal_observation"),
+        )  # fmt: skip
         sources, infos = self._potential.sources, [*infos]
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         steps = zip(rewards.tolist(), done.shaping, done.potential, strict=True)
@@ -148,16 +151,3 @@ class ShapedVecEnv(VecEnvWrapper):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
-
-
-def _finals(truncated: BoolArray, infos: Sequence[dict[str, Any]]) -> dict[int, Any]:
-    """Return the observations at which episodes were cut off, by sub-environment."""
-    places = np.flatnonzero(truncated).tolist()
-    finals = {i: infos[i].get("terminal_observation") for i in places}
-    for i, observation in finals.items():
-        if observation is None:
-            raise SettingError(
-                "a vector environment must hand over the observation at which it cut an "
-                f"episode off, in info['terminal_observation']: sub-environment {i} did not"
-            )
-    return finals

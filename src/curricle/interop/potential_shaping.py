@@ -41,10 +41,9 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
 
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
-    - ``shaping_terms``: for each source, F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s), what it
-      would pay if it were the only one. F is their mean under `mean` and their sum under `total`.
-      Under `maximum` and `minimum` F lies between the least and the largest F_i: it may follow one
-      source at s and another at s';
+    - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone. F is
+      their mean under `mean` and their sum under `total`; under `maximum` and `minimum` it lies
+      between the least and the largest of them;
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
@@ -52,10 +51,8 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
       function of the observation (and t) alone.
 
     A step after an episode's end is taken to be the reset of an environment that resets itself
-    (`gymnasium.wrappers.Autoreset`): its reward stays as it is.
-
-    Wrappers that record returns belong inside, where rewards are the original ones:
-    ``PotentialShaping(RecordEpisodeStatistics(env), ...)``, or ``Monitor`` of Stable-Baselines3.
+    (`gymnasium.wrappers.Autoreset`): its reward stays as it is. Wrappers that record returns belong
+    inside, where rewards are the original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
 
     Parameters
     ----------
@@ -69,18 +66,18 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
-        w(t), t the steps taken through this wrapper, episode after episode. It multiplies Phi, as
-        do frames and weight of a `StatePotential`, which use the same t (Devlin, Kudenko 2012).
+        w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
+        episode, also for a `StatePotential` that changes with time (Devlin, Kudenko 2012).
     aggregate : callable, optional
-        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A) as everywhere, called with S = A = 1;
-        the mean unless given.
+        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), called with S = A = 1; the mean
+        unless given.
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
         The largest residual allowed, as a share of the largest size of Phi in the episode; for a
-        `ValueSource` at least 0.001, as networks round. None allows any, for potentials that change
-        on purpose, such as a network in training. Shaping is sound for these too (Devlin, Kudenko
-        2012): what is taken back on leaving s is the number that was paid on arriving there.
+        `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
+        change, such as a network in training. Shaping is sound for these too (Devlin, Kudenko
+        2012): what is subtracted on leaving s is the number that was added on arriving there.
 
     Raises
     ------
@@ -242,11 +239,9 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
                 "a vector environment must say how it resets, in metadata['autoreset_mode']: got "
                 f"{mode!r}"
             )
-        self._same_step = mode is AutoresetMode.SAME_STEP
+        finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
         self._potential = shaping_potential(space=env.single_observation_space, **settings)
-        self._episodes = Episodes(
-            self._potential, env.observation_space, env.num_envs, same_step=self._same_step
-        )
+        self._episodes = Episodes(self._potential, env.observation_space, env.num_envs, finals_in)
 
     @property
     def discount(self) -> float:
@@ -267,8 +262,8 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         """Return what the environments return, with shaped rewards and their parts in the infos."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         check_unshaped(infos)
-        finals = _finals(truncated & ~terminated, infos) if self._same_step else {}
-        done = self._episodes.step(observations, rewards, terminated, truncated, finals)
+        finals = infos.get("final_obs", [None] * self.num_envs)
+        done = self._episodes.step(observations, rewards, terminated, truncated, finals.__getitem__)
         shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
         potential = np.array(done.potential)
         infos = {
@@ -286,20 +281,6 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
                 infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), ended
                 infos[name][ended] = [reported[name] for _, reported in sorted(done.ended.items())]
         return observations, rewards + shaping[0], terminated, truncated, infos
-
-
-def _finals(cut_off: BoolArray, infos: dict[str, Any]) -> dict[int, Any]:
-    """Return the observations at which episodes were cut off, where others were returned."""
-    found = {}
-    for i in np.flatnonzero(cut_off).tolist():
-        if "final_obs" not in infos or infos["final_obs"][i] is None:
-            raise SettingError(
-                "a vector environment that resets in the same step must hand over the "
-                "observation at which it cut an episode off, in infos['final_obs']: "
-                f"sub-environment {i} did not"
-            )
-        found[i] = infos["final_obs"][i]
-    return found
 
 
 def _shown(mask: BoolArray, /, **arrays: FloatArray) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Episodes under shaping: what is paid at each step, and the sum that must telescope at the end."""
+"""Episodes under shaping: what each step adds, and the sum that must telescope at the end."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -9,10 +9,13 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from curricle.errors import SettingError
 from curricle.interop.potential_sources import unstack
 from curricle.interop.shaping_potential import ShapingPotential
 
 BoolArray = npt.NDArray[np.bool_]
+Finals = Callable[[int], Any]
+"""The observation at which a sub-environment's episode was cut off, None if unknown."""
 
 
 @dataclass
@@ -24,8 +27,6 @@ class Episode:
     >>> episode = Episode(first=0, begun=0, here=[1.0])
     >>> episode.step([4.0], reward=-1.0, discount=0.5), episode.original  # 0.5 * 4 - 1
     ([1.0], -1.0)
-    >>> episode.residual(start=1.0)
-    0.0
     """
 
     first: Any  # the observation it began with
@@ -41,7 +42,7 @@ class Episode:
         self.largest = abs(self.here[0])
 
     def step(self, there: list[float], reward: float, discount: float) -> list[float]:
-        """Move on to potentials `there` and return F = gamma Phi(s') - Phi(s) of each."""
+        """Step to a state of potentials `there`; return F = gamma Phi(s') - Phi(s) of each."""
         shaping = [
             discount * after - before for after, before in zip(there, self.here, strict=True)
         ]
@@ -52,13 +53,13 @@ class Episode:
         self.original += reward
         return shaping
 
-    def residual(self, start: float) -> float:
-        """Return sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), given Phi(s_0) read anew."""
-        return self.shaped - (self.power * self.here[0] - start)
-
     def end(self, potential: ShapingPotential, start: float, place: str) -> dict[str, float]:
-        """Return what is reported of an ended episode; PotentialError unless it telescoped."""
-        residual = self.residual(start)
+        """Return what is reported of an ended episode, given Phi(s_0) computed anew.
+
+        The residual is sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)); PotentialError where it
+        exceeds the tolerance.
+        """
+        residual = self.shaped - (self.power * self.here[0] - start)
         potential.check_telescoping(residual, self.largest, place)
         return {"telescoping_residual": residual, "original_return": self.original}
 
@@ -85,26 +86,19 @@ class Episodes:
     space : gymnasium.Space
         Of n stacked observations.
     n : int
-    same_step : bool
-        Whether a step that ends an episode returns the observation with which the next one begins.
-
-    Examples
-    --------
-    >>> from gymnasium.spaces import Discrete, MultiDiscrete
-    >>> from curricle.interop.shaping_potential import shaping_potential
-    >>> phi = shaping_potential(float, Discrete(9), discount=0.5, weight=1.0, aggregate=None,
-    ...                         encode=None, tolerance=1e-6)
-    >>> episodes = Episodes(phi, MultiDiscrete([9, 9]), 2, same_step=True)
-    >>> no = np.zeros(2, bool)
-    >>> episodes.begin(np.array([1, 2]))
-    >>> episodes.step(np.array([4, 8]), np.zeros(2), no, no, {}).potential
-    [4.0, 8.0]
+    finals_in : str, optional
+        Where the observations are at which episodes were cut off, for messages. Given if a step
+        that ends an episode returns the observation with which the next one begins.
     """
 
     def __init__(
-        self, potential: ShapingPotential, space: gymnasium.Space[Any], n: int, *, same_step: bool
+        self,
+        potential: ShapingPotential,
+        space: gymnasium.Space[Any],
+        n: int,
+        finals_in: str | None = None,
     ):
-        self._potential, self._space, self._same_step = potential, space, same_step
+        self._potential, self._space, self._finals_in = potential, space, finals_in
         self._steps = 0  # of all sub-environments together
         self._running: list[Episode | None] = [None] * n
 
@@ -123,24 +117,15 @@ class Episodes:
         rewards: npt.NDArray[Any],
         terminated: BoolArray,
         truncated: BoolArray,
-        finals: Mapping[int, Any],
+        final: Finals,
     ) -> ShapedStep:
-        """Return what shaping makes of a step.
-
-        Parameters
-        ----------
-        observations : stacked observations
-            As the step returned them.
-        rewards, terminated, truncated : (n,) arrays
-        finals : dict
-            By sub-environment, the observation at which an episode was cut off, where the step
-            returned another.
-        """
+        """Return what shaping makes of a step; the arguments are as the step returned them."""
         rows = unstack(self._space, observations)
-        running = self._running.copy()
+        running, same_step = self._running.copy(), self._finals_in is not None
         self._steps += sum(episode is not None for episode in running)
         over = np.flatnonzero(terminated | truncated).tolist()
         ended = {i: episode for i in over if (episode := running[i]) is not None}
+        finals = self._finals(truncated & ~terminated, final) if same_step and over else {}
         here, there, starts = self._read(rows, observations, terminated, ended, finals)
         discount, nothing = self._potential.discount, [0.0] * len(here[0])
         steps = zip(running, there, rewards.tolist(), strict=True)
@@ -149,18 +134,29 @@ class Episodes:
             for episode, phi, reward in steps
         ]
         for i, episode in enumerate(running):
-            if episode is None or (i in ended and self._same_step):
+            if episode is None or (i in ended and same_step):
                 self._running[i] = Episode(rows[i], self._steps, here[i])
             elif i in ended:
                 self._running[i] = None
+        place = "at the end of an episode of sub-environment"
         reported = {
-            i: episode.end(
-                self._potential, starts[i], f"at the end of an episode of sub-environment {i}"
-            )
+            i: episode.end(self._potential, starts[i], f"{place} {i}")
             for i, episode in ended.items()
         }
         stepped = [episode is not None for episode in running]
         return ShapedStep(stepped, shaping, [phi[0] for phi in there], reported)
+
+    def _finals(self, cut_off: BoolArray, final: Finals) -> dict[int, Any]:
+        """Return the observations at which episodes were cut off, by sub-environment."""
+        finals = {i: final(i) for i in np.flatnonzero(cut_off).tolist()}
+        for i, observation in finals.items():
+            if observation is None:
+                raise SettingError(
+                    "a vector environment that resets in the same step must return the "
+                    f"observation at which it cut an episode off, in {self._finals_in}: "
+                    f"sub-environment {i} did not"
+                )
+        return finals
 
     def _read(
         self,
@@ -178,7 +174,8 @@ class Episodes:
         if not ended:
             here = self._potential.each(rows, self._steps, stacked)
             return here, here, {}
-        read = [i for i in range(len(rows)) if self._same_step or not terminated[i]]
+        same_step = self._finals_in is not None
+        read = [i for i in range(len(rows)) if same_step or not terminated[i]]
         asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
         now = [self._steps] * (len(read) + len(finals))
         steps = np.array([*now, *(episode.begun for episode in ended.values())])

@@ -1,7 +1,7 @@
-"""The potential of an observation: named sources, an aggregate, a weight, one discount.
+"""The potential of an observation, and the episodes that it shapes.
 
-Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)), where t counts the steps taken through the
-wrapper, episode after episode.
+Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)): named sources, an aggregate, a weight and one
+discount. t counts the steps taken through the wrapper, episode after episode.
 """
 
 import math
@@ -12,7 +12,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 
 from curricle.checks import instance, number
 from curricle.errors import PotentialError, SettingError
@@ -31,8 +30,6 @@ from curricle.tasks.task import generative_model
 from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.observation_potential import ObservationPotential
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,39 +67,32 @@ class ShapingPotential:
         weight = weights(self.weight, step)
         return [weight * together, *[weight * value for value in values]]
 
-    def many(self, rows: list[Any], steps: Steps, stacked: Any = None) -> FloatArray:
-        """Return the same of n observations, (1 + N, n) float64.
+    def each(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
+        """Return :meth:`one` of each of n observations, in one batch if some source is batched.
 
         `steps` is t of all, or of each, (n,) int64; `stacked` are the observations as a vector
         environment stacks them, if at hand.
         """
+        if not self._batched or not rows:
+            return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
         n = len(rows)
+        stacked = stack(self.space, rows) if stacked is None else stacked
         values = np.empty((1 + len(self.sources), n))
-        if n == 0:
-            return values
-        if self._batched and stacked is None:
-            stacked = stack(self.space, rows)
-        for i, each in enumerate(self.sources.values(), start=1):
+        for i, (name, each) in enumerate(self.sources.items(), start=1):
             if each.batched:
                 values[i] = each.many(stacked, n, steps)
             else:
                 values[i] = [each.one(*row) for row in zip(rows, each_step(steps), strict=False)]
-        finite = np.isfinite(values[1:])
-        if np.count_nonzero(finite) < finite.size:
-            i, place = np.argwhere(~finite)[0].tolist()
-            raise _not_finite(list(self.sources)[i], values[1 + i, place], rows[place])
+            finite = np.isfinite(values[i])
+            if np.count_nonzero(finite) < n:
+                place = int(finite.argmin())
+                raise _not_finite(name, values[i, place], rows[place])
         if self.aggregate is None:
             values[0] = values[1]
         else:
             values[0] = aggregation.aggregate(self.aggregate, values[1:, :, None])[:, 0]
         values *= weights(self.weight, steps)
-        return values
-
-    def each(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
-        """Return :meth:`one` of each observation, in one batch if some source is batched."""
-        if self._batched:
-            return self.many(rows, steps, stacked).T.tolist()  # type: ignore[no-any-return]
-        return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
+        return values.T.tolist()
 
     def check_telescoping(self, residual: float, largest: float, place: str) -> None:
         """Raise PotentialError when an episode's shaping does not telescope."""
@@ -137,14 +127,6 @@ def shaping_potential(
     SettingError
         When the discount is not stated or differs, or when the observations are not those of a
         potential's task and do not number its states.
-
-    Examples
-    --------
-    >>> from gymnasium.spaces import Box
-    >>> height = shaping_potential(lambda x: x[0], Box(-1, 1), discount=0.9, weight=2.0,
-    ...                             aggregate=None, encode=None, tolerance=1e-6)
-    >>> height.one(np.array([0.5]), step=0)
-    [1.0, 1.0]
     """
     named = potential if isinstance(potential, Mapping) else {"potential": potential}
     if not named:
@@ -160,22 +142,15 @@ def shaping_potential(
     return ShapingPotential(
         space=space,
         sources={name: source(name, each, space, encode, batched) for name, each in named.items()},
-        discount=one_discount(named, discount),
+        discount=_one_discount(named, discount),
         weight=schedule(weight),
         aggregate=aggregate,
         tolerance=tolerance,
     )
 
 
-def one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the one discount that the potentials' tasks and the caller state, or SettingError.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, StatePotential
-    >>> one_discount({"end": StatePotential(GridWorld("S.T"), [0, 1, 2])}, None)
-    0.99
-    """
+def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
+    """Return the one discount that the potentials' tasks and the caller state."""
     stated = {}
     for name, each in potentials.items():
         if over_a_task(each):
