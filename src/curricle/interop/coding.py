@@ -63,13 +63,7 @@ class Coding:
         return " ".join(f"{part.name}={part.label(part.low + place)}" for part, place in named)
 
     def point(self, given: Any) -> int:
-        """Return the number of a point of a box that is given as Gymnasium holds it.
-
-        Raises
-        ------
-        SettingError
-            When it is outside the space.
-        """
+        """Return the number of a point of a box that is given as Gymnasium holds it."""
         shape = (self.space.size,) if self.form == "index" else self.space.shape
         try:
             values = [given] if self.form == "index" else np.asarray(given).tolist()

@@ -19,18 +19,8 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     """Return the points of a discrete Gymnasium space, one component for each number in them.
 
     Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
-    ``Dict`` have its keys as names if these are all different.
-
-    Parameters
-    ----------
-    space : gymnasium.Space
-        Discrete, MultiDiscrete, MultiBinary, or a Tuple or Dict of these.
-    name : str
-
-    Raises
-    ------
-    TaskError
-        When a part of it is not discrete.
+    ``Dict`` have its keys as names if these are all different. TaskError when a part of it is not
+    discrete.
 
     Examples
     --------
@@ -45,13 +35,7 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
 
 
 def is_discrete(space: gym.Space[Any]) -> bool:
-    """Return whether :func:`space_of` can read a space.
-
-    Examples
-    --------
-    >>> is_discrete(gym.spaces.Discrete(3)), is_discrete(gym.spaces.Box(0, 1))
-    (True, False)
-    """
+    """Return whether :func:`space_of` can read a space."""
     if isinstance(space, gym.spaces.Tuple | gym.spaces.Dict):
         return all(is_discrete(part) for _, part in _parts(space, ""))
     kinds = gym.spaces.Discrete, gym.spaces.MultiDiscrete, gym.spaces.MultiBinary
@@ -61,10 +45,6 @@ def is_discrete(space: gym.Space[Any]) -> bool:
 @dataclass(frozen=True)
 class Number:
     """From a point of a discrete Gymnasium space to its number in :func:`space_of`.
-
-    Parameters
-    ----------
-    space : gymnasium.Space
 
     Examples
     --------
@@ -90,10 +70,6 @@ class Number:
 @dataclass(frozen=True)
 class Point:
     """From a number in :func:`space_of` to its point of a discrete Gymnasium space.
-
-    Parameters
-    ----------
-    space : gymnasium.Space
 
     Examples
     --------

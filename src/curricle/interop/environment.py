@@ -54,7 +54,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     Parameters
     ----------
     task : Task
-        A GridWorld, Pursuit, FiniteMDP, ComputedMDP or any other.
+        Of any kind but :class:`LiveMDP`, which is an environment already.
     observation : {"index", "components"}
         The state's number, ``Discrete(S)``; or one number for each component, ``MultiDiscrete``,
         each counted from the component's lowest value. Not every combination need be a state.
@@ -71,13 +71,12 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     SettingError
         When a form is unknown or not every combination of action components is an action; from
         :meth:`step`, when the action is outside the space or no episode is under way; from
-        :meth:`reset`, when the options are unknown, or the state does not exist or is terminal
-        (where the task can say).
+        :meth:`reset`, when the options are unknown, or the state does not exist or is known to be
+        terminal.
 
     Notes
     -----
-    The environment's generator (``np_random``) is drawn from once an episode, to start the random
-    stream from which the task draws its moves.
+    One draw of ``np_random`` an episode starts the random stream of the task's transitions.
 
     Examples
     --------
@@ -204,19 +203,8 @@ def _value(component: Component, given: Any) -> int:
 class MazeEnvironment(TaskEnvironment):
     """What ``Curricle/Maze-v0`` makes: a :class:`GridWorld` as an environment.
 
-    Parameters
-    ----------
-    map : str or sequence of str
-        As in :class:`GridWorld`.
-    observation, action, render_mode
-        As in :class:`TaskEnvironment`.
-    **rules : Any
-        As in :class:`GridWorld`; rewards may be a dict, such as ``{"step": -5}``.
-
-    Examples
-    --------
-    >>> MazeEnvironment("S.T", rewards={"step": -5}).task.rewards.step
-    -5.0
+    `map` and the rules are those of :class:`GridWorld`, the other settings those of
+    :class:`TaskEnvironment`. Rewards may be a dict, such as ``{"step": -5}``.
     """
 
     def __init__(
@@ -237,17 +225,7 @@ class MazeEnvironment(TaskEnvironment):
 class PursuitEnvironment(TaskEnvironment):
     """What ``Curricle/Pursuit-v0`` makes: a :class:`Pursuit`, its predators acting as one.
 
-    Parameters
-    ----------
-    observation, action, render_mode
-        As in :class:`TaskEnvironment`.
-    **rules : Any
-        As in :class:`Pursuit`.
-
-    Examples
-    --------
-    >>> PursuitEnvironment(size=3, action="components").action_space
-    MultiDiscrete([5 5])
+    The rules are those of :class:`Pursuit`, the other settings those of :class:`TaskEnvironment`.
     """
 
     def __init__(

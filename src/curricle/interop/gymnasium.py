@@ -55,10 +55,10 @@ def from_gymnasium(
     actions : Space, optional
         Other names for the actions, in their order.
     encode : callable, optional
-        ``encode(observation)`` is a state's number or the tuple of its components' values. For
-        observations that are not discrete, such as :class:`Bins`.
+        From an observation to a state's number or the tuple of its components' values, such as
+        :class:`Bins`.
     live : bool
-        Play live even if there is a table.
+        Whether to use ``env.step`` even if there is a table.
     **make_arguments
         Arguments of ``gymnasium.make`` or the callable.
 
@@ -91,9 +91,11 @@ def from_gymnasium(
     make = _maker(environment, time_limit, make_arguments)
     made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(make())
     with made as env:
-        limit = _own_limit(env) if time_limit == "own" else time_limit
+        limit: Any = time_limit
+        if time_limit == "own":
+            limit = None if env.spec is None else env.spec.max_episode_steps
         if encode is None and not live and has_table(env):
-            return _from_table(env.unwrapped, states, actions, discount, limit)
+            return _from_table(env.unwrapped, states, actions, discount=discount, time_limit=limit)
         if make.what is None:
             raise TaskError(
                 "an environment without a specification cannot be made again for each seed; give "
@@ -175,17 +177,8 @@ def _maker(
     return EnvironmentMaker(what, arguments)
 
 
-def _own_limit(env: gym.Env[Any, Any]) -> int | None:
-    """Return the steps after which an environment's specification truncates episodes."""
-    return None if env.spec is None else env.spec.max_episode_steps
-
-
 def _from_table(
-    world: Any,
-    states: Space | None,
-    actions: Space | None,
-    discount: float,
-    time_limit: int | None,
+    world: Any, states: Space | None, actions: Space | None, **horizon: Any
 ) -> FiniteMDP:
     """Return the task of an unwrapped environment's table."""
     outcomes = outcomes_of(world)
@@ -196,14 +189,9 @@ def _from_table(
     start = np.asarray(start_of(world))
     if start.ndim and n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
-    return FiniteMDP.from_outcomes(
-        outcomes,
-        start=start,
-        states=_renamed("states", states, known),
-        actions=_renamed("actions", actions, moves or space_of(world.action_space, "action")),
-        discount=discount,
-        time_limit=time_limit,
-    )
+    states = _renamed("states", states, known)
+    actions = _renamed("actions", actions, moves or space_of(world.action_space, "action"))
+    return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
 
 
 def _actions(
@@ -215,8 +203,7 @@ def _actions(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
             f"{space}"
         )
-    plain = isinstance(space, gym.spaces.Discrete) and space.start == 0
-    act = index if plain else Point(space)
+    act = index if _counts_from_0(space) else Point(space)
     return act, _renamed("actions", given, known or space_of(space, "action"))
 
 
@@ -242,9 +229,12 @@ def _observations(
             "observations must be discrete, or be made so by encode=Bins(...) or a function of "
             f"your own with states=Space(...): got {space}"
         )
-    plain = isinstance(space, gym.spaces.Discrete) and space.start == 0
-    number = None if plain else Number(space)
+    number = None if _counts_from_0(space) else Number(space)
     return number, _renamed("states", given, known or space_of(space, "state"))
+
+
+def _counts_from_0(space: gym.Space[Any]) -> bool:
+    return isinstance(space, gym.spaces.Discrete) and bool(space.start == 0)
 
 
 def _renamed(what: str, given: Space | None, own: Space) -> Space:

@@ -25,12 +25,6 @@ class MLflow:
 
     It logs to files in ``<folder>/mlflow``, or to ``MLFLOW_TRACKING_URI``. The settings, with arm
     and node, are the parameters. A seed that is recorded again is added to its run.
-
-    Examples
-    --------
-    >>> from curricle.interop.trackers import Tracker
-    >>> isinstance(MLflow(), Tracker)
-    True
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:

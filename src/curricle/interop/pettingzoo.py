@@ -147,7 +147,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
 
     def _observed(self) -> ByAgent:
         if self._observation == "index":
-            return self._each(np.int64(self._joint.state))  # PettingZoo looks at its dtype
+            return self._each(np.int64(self._joint.state))  # PettingZoo reads its dtype
         seen: Any = self.state()[self._views]
         if self._observation == "vector":
             seen = self._vectors.of(seen)

@@ -82,7 +82,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     Raises
     ------
     PotentialError
-        When a value is not finite, naming the observation; when an episode's residual is beyond
+        When a value is not finite, naming the observation; when an episode's residual exceeds
         the tolerance.
     SettingError
         When the discount is not stated, or stated differently; when observations do not number

@@ -143,18 +143,6 @@ def source(
 
     `encode` gives the state of an observation, for potentials over a task; `batched` is whether it
     and functions take stacked observations. Sources of values always take stacked ones.
-
-    Raises
-    ------
-    PotentialError
-        When it is neither a function nor a potential nor a source of values.
-    SettingError
-        When the observations are not those of its task.
-
-    Examples
-    --------
-    >>> source("up", lambda x: x[0], Box(-1, 1), None, False).one(np.array([0.5]), step=0)
-    0.5
     """
     if over_a_task(potential):
         if isinstance(potential, StateActionPotential):
@@ -183,13 +171,7 @@ def over_a_task(potential: Any) -> TypeGuard[TaskPotential]:
 
 
 def stack(space: gymnasium.Space[Any], rows: list[Any]) -> Any:
-    """Return observations of a space as one batch, as vector environments stack them.
-
-    Examples
-    --------
-    >>> stack(Discrete(5), [3, 4, 0])
-    array([3, 4, 0])
-    """
+    """Return observations of a space as one batch, as vector environments stack them."""
     if isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
         return np.array(rows, dtype=space.dtype)
     empty: Any = create_empty_array(space, len(rows))
@@ -197,27 +179,14 @@ def stack(space: gymnasium.Space[Any], rows: list[Any]) -> Any:
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
-    """Return stacked observations one by one; `space` is that of the n stacked.
-
-    Examples
-    --------
-    >>> unstack(MultiDiscrete([5, 5]), np.array([3, 4]))
-    [np.int64(3), np.int64(4)]
-    """
+    """Return stacked observations one by one; `space` is that of the n stacked."""
     if isinstance(stacked, np.ndarray):
         return list(stacked)  # as `iterate` does, and quicker
     return list(iterate(space, stacked))
 
 
 def weights(weight: Schedule, steps: Steps) -> Any:
-    """Return w(t) for all observations, or for each.
-
-    Examples
-    --------
-    >>> from curricle.learning.schedules import schedule
-    >>> weights(schedule(0.5), np.array([3, 4]))
-    0.5
-    """
+    """Return w(t) for all observations, or for each."""
     if weight.shape == CONSTANT:
         return weight.first
     if isinstance(steps, int):
@@ -226,13 +195,7 @@ def weights(weight: Schedule, steps: Steps) -> Any:
 
 
 def each_step(steps: Steps) -> Iterable[int]:
-    """Return the step of each of many observations, endlessly where it is the same for all.
-
-    Examples
-    --------
-    >>> list(each_step(np.array([3, 4])))
-    [3, 4]
-    """
+    """Return the step of each of many observations, endlessly where it is the same for all."""
     return repeat(steps) if isinstance(steps, int) else steps.tolist()
 
 

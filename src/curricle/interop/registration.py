@@ -14,13 +14,6 @@ def register() -> None:
 
     Classes are imported when an environment is first made. No ``max_episode_steps`` is set: a task
     truncates its episodes at its own time limit.
-
-    Examples
-    --------
-    >>> import gymnasium
-    >>> register()
-    >>> gymnasium.make("Curricle/Maze-v0", map="S.T").reset()[0]
-    0
     """
     for name, maker in ENVIRONMENTS.items():
         if name not in registration.registry:

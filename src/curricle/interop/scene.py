@@ -52,10 +52,6 @@ class Scene(Protocol):
 def scene_of(task: Any) -> Scene:
     """Return what draws a task: mazes and pursuits from above, other tasks as the state's label.
 
-    Parameters
-    ----------
-    task : Task
-
     Examples
     --------
     >>> from curricle import GridWorld, Pursuit
@@ -75,20 +71,7 @@ def scene_of(task: Any) -> Scene:
 
 
 class Canvas:
-    """A grid seen from above, north on top, on which figures are put.
-
-    Parameters
-    ----------
-    height, width : int
-        Rows and columns.
-    framed : bool
-        Whether a dark frame marks the edge.
-
-    Examples
-    --------
-    >>> Canvas(2, 3).with_figures([(0, 0, PREY), (0, 0, AGENT)]).shape
-    (136, 200, 3)
-    """
+    """A grid seen from above, north on top, on which figures are put; a frame marks its edge."""
 
     def __init__(self, height: int, width: int, *, framed: bool = True):
         # Even, as video formats require.
@@ -142,10 +125,6 @@ class MazeScene:
     """A maze with its walls, fires, pits and treasures, and the agent.
 
     Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
-
-    Parameters
-    ----------
-    maze : GridWorld
     """
 
     def __init__(self, maze: GridWorld):
@@ -181,12 +160,7 @@ class MazeScene:
 
 
 class PursuitScene:
-    """The prey and the numbered predators of a pursuit; a dark frame where the grid is walled.
-
-    Parameters
-    ----------
-    pursuit : Pursuit
-    """
+    """The prey and the numbered predators of a pursuit; a dark frame where the grid is walled."""
 
     def __init__(self, pursuit: Pursuit):
         self._size, self._states = pursuit.size, pursuit.states
@@ -215,12 +189,7 @@ class PursuitScene:
 
 
 class LabelScene:
-    """The number of a state and the values of its components, as text.
-
-    Parameters
-    ----------
-    states : Space
-    """
+    """The number of a state and the values of its components, as text."""
 
     def __init__(self, states: Space):
         self._states = states

@@ -20,7 +20,7 @@ from curricle.tasks.spaces import Component, Space
 
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 """Wrappers that change no transition; the time limit is read from the specification."""
-PLACES = ("red", "green", "yellow", "blue")
+STANDS = ("red", "green", "yellow", "blue")
 Outcomes = list[list[list[tuple[float, int, float, bool]]]]
 
 
@@ -29,11 +29,6 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
 
     It has ``P`` and a start distribution, no wrapper that changes what it does, and no time limit
     beside the specification's. The moves of a taxi with fickle passengers are not in its table.
-
-    Examples
-    --------
-    >>> has_table(gym.make("FrozenLake-v1")), has_table(gym.make("Blackjack-v1"))
-    (True, False)
     """
     while isinstance(env, gym.Wrapper):
         if not isinstance(env, HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
@@ -113,19 +108,14 @@ def names_of(world: Any) -> tuple[Space | None, Space | None]:
 
     Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
     between the two.
-
-    Examples
-    --------
-    >>> names_of(gym.make("FrozenLake-v1").unwrapped)
-    (Space(16 points: row[4] x column[4]), Space(4 points: move[4]))
     """
     if isinstance(world, FrozenLakeEnv):
         return _cells(*np.asarray(world.desc).shape), _moves("west", "south", "east", "north")
     if isinstance(world, CliffWalkingEnv):
         return _cells(*world.shape), _moves("north", "east", "south", "west")
     if isinstance(world, TaxiEnv):
-        passenger = Component("passenger", 5, labels=(*PLACES, "taxi"))
-        destination = Component("destination", 4, labels=PLACES)
+        passenger = Component("passenger", 5, labels=(*STANDS, "taxi"))
+        destination = Component("destination", 4, labels=STANDS)
         states = Space([*_cells(5, 5).components, passenger, destination])
         return states, _moves("south", "north", "east", "west", "pick up", "drop off")
     if isinstance(world, BlackjackEnv):

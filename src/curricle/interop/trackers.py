@@ -51,14 +51,8 @@ class Tracker(Protocol):
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
         """Begin a study, before anything is trained.
 
-        Parameters
-        ----------
-        study : str
-            Its name.
-        configuration : Mapping
-            Its settings, nested as in its file.
-        folder : Path
-            Where its results are, absolute. An earlier run of the study may have logged there.
+        `configuration` has the settings, nested as in the study's file. `folder` is where its
+        results are, absolute; an earlier run of the study may have logged there.
         """
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
@@ -202,24 +196,10 @@ def _to_stderr(sentence: str) -> None:
 
 
 def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str, float]]]:
-    """Yield what was measured at each checkpoint of the seed at place `k`, if anything was.
+    """Yield the steps and values of each checkpoint of the k-th seed at which any was measured.
 
-    Yields
-    ------
-    step : int
-        Steps taken in this task, at most what the seed used.
-    values : dict of str to float
-        Tag (:data:`CURVES`) -> value. NaN is left out.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> result = learn(GridWorld("S.T"), budget=20, seeds=1, eval_freq=10)
-    >>> for step, values in checkpoints(result, 0):
-    ...     print(step, sorted(values))
-    0 ['eval/mean_reward', 'time/episodes']
-    10 ['eval/mean_reward', 'rollout/ep_rew_mean', 'time/episodes']
-    20 ['eval/mean_reward', 'rollout/ep_rew_mean', 'time/episodes']
+    Steps are those taken in this task, at most what the seed used. Values are by tag
+    (:data:`CURVES`); NaN is left out.
     """
     curves = {tag: getattr(result, field)[k] for tag, field in CURVES.items()}
     for t in np.flatnonzero(result.steps <= result.steps_used[k]):
@@ -229,24 +209,12 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
 
 
 def run_name(arm: str, node: str, seed: int) -> str:
-    """Return the name of the run of one seed.
-
-    Examples
-    --------
-    >>> run_name("scratch", "hunt", 3)
-    'scratch/hunt/seed-3'
-    """
+    """Return the name of the run of one seed."""
     return f"{arm}/{node}/seed-{seed}"
 
 
 def as_json(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings in JSON's types; values of other types become text.
-
-    Examples
-    --------
-    >>> as_json({"folder": Path("results"), "seeds": (0, 1)})
-    {'folder': 'results', 'seeds': [0, 1]}
-    """
+    """Return settings in JSON's types; values of other types become text."""
     found: dict[str, Any] = json.loads(json.dumps(dict(configuration), default=str))
     return found
 
@@ -272,16 +240,7 @@ def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | 
 
 @contextmanager
 def environment_variables(**defaults: str) -> Iterator[None]:
-    """Set environment variables, those that are not set already, while the context lasts.
-
-    Examples
-    --------
-    >>> with environment_variables(CURRICLE_EXAMPLE="yes"):
-    ...     os.environ["CURRICLE_EXAMPLE"]
-    'yes'
-    >>> "CURRICLE_EXAMPLE" in os.environ
-    False
-    """
+    """Set environment variables, those that are not set already, while the context lasts."""
     added = {name: value for name, value in defaults.items() if name not in os.environ}
     os.environ.update(added)
     try:

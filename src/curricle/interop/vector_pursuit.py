@@ -135,11 +135,7 @@ class VectorPursuit(TaskEnvironment):
     """
 
     def __init__(
-        self,
-        pursuit: Pursuit,
-        *,
-        acting: Acting = "all",
-        render_mode: RenderMode | None = None,
+        self, pursuit: Pursuit, *, acting: Acting = "all", render_mode: RenderMode | None = None
     ):
         self.vectors = PursuitVectors(pursuit)
         one_of("acting", acting, ("all", "first"), SettingError)
@@ -176,20 +172,7 @@ class VectorPursuit(TaskEnvironment):
 
 
 class VectorPursuitEnvironment(VectorPursuit):
-    """What ``Curricle/VectorPursuit-v0`` makes: a :class:`Pursuit` observed as vectors.
-
-    Parameters
-    ----------
-    acting, render_mode
-        As in :class:`VectorPursuit`.
-    **rules : Any
-        As in :class:`Pursuit`.
-
-    Examples
-    --------
-    >>> VectorPursuitEnvironment(size=3, predators=1).observation_space.shape
-    (6,)
-    """
+    """What ``Curricle/VectorPursuit-v0`` makes: :class:`VectorPursuit`, given a pursuit's rules."""
 
     def __init__(
         self, *, acting: Acting = "all", render_mode: RenderMode | None = None, **rules: Any

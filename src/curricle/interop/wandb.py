@@ -17,12 +17,6 @@ class WandB:
     node and seed. The project is ``WANDB_PROJECT``, by default "curricle". Each call of `record`
     makes a new run, as offline runs cannot be added to. W&B writes from a process of its own;
     files are complete when the program has ended.
-
-    Examples
-    --------
-    >>> from curricle.interop.trackers import Tracker
-    >>> isinstance(WandB(), Tracker)
-    True
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
