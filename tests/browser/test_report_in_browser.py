@@ -230,7 +230,7 @@ def test_another_replay_has_its_own_grid(visit):
     )
     page.select_option("#which", chase)
     assert page.locator("#map .fixed").count() == 1
-    assert page.locator("#before .piece").count() == 2
+    assert page.locator("#before .marker").count() == 2
 
 
 # -- episodes ------------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ def test_another_replay_has_its_own_grid(visit):
 
 def places(page):
     return page.eval_on_selector_all(
-        "#before .piece, #after .piece", "all => all.map(one => one.style.transform)"
+        "#before .marker, #after .marker", "all => all.map(one => one.style.transform)"
     )
 
 
@@ -286,9 +286,9 @@ def test_moving_the_slider_pauses(visit):
 
 def test_nothing_glides_where_motion_is_unwelcome(visit):
     glide = "e => getComputedStyle(e).transitionDuration"
-    assert visit("maze").locator("#after .piece").first.evaluate(glide) != "0s"
+    assert visit("maze").locator("#after .marker").first.evaluate(glide) != "0s"
     calm = visit("maze", reduced_motion="reduce")
-    assert calm.locator("#after .piece").first.evaluate(glide) == "0s"
+    assert calm.locator("#after .marker").first.evaluate(glide) == "0s"
 
 
 # -- curves --------------------------------------------------------------------------------------

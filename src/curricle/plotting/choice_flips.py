@@ -47,13 +47,10 @@ def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = 
 
     Parameters
     ----------
-    axes : Axes
-    task : Task
-        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
+    axes, task, at
+        As in :func:`draw_potential`.
     flips : (S,) int array
         +1, -1 or 0, from :func:`curricle.comparison.flips`.
-    at : dict of str to int, str or (int, int), optional
-        The other components of the state, as in :func:`draw_potential`.
 
     Raises
     ------
@@ -78,9 +75,8 @@ def draw_flips(axes: Axes, task: Task, flips: npt.ArrayLike, *, at: At | None = 
     draw_view(axes, view)
     for flip, (marker, colour, name) in MARKS.items():
         row, column = view.cells[turned[view.states] == flip].T
-        label = f"{name}: {len(row)}"
-        size = 10 if max(view.shape) <= FEW else 7
-        style: Any = {"color": COLOURS[colour], "mec": "w", "ms": size, "label": label, "zorder": 3}
+        style: Any = {"ms": 10 if max(view.shape) <= FEW else 7, "mec": "w", "zorder": 3}
+        style |= {"color": COLOURS[colour], "label": f"{name}: {len(row)}"}
         axes.plot(column + 0.18, row + 0.18, marker, **style)
     below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22 - 0.06 * bool(view.words))}
     axes.legend(ncols=2, handletextpad=0.1, columnspacing=1, **below)
@@ -118,16 +114,10 @@ def collapse_figure(
     times : sequence of int
         Steps, 1 to `budget`, at which the choices are examined, besides the start. Each is another
         training with that budget, which gives exactly the values that the longer one had then.
-    seeds : int or sequence of int
-        K, or their numbers.
     evaluation : GreedyEvaluation, optional
         Of greedy policies; undiscounted by default, like the training return.
-    stream, workers
+    seeds, stream, workers
         As in :func:`learn`.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -158,29 +148,17 @@ def collapse_figure(
         return learn(task, learner, so_far, shaping=shaping, **settings)
 
     whole = learnt(steps, chosen, None)
-    optimal, at_start = solve(task, tolerance=1e-6), [phi.values for phi in potentials]
     cheapest = GreedyEvaluation(method="rollouts", episodes=1)
-    right = [_right(at_start, optimal.optimal)]
-    for time in checked:
-        values = whole.values if time == steps else learnt(time, cheapest, time).values
-        right.append(_right(values, optimal.optimal))
-    alive = (~tables(task).terminal).astype(float)
+    examined: list[Any] = [[phi.values for phi in potentials]]
+    examined += [learnt(time, cheapest, time).values for time in checked if time < steps]
+    examined += [whole.values] * (checked[-1] == steps)
+    optimal = solve(task, tolerance=1e-6)
+    right = [[right_states(one, optimal.optimal) for one in values] for values in examined]
     weights = {
-        "every state alike": alive,
+        "every state alike": (~tables(task).terminal).astype(float),
         "by the visits of the optimal policy": expected_visits(task, optimal.policy),
     }
     return _draw_collapse(whole, [0, *checked], np.stack(right, axis=1), weights)
-
-
-def _right(tables_of_values: Any, optimal: BoolArray) -> BoolArray:
-    """Return where each seed's greedy choice is right, (K, S)."""
-    return np.stack([right_states(values, optimal) for values in tables_of_values])
-
-
-def _shares(right: BoolArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the weighted `SHARES`, (K, T) each, from where choices are right, (K, T, S)."""
-    share, first = weight / weight.sum(), right[:, :1]
-    return right @ share, (first & ~right) @ share, (~first & right) @ share
 
 
 def _draw_collapse(
@@ -191,15 +169,14 @@ def _draw_collapse(
     returns, *shares = grid[0]
     _draw_returns(returns, whole, times)
     for axes, (name, weight) in zip(shares, weights.items(), strict=True):
-        _draw_shares(axes, np.array(times), _shares(right, weight))
+        _draw_shares(axes, np.array(times), right, weight / weight.sum())
         axes.set_title(name)
     shares[1].sharey(shares[0])
     shares[0].set_ylabel("share of states")
     shares[1].legend(loc="center right")
     shares[0].set_ylim(bottom=0)
     for axes in grid[0]:
-        unit = steps_scale(axes.xaxis, times[-1])
-        axes.set(xlim=(0, times[-1]), xlabel=f"target steps{f' ({unit})' if unit else ''}")
+        steps_scale(axes, times[-1], "target steps")
     n = len(whole.seeds)
     bands = f"{n} seeds: means with nominal pointwise 95 % percentile bootstrap intervals"
     caption(
@@ -213,7 +190,10 @@ def _draw_collapse(
 
 def _draw_returns(axes: Axes, whole: LearningResult, times: list[int]) -> None:
     """Draw the training return, and that of the greedy policy."""
-    returns = _filled(whole.training_return[:, 1:])  # no episode has ended at checkpoint 0
+    returns = whole.training_return[:, 1:]  # no episode has ended at checkpoint 0
+    # Where none has ended since the last checkpoint, the value before stays.
+    place = np.where(np.isnan(returns), 0, np.arange(returns.shape[1]))
+    returns = np.take_along_axis(returns, np.maximum.accumulate(place, axis=1), axis=1)
     measured = ~np.isnan(returns).any(axis=0)
     if measured.any():
         training = Curve(whole.steps[1:][measured], returns[:, measured])
@@ -225,13 +205,13 @@ def _draw_returns(axes: Axes, whole: LearningResult, times: list[int]) -> None:
     axes.set(title="return", ylabel="return of an episode (sum of rewards)")
 
 
-def _filled(values: FloatArray) -> FloatArray:
-    """Return (K, T) with each NaN replaced by the value before it; leading ones stay."""
-    place = np.where(np.isnan(values), 0, np.arange(values.shape[1]))
-    return np.take_along_axis(values, np.maximum.accumulate(place, axis=1), axis=1)
-
-
-def _draw_shares(axes: Axes, times: npt.NDArray[np.int64], shares: tuple[FloatArray, ...]) -> None:
-    for (name, colour, dashes), values in zip(SHARES, shares, strict=True):
-        draw_curve(axes, Curve(times, values), label=name, colour=colour, dashes=dashes)
+def _draw_shares(
+    axes: Axes, times: npt.NDArray[np.int64], right: BoolArray, weight: FloatArray
+) -> None:
+    """Draw the `SHARES` of states, weighted (S,), from where choices are right, (K, T, S)."""
+    first = right[:, :1]
+    for (name, colour, dashes), chosen in zip(
+        SHARES, (right, first & ~right, ~first & right), strict=True
+    ):
+        draw_curve(axes, Curve(times, chosen @ weight), label=name, colour=colour, dashes=dashes)
         axes.lines[-1].set(marker="o", markersize=3.5, clip_on=False)

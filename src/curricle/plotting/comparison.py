@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import SIGNIFICANT, Comparison
 from curricle.errors import SettingError
-from curricle.plotting.learning_curves import LOG, draw_arms
+from curricle.plotting.learning_curves import LOG, controls_first, draw_arms, scale_returns
 from curricle.plotting.scales import minus, return_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, caption, write_columns
 from curricle.statistics.curves import SCRATCH
@@ -29,19 +29,10 @@ def draw_comparison(comparison: Comparison) -> Figure:
     above that of the scratch baseline; the list of arms there is the legend of all three. Each
     with 95 % bootstrap intervals over seeds.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Of at least one arm besides the scratch baseline.
-
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     SettingError
-        When there is no such arm.
+        When there is no arm besides the scratch baseline.
 
     Examples
     --------
@@ -61,21 +52,14 @@ def draw_comparison(comparison: Comparison) -> Figure:
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
     figure = Figure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    _draw_curves(curves, comparison, styles)
+    draw_arms(curves, comparison, styles, strong=True)
+    scale_returns([curves], comparison)
+    curves.set_title("learning curves (strong transfer)")
     _draw_profiles(profile, comparison, styles)
     _draw_gains(gains, comparison, styles)
     figure.suptitle(f"{comparison.target}: every arm spends {comparison.total:,} steps")
     caption(figure, _words(comparison))
     return figure
-
-
-def _draw_curves(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
-    """Draw the curves of strong transfer, dotted up to where the target begins."""
-    draw_arms(axes, comparison, styles, strong=True)
-    low, high = axes.dataLim.intervaly
-    return_scale(axes.yaxis, min(low, comparison.threshold), max(high, comparison.threshold))
-    ylabel = f"greedy return{LOG * (axes.get_yscale() != 'linear')}"
-    axes.set(title="learning curves (strong transfer)", ylabel=ylabel)
 
 
 def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
@@ -88,7 +72,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     return_scale(axes.xaxis, float(ends.min()), float(ends.max()))
     tau = np.unique([*axes.get_xlim(), *ends])
     own = left = sum(not style.control for style in styles.values())
-    for name, style in _controls_first(styles):
+    for name, style in controls_first(styles):
         share = performance_profile(final[name], tau, resamples=1000)
         left -= not style.control
         # Later lines are thinner, so that none hides one below it.
@@ -110,49 +94,33 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
-    sure = comparison.seeds > 1
-    numbers = {SCRATCH: ("reference", "")}
+    tested = comparison.seeds > 1
+    columns = [("gain [95 %]" if tested else "gain", "p (Holm)" if tested else "")]
     for row, (name, style) in enumerate(styles.items()):
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
         axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
         if name == SCRATCH:
+            columns.append(("reference", ""))
             continue
         contrast = comparison.contrasts[name]
         gain = contrast.strong_gain
-        shown = contrast.adjusted_p < SIGNIFICANT
         axes.hlines(row, gain.low, gain.high, colors=style.colour, lw=2)
-        face = style.colour if shown else "w"
+        face = style.colour if contrast.adjusted_p < SIGNIFICANT else "w"
         axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
-        p = f"{contrast.adjusted_p:.2g}" if sure else ""
-        numbers[name] = minus(str(gain).rsplit(",", 1)[0]), p
-    _write_rows(axes, styles, numbers, ("gain [95 %]", "p (Holm)") if sure else ("gain", ""))
-    axes.margins(x=0.08)
-    axes.spines["left"].set_visible(False)
-    spare = max(0.5, (7 - len(styles)) / 2)
-    axes.set_ylim(len(styles) - 1 + spare, -spare)
-    axes.set(title="gain over scratch", xlabel="mean return, minus that of scratch")
-
-
-def _write_rows(
-    axes: Axes,
-    styles: Mapping[str, ArmStyle],
-    numbers: Mapping[str, tuple[str, str]],
-    head: tuple[str, str],
-) -> None:
-    """Write the name of each row to its left, its gain and its p value to its right."""
+        p = f"{contrast.adjusted_p:.2g}" if tested else ""
+        columns.append((minus(str(gain).rsplit(",", 1)[0]), p))
+    write_columns(axes, list(zip(*columns, strict=True)))
     axes.set_yticks(range(len(styles)), [style.short for style in styles.values()])
     axes.tick_params(axis="y", length=0, pad=32)
     for text, style in zip(axes.get_yticklabels(), styles.values(), strict=True):
         text.set_color("#555555" if style.control else "k")
         text.set_fontsize(7.5 if style.control else 9)
-    columns = list(zip(head, *(numbers[name] for name in styles), strict=True))
-    write_columns(axes, columns)
-
-
-def _controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
-    """Return the arms with the scratch baseline and the curricula last, to be drawn on top."""
-    return sorted(styles.items(), key=lambda one: not one[1].control)
+    axes.margins(x=0.08)
+    axes.spines["left"].set_visible(False)
+    spare = max(0.5, (7 - len(styles)) / 2)
+    axes.set_ylim(len(styles) - 1 + spare, -spare)
+    axes.set(title="gain over scratch", xlabel="mean return, minus that of scratch")
 
 
 def _words(comparison: Comparison) -> str:

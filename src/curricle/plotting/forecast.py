@@ -1,6 +1,7 @@
 """The figure of a forecast: the return from which learning would start with each potential."""
 
 import math
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 
 from curricle.comparison.forecasting import Forecast
 from curricle.plotting.scales import minus, rounded
-from curricle.plotting.styles import COLOURS, STYLE, caption, write_columns
+from curricle.plotting.styles import COLOURS, STYLE, caption, new_figure, write_columns
 
 ROW_HEIGHT = 0.28
 
@@ -19,16 +20,8 @@ def draw_forecast(forecast: Forecast) -> Figure:
     """Return the figure of a forecast: bars from the random policy's return to predicted starts.
 
     A row for each aggregate, the best start first, then one for each transfer alone; dots are
-    seeds. Beside the bars stand the share of pairs that the potential overestimates, and the scale
-    that a calibration would find.
-
-    Parameters
-    ----------
-    forecast : Forecast
-
-    Returns
-    -------
-    Figure
+    seeds. Beside the bars: the share of pairs that the potential overestimates, and the scale that
+    a calibration would find.
 
     Examples
     --------
@@ -43,9 +36,8 @@ def draw_forecast(forecast: Forecast) -> Figure:
     ['mean (used)']
     """
     rows = forecast.rows
-    height = 1.6 + ROW_HEIGHT * max(len(rows), 3)
-    figure = Figure(figsize=(7.5, height), layout="constrained")
-    axes = figure.subplots()
+    figure, grid = new_figure(1, 1, width=7.5, height=1.6 + ROW_HEIGHT * max(len(rows), 3))
+    axes = grid[0, 0]
     _draw_bars(axes, forecast)
     _draw_bounds(axes, forecast)
     over = "φ > Q*" if forecast.solved else "φ > return"
@@ -60,17 +52,11 @@ def draw_forecast(forecast: Forecast) -> Figure:
 
 def _draw_bars(axes: Axes, forecast: Forecast) -> None:
     """Draw a bar and the dots of its seeds in each row, from the top."""
-    names = []
+    names, low = [], forecast.random_return
     for row, one in enumerate(forecast.rows):
-        colour = COLOURS["blue"] if one.aggregate else COLOURS["grey"]
-        axes.barh(
-            row,
-            one.mean("start") - forecast.random_return,
-            left=forecast.random_return,
-            height=0.62,
-            color=colour,
-            alpha=0.9 if one.used else 0.45,
-        )
+        colour = COLOURS["blue" if one.aggregate else "grey"]
+        alpha = 0.9 if one.used else 0.45
+        axes.barh(row, one.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
         starts = [seed.start for seed in one.seeds]
         # Seeds lie side by side, so that equal ones can be seen.
         places = row + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
@@ -91,15 +77,9 @@ def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
         if math.isnan(bound):
             continue
         axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
-        axes.annotate(
-            f"{name} {rounded(bound)}",
-            (bound, 1),
-            (0, 3),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            ha=side,
-            fontsize=7.5,
-        )
+        above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        words = f"{name} {rounded(bound)}"
+        axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
     axes.use_sticky_edges = False
     axes.margins(x=0.04)
     axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))

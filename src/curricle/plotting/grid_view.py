@@ -1,6 +1,6 @@
-"""Grid views: which states of a task are shown, in which cell of a grid each lies, and who moves.
+"""Grid views: the states of a task that a grid shows, the cell of each, and what moves.
 
-Pictures and pages use the same view; :mod:`curricle.plotting.grids` draws it with Matplotlib.
+:mod:`curricle.plotting.grids` draws a view with Matplotlib, :mod:`curricle.report.svg` as SVG.
 """
 
 import re
@@ -28,31 +28,29 @@ LETTERS = {"treasure": "T", "fire": "F", "pit": "P"}
 TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b"}
 """Of the objects in a maze."""
 STRIP, LONGEST_STRIP = 6, 60
-"""States without geometry stand in a strip: so many a row, so many at most."""
+"""States without geometry stand in a strip: states a row, and states at most."""
 MOST_CELLS = 2500
 """Cells of a replayed grid at most."""
 DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
 DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
 AGENTS = ("blue", "vermillion", "green", "purple")
-"""Colours of pieces that act; others are black."""
+"""Colours of markers that act; others are black."""
 
 _CELL = re.compile(r"\((\d+), ?(\d+)\)")
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class Marker:
     """Something that moves over a grid during an episode.
 
     Attributes
     ----------
-    name, letter : str
-    colour : str
-        As ``#rrggbb``.
+    letter, colour : str
+        The colour as ``#rrggbb``.
     cells : (S,) int64
         Its cell in each state, as ``row * columns + column``; -1 where that cell is not shown.
     """
 
-    name: str
     letter: str
     colour: str
     cells: IntArray
@@ -72,15 +70,15 @@ class GridView:
     origin, shape : (int, int)
         Top-left cell; rows and columns.
     letters : tuple of (str, int, int)
-        What else stands on the grid: letter, row, column.
+        The fixed components of the state: letter, row, column.
     words : str
         What is free and what is fixed, and what the letters mean.
     is_map : bool
         Whether cells are places of the task. In a strip they are states in order.
-    pieces : tuple of Piece
+    markers : tuple of Marker
         What moves during an episode; empty for a view that is not replayed.
     mover : str or None
-        The piece that the view follows.
+        The component of an action that moves what the cells stand for.
 
     Examples
     --------
@@ -100,7 +98,7 @@ class GridView:
     letters: tuple[tuple[str, int, int], ...] = ()
     words: str = ""
     is_map: bool = True
-    pieces: tuple[Piece, ...] = ()
+    markers: tuple[Marker, ...] = ()
     mover: str | None = None
 
     @classmethod
@@ -127,38 +125,38 @@ class GridView:
             if fixed:
                 raise SettingError(f"a maze is drawn whole, without at: got at {dict(fixed)}")
             shape = (len(task.map), len(task.map[0]))
-            objects = dict.fromkeys(name for name, *_ in task.objects)
-            words = ", ".join(f"{LETTERS[name]}: {name}" for name in objects)
+            names = dict.fromkeys(name for name, *_ in task.objects)
+            words = ", ".join(f"{LETTERS[name]}: {name}" for name in names)
             return cls(task, np.arange(len(task.cells)), task.cells, task.origin, shape, (), words)
         return _of_components(task, fixed)
 
     @classmethod
     def for_replay(cls, task: Any) -> "GridView | None":
-        """Return a view with pieces, to replay training in; None where it has too many cells.
+        """Return a view with markers, to replay training in; None where it has too many cells.
 
         A maze or a pursuit is shown as its grid, states without geometry as a strip. Of several
-        cells in a state the view follows the first that an action moves. Cells that no action moves
-        are fixed in the middle, those of other agents in the corners.
+        cells in a state the first that an action moves is left free. Cells that no action moves are
+        fixed in the middle, those of other agents in the corners.
 
         Examples
         --------
         >>> from curricle import Pursuit
         >>> view = GridView.for_replay(Pursuit(3, 2))
-        >>> view.words, [piece.letter for piece in view.pieces]
+        >>> view.words, [marker.letter for marker in view.markers]
         ('cells: where predator_1 is; P: prey, 2: predator_2', ['P', '1', '2'])
         """
         if isinstance(task, GridWorld):
-            return _with_pieces(cls.of(task), {"agent": task.cells})
+            return _with_markers(cls.of(task), {"agent": task.cells})
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
-        if cells := {name: found for name, found in read.items() if found is not None}:
-            return _of_agents(task, space, cells)
+        if labelled := {name: found for name, found in read.items() if found is not None}:
+            return _of_agents(task, space, labelled)
         for names in (("row", "column"), ("y", "x")):
             if set(names) <= set(space.names):
                 values = space.decode()
-                places = np.stack([values[name] for name in names], axis=1)
+                cells = np.stack([values[name] for name in names], axis=1)
                 fixed = {c.name: c.low for c in space.components if c.name not in names}
-                return _with_pieces(cls.of(task, fixed), {"agent": places})
+                return _with_markers(cls.of(task, fixed), {"agent": cells})
         return _strip(task, space)
 
     @cached_property
@@ -169,10 +167,7 @@ class GridView:
 
     @cached_property
     def directions(self) -> IntArray | None:
-        """What each action does to the mover, (A,): 0 stay, 1 north ... 4 west.
-
-        None where actions are no moves on the grid.
-        """
+        """Each action's move, (A,): 0 stay, 1 north ... 4 west. None where actions are no moves."""
         actions = generative_model(self.task).actions
         alone = len(actions.names) == 1
         own = [one for one in actions.components if one.name == self.mover or alone]
@@ -180,6 +175,11 @@ class GridView:
             return None
         moves = actions.decode()[own[0].name]
         return np.array([DIRECTIONS[own[0].label(int(move))] for move in moves])
+
+    @property
+    def objects(self) -> tuple[tuple[str, int, int], ...]:
+        """The objects of a maze: name, row, column."""
+        return self.task.objects if isinstance(self.task, GridWorld) else ()
 
     @property
     def stacked_letters(self) -> dict[tuple[int, int], str]:
@@ -191,19 +191,18 @@ class GridView:
 
     @property
     def walls(self) -> IntArray:
-        """Row and column of the cells of a map that are none of the states', (m, 2)."""
+        """Row and column of the cells of a map in which no state lies, (m, 2)."""
         grid = np.full(self.shape, self.is_map)
-        row, column = (self.cells - np.array(self.origin)).T
-        grid[row, column] = False
-        return np.asarray(np.argwhere(grid) + np.array(self.origin))
+        grid[tuple((self.cells - self.origin).T)] = False
+        return np.asarray(np.argwhere(grid) + self.origin)
 
 
 def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
-    found = [_CELL.fullmatch(label) for label in component.labels or ("",)]
-    if not all(found):
+    found = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
+    if len(found) < component.size:
         return None
-    return np.array([[int(part) for part in match.groups()] for match in found if match])
+    return np.array([match.groups() for match in found], dtype=np.int64)
 
 
 def _of_components(task: Any, fixed: At) -> GridView:
@@ -218,8 +217,8 @@ def _of_components(task: Any, fixed: At) -> GridView:
     free = [component for component in space.components if component.name not in given]
     cells, values = _grid_of(free, space)
     states = space.encode(**given, **values)
-    there = states != MISSING
     letters, words = _letters(space, given, free)
+    there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
     shape = (bottom - top + 1, right - left + 1)
     return GridView(task, states[there], cells[there], (top, left), shape, letters, words)
@@ -242,11 +241,11 @@ def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, I
 
 def _value(component: Component, given: Any) -> int:
     """Return a component's value from a number, a label, or a cell's row and column."""
-    label = given
+    label, labels = given, component.labels or ()
     if isinstance(given, tuple | list | np.ndarray):
         label = f"({','.join(str(int(part)) for part in given)})"
-    if isinstance(label, str) and label in (component.labels or ()):
-        return component.low + (component.labels or ()).index(label)
+    if isinstance(label, str) and label in labels:
+        return component.low + labels.index(label)
     high = component.low + component.size - 1
     if isinstance(given, int | np.integer) and component.low <= given <= high:
         return int(given)
@@ -278,14 +277,12 @@ def _letters(
 
 def _letter_of(name: str, taken: list[str]) -> str:
     """Return the number that a name ends in, or its first letter that is not taken yet."""
-    number = re.search(r"\d+$", name)
-    candidates = [number.group()] if number else []
-    candidates += [letter.upper() for letter in name if letter.isalnum()]
+    candidates = re.findall(r"\d+$", name) + [char.upper() for char in name if char.isalnum()]
     return next((one for one in candidates if one not in taken), "?")
 
 
 def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
-    """Return the view of a task in whose states one or several pieces stand on cells."""
+    """Return the view of a task in whose states one or several agents stand on cells."""
     agents = [name for name in generative_model(task).actions.names if name in cells]
     free = agents[0] if agents else next(iter(cells))
     rows, columns = cells[free].max(axis=0)
@@ -298,29 +295,30 @@ def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridVi
             at[component.name] = component.low
             continue
         wanted = next(corners) if component.name in agents else (rows // 2, columns // 2)
-        distance = abs(cells[component.name] - np.array(wanted)).sum(axis=1)
+        distance = abs(cells[component.name] - wanted).sum(axis=1)
         at[component.name] = tuple(cells[component.name][distance.argmin()].tolist())
     values = space.decode()
-    places = {
+    by_state = {
         name: where[values[name] - space.component(name).low] for name, where in cells.items()
     }
-    return _with_pieces(GridView.of(task, at), places, free)
+    return _with_markers(GridView.of(task, at), by_state, free)
 
 
-def _with_pieces(
-    view: GridView, places: Mapping[str, IntArray], mover: str | None = None
+def _with_markers(
+    view: GridView, cells: Mapping[str, IntArray], mover: str | None = None
 ) -> GridView | None:
-    """Return a view with pieces that stand in `places`, (S, 2) each; None if it is too large."""
+    """Return a view with markers on `cells`, name -> (S, 2); None if it is too large."""
     rows, columns = view.shape
     if rows * columns > MOST_CELLS:
         return None
-    names, pieces, colours = generative_model(view.task).actions.names, list[Piece](), cycle(AGENTS)
-    for name, where in places.items():
-        acts = len(places) == 1 or name in names
-        letter = _letter_of(name, [piece.letter for piece in pieces])
-        cells = (where - np.array(view.origin)) @ np.array([columns, 1])
-        pieces.append(Piece(name, letter, COLOURS[next(colours) if acts else "black"], cells))
-    return replace(view, pieces=tuple(pieces), mover=mover)
+    agents, colours = generative_model(view.task).actions.names, cycle(AGENTS)
+    markers = list[Marker]()
+    for name, where in cells.items():
+        acts = len(cells) == 1 or name in agents
+        letter = _letter_of(name, [marker.letter for marker in markers])
+        colour = COLOURS[next(colours) if acts else "black"]
+        markers.append(Marker(letter, colour, (where - view.origin) @ np.array([columns, 1])))
+    return replace(view, markers=tuple(markers), mover=mover)
 
 
 def _strip(task: Any, space: Space) -> GridView:
@@ -333,5 +331,5 @@ def _strip(task: Any, space: Space) -> GridView:
         words += f", the first {len(states)} of {space.size:,}"
     place = np.full(space.size, -1)
     place[states] = cells @ np.array([shape[1], 1])
-    piece = Piece("state", "", COLOURS[AGENTS[0]], place)
-    return GridView(task, states, cells, (0, 0), shape, (), words, False, (piece,))
+    marker = Marker("", COLOURS[AGENTS[0]], place)
+    return GridView(task, states, cells, (0, 0), shape, (), words, False, (marker,))

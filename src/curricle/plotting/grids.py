@@ -48,28 +48,17 @@ def draw_maze(
     >>> [text.get_text() for text in axes.texts]
     ['T']
     """
-    view = GridView.of(maze)
-    _draw_lines(axes, view)
-    for name, row, column in maze.objects:
-        axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
-        _letter(axes, LETTERS[name], row, column, colour="w" if name == "pit" else "k")
-    _draw_walls(axes, view)
-    frame_cells(axes, maze, marked)
+    draw_view(axes, GridView.of(maze), legend=False)
+    if marked is not None:
+        frame_cells(axes, maze, marked)
     if len(path):
         cells = maze.cells[np.asarray(path)]
         axes.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2)
         axes.plot(cells[0, 1], cells[0, 0], "o", color=COLOURS["sky"], ms=6)
 
 
-def frame_cells(axes: Axes, maze: GridWorld, marked: npt.NDArray[np.bool_] | None) -> None:
-    """Frame the cells of some states of a maze.
-
-    Parameters
-    ----------
-    axes : Axes
-    maze : GridWorld
-    marked : (S,) bool or None
-        None frames nothing.
+def frame_cells(axes: Axes, maze: GridWorld, marked: npt.NDArray[np.bool_]) -> None:
+    """Frame the cells of the `marked` states, (S,), of a maze.
 
     Examples
     --------
@@ -79,14 +68,13 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: npt.NDArray[np.bool_] | Non
     >>> len(axes.patches)
     1
     """
-    for state in np.flatnonzero(marked) if marked is not None else ():
-        row, column = maze.cells[state]
+    for row, column in maze.cells[marked]:
         frame: Any = {"fill": False, "edgecolor": COLOURS["blue"], "lw": 2}
         axes.add_patch(Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, **frame))
 
 
-def draw_view(axes: Axes, view: GridView, *, heat: bool = False) -> None:
-    """Draw the grid of a view, its walls, and the letters of what stands on it.
+def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
+    """Draw the grid of a view, its walls and what stands on it.
 
     Parameters
     ----------
@@ -95,23 +83,24 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False) -> None:
     heat : bool
         Whether it is drawn over a heat map. The objects of a maze are then letters only, in the
         corners of cells whose numbers are written.
+    legend : bool
+        Whether to write what the letters mean below the grid.
     """
-    maze = view.task
-    if isinstance(maze, GridWorld) and not heat:
-        draw_maze(axes, maze)
-    else:
-        _draw_lines(axes, view)
-    if isinstance(maze, GridWorld) and heat:
-        _draw_walls(axes, view)
-        corner = len(view.states) <= MOST_NUMBERS
-        for name, row, column in maze.objects:
-            letter = _letter(axes, LETTERS[name], row - 0.32 * corner, column - 0.32 * corner)
-            if not corner:
-                letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
+    _draw_lines(axes, view)
+    for row, column in view.walls:
+        axes.add_patch(_square(row, column, color="#222222"))
+    aside = 0.32 if heat and len(view.states) <= MOST_NUMBERS else 0
+    for name, row, column in view.objects:
+        white = name == "pit" and not heat
+        letter = _letter(axes, LETTERS[name], row - aside, column - aside, "w" if white else "k")
+        if not heat:
+            axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
+        elif not aside:
+            letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
     for (row, column), letters in view.stacked_letters.items():
         written = _letter(axes, letters, row - 0.3, column - 0.3)
         written.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
-    if view.words:
+    if legend and view.words:
         axes.set_xlabel(f"column\n{view.words}", fontsize=8)
 
 
@@ -146,29 +135,26 @@ def draw_heat(
 def _draw_lines(axes: Axes, view: GridView) -> None:
     """Draw the lines between the cells of a grid, north on top."""
     (top, left), (height, width) = view.origin, view.shape
-    axes.set_xlim(left - 0.5, left + width - 0.5)
-    axes.set_ylim(top + height - 0.5, top - 0.5)
-    axes.set_aspect("equal")
-    axes.set_xticks(range(left, left + width))
-    axes.set_yticks(range(top, top + height))
-    axes.set_xlabel("column")
-    axes.set_ylabel("row")
+    axes.set(
+        xlim=(left - 0.5, left + width - 0.5),
+        ylim=(top + height - 0.5, top - 0.5),
+        aspect="equal",
+        xticks=range(left, left + width),
+        yticks=range(top, top + height),
+        xlabel="column",
+        ylabel="row",
+    )
     for x in range(left, left + width + 1):
         axes.axvline(x - 0.5, color="#dddddd", lw=0.5, zorder=0)
     for y in range(top, top + height + 1):
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
 
 
-def _draw_walls(axes: Axes, view: GridView) -> None:
-    for row, column in view.walls:
-        axes.add_patch(_square(row, column, color="#222222"))
-
-
 def _square(row: float, column: float, **style: Any) -> Rectangle:
     return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
 
 
-def _letter(axes: Axes, text: str, row: float, column: float, *, colour: str = "k") -> Text:
+def _letter(axes: Axes, text: str, row: float, column: float, colour: str = "k") -> Text:
     """Return a bold letter, drawn in the middle of a place on the grid."""
     middle: Any = {"ha": "center", "va": "center", "fontsize": 8, "fontweight": "bold"}
     return axes.text(column, row, text, color=colour, **middle)

@@ -1,6 +1,6 @@
 """Learning curves: one with its band, and those of all arms over target steps or over all steps."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
 from curricle.plotting.scales import minus, return_scale, steps_scale
-from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles
+from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
 from curricle.statistics.intervals import bootstrap
 
@@ -65,9 +65,9 @@ def draw_learning_curves(
 ) -> tuple[Figure, Figure]:
     """Return two figures of the arms' learning curves with one scale of return.
 
-    First weak transfer, over steps in the target up to its budget; then strong transfer, over all
-    steps including those of the sources, dotted while an arm trains its sources. Means over seeds
-    with 95 % bootstrap bands. There is no legend: :func:`arm_styles` gives the colours.
+    First weak transfer, over target steps up to the budget of the target; then strong transfer,
+    over all steps, dotted while an arm trains its sources. Means over seeds with 95 % bootstrap
+    bands. There is no legend: :func:`arm_styles` gives the colours.
 
     Parameters
     ----------
@@ -88,54 +88,48 @@ def draw_learning_curves(
     >>> weak.axes[0].get_xlabel(), strong.axes[0].get_xlabel()
     ('target steps', 'target and source steps')
     """
-    styles, figures = arm_styles(comparison), list[Figure]()
-    for strong in (False, True):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        draw_arms(figure.subplots(), comparison, styles, strong=strong)
-        figures.append(figure)
-    spans = [figure.axes[0].dataLim.intervaly for figure in figures]
-    low, high = (float(limit) for limit in (np.min(spans), np.max(spans)))
-    for figure in figures:
-        axes = figure.axes[0]
-        return_scale(axes.yaxis, min(low, comparison.threshold), max(high, comparison.threshold))
-        axes.set_ylabel(f"greedy return{LOG * (axes.get_yscale() != 'linear')}")
+    styles = arm_styles(comparison)
+    weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
+    draw_arms(weak.axes[0], comparison, styles, strong=False)
+    draw_arms(strong.axes[0], comparison, styles, strong=True)
+    both = weak.axes + strong.axes
+    scale_returns(both, comparison)
+    for axes in both:
         axes.grid(axis="y", color="#e4e4e4", lw=0.6)
         axes.set_axisbelow(True)
-    return figures[0], figures[1]
+    return weak, strong
+
+
+def scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
+    """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
+    ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
+    for axes in panels:
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)))
+        axes.set_ylabel(f"greedy return{LOG * (axes.get_yscale() != 'linear')}")
 
 
 def draw_arms(
     axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle], *, strong: bool
 ) -> None:
-    """Draw the curve of each arm, controls below the scratch baseline and the curricula.
+    """Draw the curve of each arm, in which source steps count if `strong`.
 
-    Parameters
-    ----------
-    axes : Axes
-        The scale of its returns is left as it is.
-    comparison : Comparison
-    styles : dict of str to ArmStyle
-        From :func:`arm_styles`.
-    strong : bool
-        Whether source steps count (strong transfer).
+    The scale of returns is left to :func:`scale_returns`, which panels can share.
     """
-    for name, style in sorted(styles.items(), key=lambda one: not one[1].control):
-        curve = comparison[name].curve
-        begin, end = 0, int(np.searchsorted(curve.steps, comparison.budget, side="right"))
+    for name, style in controls_first(styles):
+        arm, begin = comparison[name], 0
         if strong:
-            curve = comparison[name].charged(comparison.scratch)
+            curve = arm.charged(comparison.scratch)
             # The first checkpoint at which a seed has left its sources.
-            begin = int(np.searchsorted(curve.steps, comparison[name].curve.source_steps.min()))
-            begin, end = min(begin, len(curve.steps) - 1), len(curve.steps)
-        shown = Curve(curve.steps[begin:end], curve.values[:, begin:end])
+            begin = int(np.searchsorted(curve.steps[:-1], arm.curve.source_steps.min()))
+            shown = Curve(curve.steps[begin:], curve.values[:, begin:])
+        else:
+            kept = arm.curve.steps <= comparison.budget
+            shown = Curve(arm.curve.steps[kept], arm.curve.values[:, kept])
         draw_curve(axes, shown, label=name, colour=style.colour, dashes=style.dashes)
         if begin:
             _draw_sources(axes, comparison, shown, style.colour)
-    last = comparison.total if strong else comparison.budget
-    axes.set_xlim(0, last)
-    unit = steps_scale(axes.xaxis, last)
     counted = "target and source steps" if strong else "target steps"
-    axes.set_xlabel(f"{counted}{f' ({unit})' if unit else ''}")
+    steps_scale(axes, comparison.total if strong else comparison.budget, counted)
     axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
     axes.annotate(
         minus(f"threshold {comparison.threshold:.4g}"),
@@ -150,11 +144,14 @@ def draw_arms(
     )
 
 
+def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
+    """Return arms in the order of drawing: the scratch baseline and the curricula over controls."""
+    return sorted(styles.items(), key=lambda one: not one[1].control)
+
+
 def _draw_sources(axes: Axes, comparison: Comparison, shown: Curve, colour: str) -> None:
     """Draw a dotted line from step 0 to where training in the target begins."""
-    random_return = float(comparison.scratch.curve.filled()[:, 0].mean())
+    low = float(comparison.scratch.curve.filled()[:, 0].mean())
     start, first = int(shown.steps[0]), float(shown.values[:, 0].mean())
-    axes.plot(
-        [0, start, start], [random_return, random_return, first], ":", color="#555555", lw=1.2
-    )
+    axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
     axes.plot(start, first, "o", color=colour, mfc="w", ms=4.5, zorder=4)

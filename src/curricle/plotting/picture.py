@@ -20,7 +20,7 @@ METADATA: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""Ending -> metadata: without a date the same results give the same file."""
+"""Ending -> metadata. Without a date the same results give the same file."""
 
 
 def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figure:
@@ -31,19 +31,13 @@ def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figu
     subject : Comparison or Forecast
         From :func:`compare` or :func:`forecast`.
     path : str or Path, optional
-        Ending in .png, .svg or .pdf; its folder must exist. An existing file is replaced only when
-        the new one is complete.
-
-    Returns
-    -------
-    Figure
-        Matplotlib's, to change or save again.
+        Ending in .png, .svg or .pdf, in a folder that exists. An existing file is replaced only
+        when the new one is complete.
 
     Raises
     ------
     SettingError
-        When the subject or the file's ending is another, or the file cannot be written. The file
-        that was there is then unchanged.
+        When the subject or the file's ending is another, or the file cannot be written.
 
     Examples
     --------
@@ -72,20 +66,12 @@ def plot(subject: Comparison | Forecast, path: str | Path | None = None) -> Figu
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, SVG or PDF, by the ending of the path; the same bytes every time.
-
-    The file is moved into place when it is complete: a failure leaves the earlier file.
-
-    Parameters
-    ----------
-    figure : Figure
-    path : str or Path
-        Its folder must exist.
+    """Write a figure to a file, as :func:`plot` does; the same bytes every time.
 
     Raises
     ------
     SettingError
-        When the ending is another, or the file cannot be written.
+        When the path is none for a picture, or the file cannot be written.
 
     Examples
     --------

@@ -23,6 +23,7 @@ from curricle.transfer.edges import transfer_names
 FloatArray = npt.NDArray[np.float64]
 PANEL = 2.6
 """Width of a panel in inches."""
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def draw_potential(
@@ -67,7 +68,7 @@ def draw_potential(
     Returns
     -------
     AxesImage
-        For a colour bar of several panels.
+        To give several panels one bar of colours.
 
     Raises
     ------
@@ -85,8 +86,7 @@ def draw_potential(
     ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
     """
     view = GridView.of(task, at)
-    low, high = limits or shared_limits(task, values, at=at)
-    palette = SEQUENTIAL
+    (low, high), palette = limits or shared_limits(task, values, at=at), SEQUENTIAL
     if difference or low < 0 < high:
         high = max(abs(low), abs(high)) or 1.0
         low, palette = -high, DIVERGING
@@ -101,16 +101,9 @@ def draw_potential(
 
 
 def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the lowest and the highest value that :func:`draw_potential` would draw.
+    """Return the lowest and the highest value that :func:`draw_potential` would draw of `several`.
 
-    States in which the episode is over are left out, their values being 0 by rule.
-
-    Parameters
-    ----------
-    task : Task
-    *several : (S,) or (S, A) float64
-    at : dict, optional
-        As in :func:`draw_potential`.
+    States in which the episode is over are left out; their values are 0 by rule.
 
     Examples
     --------
@@ -168,14 +161,9 @@ def draw_sources(
     target : str, optional
         By default the task that all others lead to.
     seed : int
-        Seed of the sources; one of those trained.
+        One of those of the sources.
     at : dict of str to int, str or (int, int), optional
-        The components of a state that are not drawn, as in :func:`draw_potential`. A maze needs
-        none.
-
-    Returns
-    -------
-    Figure
+        As in :func:`draw_potential`.
 
     Raises
     ------
@@ -200,10 +188,10 @@ def draw_sources(
     name = curriculum.target if target is None else target
     if not curriculum.in_edges(name):
         raise CurriculumError(f"sources to draw need transfers into the task: {name!r} has none")
-    k = _row_of(seed, result, name)
-    task = curriculum.tasks[name]
-    panels, aggregate = _potential_panels(result, name, k)
-    solution = Target.of(task).solution
+    seeds = result[curriculum.in_edges(name)[0].source].seeds
+    one_of("seed", seed, seeds, SettingError)
+    panels, aggregate = _potential_panels(result, name, seeds.index(seed))
+    solution = Target.of(curriculum.tasks[name]).solution
     words = f"Seed {seed}. Values of the best action, all in one scale of return"
     if solution is None:
         words += "; the target is too large to solve, so V* is not drawn."
@@ -215,15 +203,13 @@ def draw_sources(
             ". Last panel, in a scale of its own: φ of the action a* that φ prefers, minus V*; "
             "above 0 it is an overestimate."
         )
-    return _draw_panels(task, panels, at, f"{name}: potentials from its sources", words)
-
-
-def _row_of(seed: int, result: CurriculumResult, name: str) -> int:
-    """Return the row of a seed among those of the target's sources."""
-    source = result.curriculum.in_edges(name)[0].source
-    seeds = result.sources[source].seeds
-    one_of("seed", seed, seeds, SettingError)
-    return seeds.index(seed)
+    figure, view = _draw_panels(curriculum.tasks[name], panels, at)
+    figure.suptitle(f"{name}: potentials from its sources")
+    words += " Hatched: the episode is over." * bool(view.ended.any())
+    if view.words:
+        words += f" {view.words[0].upper()}{view.words[1:]}."
+    caption(figure, words)
+    return figure
 
 
 def _potential_panels(
@@ -234,9 +220,10 @@ def _potential_panels(
     each = [
         curriculum.potentials(name, result.sources, transfers=[edge])[k].values for edge in edges
     ]
+    numbers = [f"{i}".translate(SUBSCRIPTS) * (len(edges) > 1) for i in range(1, len(edges) + 1)]
     panels = [
-        _Panel(f"φ{_subscript(i) * (len(edges) > 1)}: {words}", values)
-        for i, (words, values) in enumerate(zip(transfer_names(edges), each, strict=True), 1)
+        _Panel(f"φ{number}: {words}", values)
+        for number, words, values in zip(numbers, transfer_names(edges), each, strict=True)
     ]
     used = result.potentials.get(name) or curriculum.potentials(name, result.sources)
     aggregate = used[k].values
@@ -249,37 +236,22 @@ def _potential_panels(
     return panels, aggregate
 
 
-def _subscript(number: int) -> str:
-    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))
-
-
-def _draw_panels(
-    task: Task, panels: Sequence[_Panel], at: At | None, title: str, words: str
-) -> Figure:
-    """Return a figure of panels; all but the differences share their colours."""
+def _draw_panels(task: Task, panels: Sequence[_Panel], at: At | None) -> tuple[Figure, GridView]:
+    """Return a figure of panels and their view; all but the differences share their colours."""
     alike = [panel.values for panel in panels if not panel.difference]
     limits, view = shared_limits(task, *alike, at=at), GridView.of(task, at)
     columns = min(len(panels), 3 if len(panels) <= 6 else 4)
     rows = -(-len(panels) // columns)
     high = (PANEL - 0.6) * min(1.5, view.shape[0] / view.shape[1]) + 0.55
     figure, grid = new_figure(rows, columns, width=1 + PANEL * columns, height=0.8 + high * rows)
-    places = list(grid.flat)
-    for axes in places[len(panels) :]:
+    for axes in grid.flat[len(panels) :]:
         axes.remove()
-    image: Any = None
-    for axes, panel in zip(places, panels, strict=False):
-        if panel.difference:
-            draw_potential(axes, task, panel.values, label=panel.title, at=at, difference=True)
-        else:
-            image = draw_potential(
-                axes, task, panel.values, label=panel.title, at=at, limits=limits, bar=False
-            )
+    shared = dict[Axes, AxesImage]()
+    for axes, (title, values, difference) in zip(grid.flat, panels, strict=False):
+        drawn: Any = {"difference": True} if difference else {"limits": limits, "bar": False}
+        image = draw_potential(axes, task, values, label=title, at=at, **drawn)
         axes.set_xlabel("column")
-    shared = [a for a, panel in zip(places, panels, strict=False) if not panel.difference]
-    figure.colorbar(image, ax=shared, label="return", shrink=0.8)
-    figure.suptitle(title)
-    words += " Hatched: the episode is over." * bool(view.ended.any())
-    if view.words:
-        words += f" {view.words[0].upper()}{view.words[1:]}."
-    caption(figure, words)
-    return figure
+        if not difference:
+            shared[axes] = image
+    figure.colorbar(next(iter(shared.values())), ax=[*shared], label="return", shrink=0.8)
+    return figure, view

@@ -3,12 +3,13 @@
 import math
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 DECADES, MIXED = 1.2, 1.0
-"""Decades between the largest and the smallest absolute return from which an axis is logarithmic;
-the second where returns have both signs."""
+"""Decades between the absolute ends of an axis from which it is ``symlog``: where both ends have
+one sign, and where they have two."""
 SMALLEST = 1e-3
 """Share of the largest absolute return below which an axis is linear in any case."""
 
@@ -40,15 +41,7 @@ def rounded(number: float) -> str:
 def return_scale(axis: Axis, low: float, high: float) -> None:
     """Scale an axis of returns between `low` and `high`, to ``symlog`` where they span decades.
 
-    A ``symlog`` axis is linear up to the smaller absolute bound, then logarithmic. It is chosen
-    where the absolute bounds are at least 1.2 decades apart, or one where their signs differ.
-
-    Parameters
-    ----------
-    axis : Axis
-        As ``axes.xaxis``.
-    low, high : float
-        Return.
+    A ``symlog`` axis is linear up to the smaller absolute end, then logarithmic.
 
     Examples
     --------
@@ -80,23 +73,21 @@ def return_scale(axis: Axis, low: float, high: float) -> None:
     set_limits(*transform.inverted().transform(ends + margin))
 
 
-def steps_scale(axis: Axis, most: float) -> str:
-    """Write an axis of steps in a round unit, and return the name of that unit for its label.
+def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:
+    """Scale and label the horizontal axis from step 0 to the `last`, in a round unit.
 
     Examples
     --------
     >>> from matplotlib.figure import Figure
     >>> axes = Figure().subplots()
-    >>> steps_scale(axes.xaxis, 250_000)
-    'thousands'
+    >>> steps_scale(axes, 250_000)
+    >>> axes.get_xlabel()
+    'steps (thousands)'
     """
-    unit, name = next(
-        (unit, name)
-        for unit, name in ((10**6, "millions"), (1000, "thousands"), (1, ""))
-        if most >= 5 * unit or unit == 1
-    )
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / unit:,g}"))
-    return name
+    units = ((10**6, " (millions)"), (1000, " (thousands)"), (1, ""))
+    unit, words = next(one for one in units if last >= 5 * one[0] or one[0] == 1)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / unit:,g}"))
+    axes.set(xlim=(0, last), xlabel=label + words)
 
 
 def _linear_up_to(low: float, high: float) -> float:

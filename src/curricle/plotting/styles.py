@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import text_to_path
 
 from curricle.comparison.comparison import Comparison
 from curricle.statistics.curves import SCRATCH
@@ -42,7 +40,7 @@ DIVERGING, SEQUENTIAL = "PuOr", "cividis"
 SHADES = 64
 """Colours of a map on a page."""
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula, in order; then again with other dashes. The scratch baseline is black."""
+"""Of the curricula, in order, then again with the next of `MORE_DASHES`; scratch is black."""
 MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
 CONTROL_DASHES: tuple[Any, ...] = (
     (0, (3, 1.5)),
@@ -52,9 +50,8 @@ CONTROL_DASHES: tuple[Any, ...] = (
     (0, (5, 1.2, 1, 1.2, 1, 1.2)),
     (0, (8, 1.5, 3, 1.5)),
 )
-GREYNESS = 0.6
-"""Share of grey in a control's colour."""
-CAPTION_SIZE = 8.0
+GREY, GREYNESS = "#999999", 0.6
+"""The grey in a control's colour, and its share."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class ArmStyle:
     Attributes
     ----------
     short : str
-        Its name in a list below its curriculum's.
+        Its name, of a control without that of its curriculum.
     colour : str
         As ``#rrggbb``.
     dashes : str or tuple
@@ -76,6 +73,11 @@ class ArmStyle:
     colour: str
     dashes: Any
     control: bool
+
+    @property
+    def svg_dashes(self) -> str:
+        """The dashes as the ``stroke-dasharray`` of a line three wide; empty for a solid line."""
+        return "" if self.dashes == "-" else " ".join(f"{2 * part:g}" for part in self.dashes[1])
 
 
 def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
@@ -128,29 +130,12 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
 
 
 def caption(figure: Figure, text: str) -> None:
-    """Write sentences below a figure, broken into lines that fit its width."""
-    most = 0.97 * 72 * figure.get_figwidth()
-    font, lines = FontProperties(size=CAPTION_SIZE), [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        width, *_ = text_to_path.get_text_width_height_descent(longer, font, ismath=False)
-        if lines[-1] and width > most:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    figure.supxlabel("\n".join(lines), fontsize=CAPTION_SIZE, x=0.01, ha="left")
+    """Write sentences below a figure, in lines that fit its width."""
+    figure.supxlabel(text, fontsize=8, x=0.01, ha="left", wrap=True)
 
 
 def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
-    """Write columns of text to the right of a panel: a head above it, then one entry a row.
-
-    Parameters
-    ----------
-    axes : Axes
-        Whose row r lies at y = r.
-    columns : sequence of sequence of str
-        The head first; may be empty.
-    """
+    """Write columns of text to the right of a panel: the head above it, entry r at y = r."""
     place: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5}
     left = 6.0
     for head, *rows in columns:
@@ -161,6 +146,5 @@ def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
 
 
 def _greyed(colour: str) -> str:
-    grey, own = np.array(to_rgb("#999999")), np.array(to_rgb(colour))
-    mixed = GREYNESS * grey + (1 - GREYNESS) * own
-    return to_hex((mixed[0], mixed[1], mixed[2]))
+    mixed = np.average([to_rgb(GREY), to_rgb(colour)], axis=0, weights=[GREYNESS, 1 - GREYNESS])
+    return to_hex(tuple(mixed.tolist()))

@@ -316,7 +316,7 @@ def before_and_after(
     for name, place in (("before", 0), ("after", -1)):
         policy = greedy_policy(snapshots.values[place])
         path = rollout(view.task, policy, seed=seed, steps=steps)
-        cells = np.stack([piece.cells[path.states] for piece in view.pieces], axis=1)
+        cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
         episodes[name] = Episode(cells, view.shape[1], returns, path.terminated)

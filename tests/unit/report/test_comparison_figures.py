@@ -201,11 +201,13 @@ def test_an_axis_of_returns_holds_them_all(low, high, kind):
 
 @pytest.mark.parametrize(
     ("most", "unit", "written"),
-    [(900, "", "800"), (50_000, "thousands", "0.8"), (9_000_000, "millions", "0.0008")],
+    [(900, "", "800"), (50_000, " (thousands)", "0.8"), (9_000_000, " (millions)", "0.0008")],
 )
 def test_steps_have_a_round_unit(most, unit, written):
     axes = Figure().subplots()
-    assert steps_scale(axes.xaxis, most) == unit
+    steps_scale(axes, most, "target steps")
+    assert axes.get_xlabel() == f"target steps{unit}"
+    assert axes.get_xlim() == (0, most)
     assert axes.xaxis.get_major_formatter()(800) == written
 
 

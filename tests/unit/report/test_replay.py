@@ -60,7 +60,7 @@ def test_a_task_without_geometry_is_a_strip_with_words():
     assert len(strip.states) == 60
     assert strip.words == "cells: states by number, the first 60 of 80"
     assert mark_of(strip, greedy_choices(strip, np.array([0.0, 1.0]))) == "1"
-    assert strip.pieces[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
+    assert strip.markers[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
 
 
 def test_row_and_column_make_a_map_of_any_task():

@@ -68,9 +68,9 @@ document.addEventListener("DOMContentLoaded", () => {
     for (const name of ["before", "after"]) {
       const episode = replay.episodes[name], last = episode.places.length - 1;
       const t = Math.min(tick.valueAsNumber, last), holder = at(name);
-      holder.querySelectorAll(".piece").forEach((piece, k) => {
+      holder.querySelectorAll(".marker").forEach((marker, k) => {
         const [x, y] = episode.places[t].slice(2 * k);
-        piece.style.transform = `translate(${x}px, ${y}px)`;
+        marker.style.transform = `translate(${x}px, ${y}px)`;
       });
       holder.querySelectorAll(".trail").forEach((trail, k) => {
         const way = episode.places.slice(0, t + 1).map((place) => place.slice(2 * k, 2 * k + 2));
