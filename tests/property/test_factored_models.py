@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
+from curricle.planning.models import model_of
 from curricle.tasks.factored import joint_landing
 
 
@@ -69,12 +70,12 @@ def test_factored_models_and_tables_evaluate_alike(game, seed, kind):
 
 
 @given(pursuits())
-def test_factored_models_and_tables_agree(game):
-    model, mdp = game.factored_model, game.mdp
-    assert model.size == mdp.states.size
-    np.testing.assert_array_equal(model.terminal(), mdp.terminal)
-    np.testing.assert_array_equal(model.start(), mdp.start)
+def test_planning_models_of_a_pursuit_agree_with_its_tables(game):
+    model, mdp = model_of(game), game.mdp
+    np.testing.assert_array_equal(model.terminal, mdp.terminal)
+    assert model.start_value(model.mean_reward) == pytest.approx(mdp.start @ model.mean_reward)
     assert model.discount == mdp.discount
+    assert model.n_actions == mdp.actions.size
 
 
 def test_joint_landing_is_numbered_like_states_and_actions():
@@ -106,10 +107,9 @@ def test_what_a_prey_returned_stays_its_own():
 
 @pytest.mark.parametrize("predators", [1, 2])
 def test_solve_takes_the_factored_model_of_a_pursuit(predators, monkeypatch):
-    game, mdp = (cr.Pursuit(size=3, predators=predators) for _ in range(2))
-    by_tables = cr.solve(mdp.mdp)
+    by_tables = cr.solve(cr.Pursuit(size=3, predators=predators).mdp)
     monkeypatch.setattr(cr.Pursuit, "mdp", property(lambda _: pytest.fail("tables were built")))
-    solution = cr.solve(game)
+    solution = cr.solve(cr.Pursuit(size=3, predators=predators))
     assert abs(solution.values - by_tables.values).max() <= 2e-8
     assert (solution.optimal == by_tables.optimal).all()
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
-from curricle.tasks.factored import FactoredModel
+from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, tables
@@ -160,8 +160,9 @@ class FactoredPlanningModel:
     @classmethod
     def of(cls, factored_model: FactoredModel) -> Self:
         """Return the planning model of a factored model."""
-        together, rewards = factored_model.predators_on_prey(), factored_model.rewards
-        n_moves = factored_model.landing.shape[1]
+        n_cells, n_moves = factored_model.landing.shape
+        together = predators_on_prey(n_cells, factored_model.predators)
+        rewards = factored_model.rewards
         model = cls(
             terminal=np.take(factored_model.ends, together),
             mean_reward=np.zeros(len(together)),
@@ -194,7 +195,8 @@ class FactoredPlanningModel:
 
     def policy_backup(self, policy: Policy) -> Any:
         """Return the backup of a policy."""
-        rows = self.factored_model.joint_landing().view(np.uint32)
+        m = self.factored_model
+        rows = joint_landing(m.landing, m.predators).view(np.uint32)
         mixed = mixed_policy(policy, self.terminal, rows)
         return factored_backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
 
@@ -206,7 +208,8 @@ class FactoredPlanningModel:
         """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
         m = self.factored_model
         rows = self._expected(values.copy()).reshape(len(m.landing), -1)
-        q = np.take(rows, m.joint_landing(), axis=1).reshape(len(values), self.n_actions)
+        q = np.take(rows, joint_landing(m.landing, m.predators), axis=1)
+        q = q.reshape(len(values), self.n_actions)
         q[self.terminal] = 0.0
         return q
 

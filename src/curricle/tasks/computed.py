@@ -8,10 +8,9 @@ from typing import Any
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.tasks.generative_models import Functions
-from curricle.tasks.mdp import check_horizon
+from curricle.tasks.mdp import check_parts
 from curricle.tasks.spaces import Space
 
 LARGEST = 2**62
@@ -80,18 +79,11 @@ class ComputedMDP:
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        instance("states", self.states, Space, TaskError)
-        instance("actions", self.actions, Space, TaskError)
-        for name in ("start", "step"):
-            if not callable(getattr(self, name)):
-                raise TaskError(f"{name} must be a function: got {getattr(self, name)!r}")
+        check_parts(self, "computed", "start", "step")
         if self.states.size > LARGEST:
             raise TaskError(
                 f"a computed task may have at most 2^62 states: got {self.states.size:,}"
             )
-        check_horizon(self)
-        if self.discount == 1 and self.time_limit is None:
-            raise TaskError("a computed task with discount 1 needs a time limit: none set")
 
     @property
     def terminal(self) -> None:

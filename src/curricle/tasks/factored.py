@@ -1,8 +1,9 @@
 """Factored models: the rules of a prey and predators that move independently, without tables.
 
-All move at the same time on one map of cells and none looks at the others. So the expectation over
-the prey's moves and the maximum over the predators' are taken one mover at a time, and exact
-planning (``planning/factored_backups.py``) needs no table of joint moves.
+All move at the same time on one map of cells, and the moves of one do not depend on where the
+others are. So the expectation over the prey's moves and the maximum over the predators' are taken
+one mover at a time, and exact planning (``planning/factored_backups.py``) needs no table of joint
+moves.
 """
 
 from typing import NamedTuple
@@ -53,45 +54,11 @@ class FactoredModel(NamedTuple):
     ends: npt.NDArray[np.bool_]
     discount: float
 
-    @property
-    def size(self) -> int:
-        """The number of states, C^(1 + k)."""
-        return int(len(self.landing) ** (1 + self.predators))
-
-    def terminal(self) -> npt.NDArray[np.bool_]:
-        """Return which states end an episode, (S,) bool."""
-        return frozen(self.ends[self.predators_on_prey()])
-
-    def start(self) -> FloatArray:
-        """Return the start distribution, (S,) float64: uniform where not terminal."""
-        alive = ~self.terminal()
-        return frozen(np.asarray(alive / np.count_nonzero(alive)))
-
-    def predators_on_prey(self) -> npt.NDArray[np.int8]:
-        """Return how many predators are on the prey's cell, (S,) int8."""
-        return predators_on_prey(len(self.landing), self.predators)
-
-    def joint_landing(self) -> CellArray:
-        """Return where each joint move leads the predators from each of their positions.
-
-        (C^k, M^k) int32, positions and moves numbered as in states and actions.
-
-        Examples
-        --------
-        >>> from curricle import Pursuit
-        >>> Pursuit(size=2, predators=2, moves=4).factored_model.joint_landing().shape
-        (16, 16)
-        """
-        return joint_landing(self.landing, self.predators)
-
 
 def joint_landing(landing: CellArray, predators: int) -> CellArray:
-    """Return where the joint moves of k predators lead them, (C^k, M^k) int32.
+    """Return where joint moves lead k predators from each of their positions, (C^k, M^k) int32.
 
-    Parameters
-    ----------
-    landing : (C, M) int32
-    predators : int
+    Positions and moves are numbered as in states and actions; `landing` is (C, M) int32.
 
     Examples
     --------

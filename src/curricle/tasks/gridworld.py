@@ -1,9 +1,10 @@
-"""Grid worlds of fire, pits and treasure, drawn as text (paper, section on the maze; F1-F3).
+"""Grid worlds with fire, pits and treasure, drawn as text (paper, section on the maze; F1-F3).
 
-Rules: four moves; leaving the grid or walking into a wall is staying, and the cell is paid again;
-the reward is that of the cell *entered*.
+The agent moves one cell north, east, south or west. A move off the grid or into a wall leaves it
+where it is. The reward depends on the cell entered; an agent that stays enters its cell again.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -32,18 +33,18 @@ Start = Literal["map", "uniform"] | tuple[Cell, ...]
 
 @dataclass(frozen=True)
 class Rewards:
-    """What a step pays, by what the entered cell holds (return units).
+    """The rewards of a step, by what the entered cell holds (return units).
 
     Parameters
     ----------
     step : float
-        Paid by every step (or, with ``combine="worst"``, by a step where nothing else pays).
+        Of every step (with ``combine="worst"``, only of steps to which no other term applies).
     treasure, fire, pit : float
-        Paid on entering such a cell.
+        For entering a cell with such an object.
     near_fire : float
-        Paid once on entering a cell that has a fire north, east, south or west of it.
+        For entering a cell with fire north, east, south or west of it, however many.
     bump : float
-        Paid when the agent stays because the grid's edge or a wall is in the way.
+        For a move that the edge of the grid or a wall prevents.
 
     Examples
     --------
@@ -67,27 +68,27 @@ class Rewards:
 
 @dataclass(frozen=True)
 class GridWorld:
-    """A maze read from a text map.
+    """A maze drawn as a text map.
 
     Parameters
     ----------
     map : str or sequence of str
-        North on top. ``S`` start, ``T`` treasure, ``F`` fire, ``P`` pit, ``#`` wall, ``.`` free.
-        At least one ``T``.
+        One line a row, north first. ``S`` start, ``T`` treasure (at least one), ``F`` fire,
+        ``P`` pit, ``#`` wall, ``.`` free.
     rewards : Rewards
     combine : {"sum", "worst"}
-        Whether the step reward and the terms of the entered cell add up, or only the worst term
-        counts (the step reward then stands where no other term applies).
+        Whether all terms that apply to a step add up, the step reward included, or only the lowest
+        counts (the step reward then only where no other term applies).
     ends : iterable of {"treasure", "pit", "fire"}
-        Objects whose entry ends the episode.
+        Objects that end the episode when their cell is entered.
     start : "map", "uniform" or cells
-        At the ``S`` cells; anywhere that does not end the episode; or at the given
-        ``(row, column)`` cells. Several cells are equally likely.
+        At an ``S``, at any cell that does not end the episode, or at one of the given
+        ``(row, column)`` cells; all are equally likely.
     representation : {"absolute", "relative"}
-        What a state is made of: the agent's ``row`` and ``column``, or where each object lies
-        relative to the agent (Svetlik et al. 2017; paper E4, F1).
+        The components of a state: the agent's ``row`` and ``column``, or the position of each
+        object relative to the agent (Svetlik et al. 2017; paper E4, F1).
     origin : (int, int)
-        Row and column of the top-left cell; a crop keeps the coordinates of its map.
+        Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -138,7 +139,7 @@ class GridWorld:
 
     @classmethod
     def from_file(cls, path: str | Path, **rules: Any) -> Self:
-        """Return the maze drawn in a text file; `rules` as in the class."""
+        """Return the maze drawn in a text file; `rules` are the other parameters of the class."""
         return cls(Path(path).read_text(encoding="utf-8"), **rules)
 
     # -- variants ------------------------------------------------------------------------------
@@ -162,13 +163,13 @@ class GridWorld:
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this maze's coordinates.
 
-        Objects outside the part are gone, the fire next to its edge included. The default start
-        is uniform, as in the paper's source tasks.
+        Objects outside the part are removed, so fire just outside its edge no longer counts as
+        near. The default start is uniform, as in the paper's source tasks.
 
         Raises
         ------
         TaskError
-            When the part reaches beyond the map, is empty, or has no treasure.
+            When the part exceeds the map, is empty, or has no treasure.
         """
         for name, given, first, size in (
             ("rows", rows, self.origin[0], len(self.map)),
@@ -193,24 +194,21 @@ class GridWorld:
 
     @cached_property
     def cells(self) -> npt.NDArray[np.int64]:
-        """The cells that are no wall, (S, 2) row and column, in state order."""
+        """Row and column of each cell that is not a wall, (S, 2), in the order of states."""
         return frozen(np.argwhere(self._grid != "#") + self.origin)
 
     @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
         return tuple(
-            (
-                OBJECTS[self._grid[row, column]],
-                int(row) + self.origin[0],
-                int(column) + self.origin[1],
-            )
-            for row, column in np.argwhere(np.isin(self._grid, list(OBJECTS)))
+            (OBJECTS[character], row, column)
+            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
+            if character in OBJECTS
         )
 
     @cached_property
     def states(self) -> Space:
-        """One state a free cell; components as :attr:`representation` says."""
+        """One state for each cell that is not a wall."""
         if self.representation == "relative":
             return self._relative_states()
         return self._cell_space
@@ -231,10 +229,9 @@ class GridWorld:
 
     def _relative_states(self) -> Space:
         height, width = self._grid.shape
-        axes, points = [], []
-        counts: dict[str, int] = {}
+        axes, points, counts = [], [], Counter[str]()
         for name, row, column in self.objects:
-            counts[name] = counts.get(name, 0) + 1
+            counts[name] += 1
             label = f"{name}_{counts[name]}"
             axes.append(Component(f"{label}_row", 2 * height - 1, low=1 - height))
             axes.append(Component(f"{label}_column", 2 * width - 1, low=1 - width))
@@ -244,6 +241,17 @@ class GridWorld:
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
         return np.array([list(line) for line in self.map])
+
+    @cached_property
+    def _contents(self) -> npt.NDArray[np.str_]:
+        """The map's character for each state, (S,)."""
+        return np.asarray(self._grid[self._grid != "#"])
+
+    @cached_property
+    def _landing(self) -> npt.NDArray[np.int64]:
+        """The state that each move leads to, (S, 4); MISSING off the grid and in walls."""
+        after = self.cells[:, None, :] + _STEPS
+        return self.states_at(after[:, :, 0], after[:, :, 1])
 
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column).
@@ -259,31 +267,27 @@ class GridWorld:
         return number
 
     def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Return the states of these cells, `MISSING` where there is no free cell."""
+        """Return the states of these cells, `MISSING` off the map and for walls."""
         return self._cell_space.encode(row=row, column=column)
 
     # -- tables --------------------------------------------------------------------------------
 
     @cached_property
     def mdp(self) -> FiniteMDP:
-        """The maze as tables: one outcome row for arriving in each cell, one for bumping there."""
+        """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
         n_states = len(self.cells)
-        arrival = np.arange(n_states)
-        landing = self.states_at(
-            self.cells[:, 0, None] + _STEPS[:, 0], self.cells[:, 1, None] + _STEPS[:, 1]
-        )
-        bumped = landing == MISSING
-        reward = np.stack([self._pay(bumped=False), self._pay(bumped=True)])
-        start = np.zeros(n_states)
+        entered = np.arange(n_states)
+        bumps = n_states + entered[:, None]
         starting = self._start_states()
+        start = np.zeros(n_states)
         start[starting] = 1 / len(starting)
         return FiniteMDP(
             states=self.states,
             actions=self.actions,
-            outcome_row=np.where(bumped, n_states + arrival[:, None], landing),
+            outcome_row=np.where(self._landing == MISSING, bumps, self._landing),
             probability=np.ones((2 * n_states, 1)),
-            next_state=np.tile(arrival, 2)[:, None],
-            reward=reward.reshape(-1, 1),
+            next_state=np.tile(entered, 2)[:, None],
+            reward=np.append(self._rewards(bumped=False), self._rewards(bumped=True))[:, None],
             terminal=self._holds(*self.ends),
             start=start,
             discount=self.discount,
@@ -291,36 +295,28 @@ class GridWorld:
         )
 
     def _holds(self, *names: str) -> npt.NDArray[np.bool_]:
-        """Which states' cells hold one of the named objects, (S,) bool."""
-        there = {(row, column) for name, row, column in self.objects if name in names}
-        return np.array([(int(r), int(c)) in there for r, c in self.cells])
+        """Return which cells hold one of the named objects, (S,) bool."""
+        return np.isin(self._contents, [c for c, name in OBJECTS.items() if name in names])
 
-    def _near_fire(self) -> npt.NDArray[np.bool_]:
-        fires = np.array([(row, column) for name, row, column in self.objects if name == "fire"])
-        if not len(fires):
-            return np.zeros(len(self.cells), dtype=bool)
-        distance = abs(self.cells[:, None, :] - fires[None, :, :]).sum(axis=2)
-        return np.asarray((distance == 1).any(axis=1))
-
-    def _pay(self, bumped: bool) -> npt.NDArray[np.float64]:
-        """The reward of entering each cell, (S,) float64."""
-        everywhere = np.ones(len(self.cells), dtype=bool)
+    def _rewards(self, bumped: bool) -> npt.NDArray[np.float64]:
+        """Return the reward of entering each cell, or of bumping there, (S,) float64."""
+        pays, fire = self.rewards, self._holds("fire")
+        near_fire = (fire[self._landing] & (self._landing != MISSING)).any(axis=1)
         terms = [
-            (self._holds("treasure"), self.rewards.treasure),
-            (self._holds("fire"), self.rewards.fire),
-            (self._near_fire(), self.rewards.near_fire),
-            (self._holds("pit"), self.rewards.pit),
-            (everywhere & bumped & (self.rewards.bump != 0), self.rewards.bump),
+            np.where(self._holds("treasure"), pays.treasure, np.nan),
+            np.where(fire, pays.fire, np.nan),
+            np.where(near_fire, pays.near_fire, np.nan),
+            np.where(self._holds("pit"), pays.pit, np.nan),
+            np.full(len(fire), pays.bump if bumped and pays.bump else np.nan),
         ]
         if self.combine == "sum":
-            added = np.sum([np.where(on, value, 0.0) for on, value in terms], axis=0)
-            return np.asarray(self.rewards.step + added)
-        worst = np.min([np.where(on, value, np.inf) for on, value in terms], axis=0)
-        return np.where(np.isinf(worst), self.rewards.step, worst)
+            return np.asarray(pays.step + np.nansum(terms, axis=0))
+        worst = np.fmin.reduce(terms)
+        return np.where(np.isnan(worst), pays.step, worst)
 
     def _start_states(self) -> npt.NDArray[np.int64]:
         if self.start == "map":
-            found = np.flatnonzero(self._grid[self._grid != "#"] == "S")
+            found = np.flatnonzero(self._contents == "S")
             if not found.size:
                 raise TaskError("start='map' needs an S on the map: there is none")
             return found

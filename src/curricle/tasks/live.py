@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.tasks.draws import splitmix64_number
 from curricle.tasks.live_model import RESET, Live
-from curricle.tasks.mdp import check_horizon
+from curricle.tasks.mdp import check_parts
 from curricle.tasks.spaces import MISSING, Space
 
 Answer = tuple[Any, Any, Any, Any]
@@ -82,15 +81,8 @@ class LiveMDP:
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        instance("states", self.states, Space, TaskError)
-        instance("actions", self.actions, Space, TaskError)
-        for name in ("make", "encode", "act"):
-            given = getattr(self, name)
-            if not callable(given) and (given is not None or name != "encode"):
-                raise TaskError(f"{name} must be a function: got {given!r}")
-        check_horizon(self)
-        if self.discount == 1 and self.time_limit is None:
-            raise TaskError("a live task with discount 1 needs a time limit: none set")
+        encode = [] if self.encode is None else ["encode"]
+        check_parts(self, "live", "make", "act", *encode)
 
     @property
     def terminal(self) -> None:

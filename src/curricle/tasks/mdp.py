@@ -86,9 +86,7 @@ class FiniteMDP:
 
     def __post_init__(self) -> None:
         self._check_ranges()
-        for name, dtype in _ARRAYS.items():
-            object.__setattr__(self, name, adopted(getattr(self, name), dtype))
-        self._check_shapes()
+        self._adopt_arrays()
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         self._check_start()
         self._check_discount()
@@ -240,19 +238,21 @@ class FiniteMDP:
                     f"{what} must lie in 0..{size - 1}: got {given.min()}..{given.max()}"
                 )
 
-    def _check_shapes(self) -> None:
-        n_states, n_actions = self.states.size, self.actions.size
-        table = self.probability.shape
-        expected = {
-            "outcome_row": (n_states, n_actions),
-            "next_state": table,
-            "reward": table,
-            "terminal": (n_states,),
-            "start": (n_states,),
-        }
-        for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise TaskError(f"{name} must have shape {shape}: got {getattr(self, name).shape}")
+    def _adopt_arrays(self) -> None:
+        """Make the arrays frozen ones of the right type, and check their shapes."""
+        one_a_state, table = (self.states.size,), np.shape(self.probability)
+        for name, dtype, shape in (
+            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
+            ("probability", np.float64, table),
+            ("next_state", np.int32, table),
+            ("reward", np.float64, table),
+            ("terminal", np.bool_, one_a_state),
+            ("start", np.float64, one_a_state),
+        ):
+            array = adopted(getattr(self, name), dtype)
+            if array.shape != shape:
+                raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
+            object.__setattr__(self, name, array)
 
     def _check_start(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
@@ -319,21 +319,22 @@ class FiniteMDP:
         )
 
 
-_ARRAYS: dict[str, type] = {
-    "outcome_row": np.int32,
-    "probability": np.float64,
-    "next_state": np.int32,
-    "reward": np.float64,
-    "terminal": np.bool_,
-    "start": np.float64,
-}
+def check_parts(task: Any, kind: str, *functions: str) -> None:
+    """Check the spaces, functions and horizon of a task without tables, `kind` of which it is."""
+    instance("states", task.states, Space, TaskError)
+    instance("actions", task.actions, Space, TaskError)
+    for name in functions:
+        if not callable(getattr(task, name)):
+            raise TaskError(f"{name} must be a function: got {getattr(task, name)!r}")
+    check_horizon(task)
+    if task.discount == 1 and task.time_limit is None:
+        raise TaskError(f"a {kind} task with discount 1 needs a time limit: none set")
 
 
 def check_horizon(task: Any) -> None:
     """Check a frozen task's discount and time limit, and make them a float and an int."""
-    object.__setattr__(
-        task, "discount", number("discount", task.discount, TaskError, low=0, high=1)
-    )
+    discount = number("discount", task.discount, TaskError, low=0, high=1)
+    object.__setattr__(task, "discount", discount)
     if task.time_limit is not None:
         limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
         number("time_limit in steps", limit, TaskError, high=LONGEST)

@@ -17,19 +17,8 @@ def outcome_tables(
 ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.bool_]]:
     """Return probabilities, successors and rewards, (S, A, O) each, and terminal flags, (S,).
 
-    Parameters
-    ----------
-    outcomes : nested sequences or dicts
-        As :meth:`FiniteMDP.from_outcomes` takes them.
-    terminal : (S,) bool array, optional
-        Collected from the outcomes where not given.
-    start : int or (S,) float array
-        The start state, or its distribution.
-
-    Raises
-    ------
-    TaskError
-        When states list different numbers of actions, or a flag is missing or contradicts another.
+    The arguments are those of :meth:`FiniteMDP.from_outcomes`; without `terminal`, the flags are
+    collected from the outcomes.
     """
     n_states = len(outcomes)
     n_actions = len(outcomes[0]) if n_states and _has_first(outcomes) else 0
@@ -77,8 +66,7 @@ def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.b
     """Collect the ``terminated`` flags of outcome lists into one flag a state.
 
     Only reachable states count: tables such as Taxi's also list impossible states, whose flags
-    contradict the others. This is no plain graph search: flags are checked on the way, and a flag
-    decides whether the search goes on.
+    contradict the others.
     """
     flags: dict[int, bool] = {}
     waiting, seen = list(first), set(first)
@@ -113,13 +101,8 @@ def check_rows(
 ) -> None:
     """Raise TaskError naming the first pair whose outcome row breaks a rule.
 
-    Rows that only terminal states use may hold anything; which those are is determined only if some
-    row breaks a rule.
-
-    Parameters
-    ----------
-    probability, reward, outcome_row, terminal
-        Tables of a :class:`FiniteMDP`.
+    The arguments are tables of a :class:`FiniteMDP`. Rows that only terminal states use may hold
+    anything.
     """
     sums = probability.sum(axis=1)
     rules = (

@@ -178,7 +178,7 @@ class Pursuit:
     @cached_property
     def terminal(self) -> npt.NDArray[np.bool_]:
         """States in which the episode has ended, (S,) bool."""
-        return frozen(predators_on_prey(self.cells, self.predators) >= self._enough_to_end)
+        return frozen(self._ends[predators_on_prey(self.cells, self.predators)])
 
     @cached_property
     def factored_model(self) -> FactoredModel | None:
@@ -192,14 +192,12 @@ class Pursuit:
         policy = self._prey_policy()
         if len(policy) != self.cells:
             return None
-        together = np.arange(self.predators + 1)
-        caught = together >= self._enough_to_catch
         return FactoredModel(
             landing=frozen(self.landing.astype(np.int32)),
             prey_policy=adopted(policy, np.float64),
             predators=self.predators,
-            rewards=frozen(np.where(caught, float(self.capture_reward), float(self.step_reward))),
-            ends=frozen(together >= self._enough_to_end),
+            rewards=frozen(self._rewards),
+            ends=frozen(self._ends),
             discount=self.discount,
         )
 
@@ -221,17 +219,17 @@ class Pursuit:
         policy = self._prey_policy()
         others = self.cells**self.predators
         landing = self.landing.astype(np.int32)
-        # States are (prey, predators): a block of `others` for each cell of the prey.
-        block = np.arange(self.cells, dtype=np.int32) * np.int32(others)
+        # States are (prey, predators): `others` of them for each cell of the prey.
+        base = np.arange(self.cells, dtype=np.int32) * np.int32(others)
         outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
         np.add(
-            block[:, None, None],
+            base[:, None, None],
             joint_landing(landing, self.predators),
             out=outcome_row.reshape(self.cells, others, n_actions),
         )
         next_state = np.empty((n_states, self.moves), dtype=np.int32)
         np.add(
-            block[landing][:, None, :],
+            base[landing][:, None, :],
             np.arange(others, dtype=np.int32)[:, None],
             out=next_state.reshape(self.cells, others, self.moves),
         )
@@ -242,9 +240,7 @@ class Pursuit:
             next_state = next_state[outcome_row.ravel()]
             outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
             outcome_row.ravel()[:] = np.arange(n_states * n_actions)
-        together = predators_on_prey(self.cells, self.predators)
-        ended, caught = together >= self._enough_to_end, together >= self._enough_to_catch
-        rewards = np.where(caught, float(self.capture_reward), float(self.step_reward))
+        rewards = self._rewards[predators_on_prey(self.cells, self.predators)]
         return FiniteMDP(
             states=self.states,
             actions=self.actions,
@@ -252,8 +248,8 @@ class Pursuit:
             probability=frozen(probability),
             next_state=frozen(next_state),
             reward=frozen(rewards[next_state]),
-            terminal=ended,
-            start=~ended / np.count_nonzero(~ended),
+            terminal=self.terminal,
+            start=~self.terminal / np.count_nonzero(~self.terminal),
             discount=self.discount,
             time_limit=self.time_limit,
         )
@@ -267,6 +263,17 @@ class Pursuit:
     @property
     def _enough_to_catch(self) -> int:
         return self.predators if self.capture == "as_published" else self._enough_to_end
+
+    @property
+    def _ends(self) -> npt.NDArray[np.bool_]:
+        """Whether the episode ends with 0, 1, ... predators on the prey's cell, (k + 1,)."""
+        return np.arange(self.predators + 1) >= self._enough_to_end
+
+    @property
+    def _rewards(self) -> npt.NDArray[np.float64]:
+        """The reward of a step after which 0, 1, ... predators are on the prey's cell, (k + 1,)."""
+        caught = np.arange(self.predators + 1) >= self._enough_to_catch
+        return np.where(caught, float(self.capture_reward), float(self.step_reward))
 
     def _prey_policy(self) -> npt.NDArray[np.float64]:
         """The prey's move probabilities, (cells, moves) or (S, moves)."""

@@ -1,4 +1,8 @@
-"""Where an episode can get to, and where it can go on for ever."""
+"""Where an episode can get to, and where it can go on for ever.
+
+Both functions take the tables of a :class:`FiniteMDP`, and which actions are allowed in each state,
+(S, A) bool: all by default.
+"""
 
 from typing import Any
 
@@ -18,13 +22,6 @@ def reachable_states(
     allowed: BoolArray | None = None,
 ) -> BoolArray:
     """Return which states the `allowed` actions can reach from the start, (S,) bool.
-
-    Parameters
-    ----------
-    start, terminal, outcome_row, probability, next_state
-        Tables of a :class:`FiniteMDP`.
-    allowed : (S, A) bool array, optional
-        All actions by default.
 
     Examples
     --------
@@ -63,18 +60,11 @@ def improper_states(
     next_state: IntArray,
     allowed: BoolArray | None = None,
 ) -> npt.NDArray[np.int64]:
-    """Return the states from which the `allowed` actions can avoid every terminal for ever.
+    """Return the states from which `allowed` actions can avoid all terminal states for ever.
 
-    The largest set of states each of which has an allowed action whose every outcome stays in the
-    set. It is empty exactly if every allowed policy is proper: ends with probability 1 (Bertsekas,
-    Tsitsiklis 1991). This is no search from a start: an action stays only if *all* its outcomes do.
-
-    Parameters
-    ----------
-    terminal, outcome_row, probability, next_state
-        Tables of a :class:`FiniteMDP`.
-    allowed : (S, A) bool array, optional
-        All actions by default.
+    This is the largest set of states each of which has an allowed action whose every outcome stays
+    in the set. It is empty exactly if every allowed policy is proper, which is to end with
+    probability 1 (Bertsekas, Tsitsiklis 1991).
 
     Examples
     --------
