@@ -23,10 +23,7 @@ class AgentsVecEnv(VecEnv):
     """A PettingZoo environment in which one model of Stable-Baselines3 learns for every agent.
 
     Each agent is one sub-environment, in the order of ``possible_agents``: independent learners
-    that share their weights. An episode ends for all at once and the next begins by itself, as in
-    ``DummyVecEnv``: ``infos`` then have the last observation, ``terminal_observation``, and
-    ``TimeLimit.truncated``.
-
+    that share their weights. Episodes end for all at once; the next begins as in ``DummyVecEnv``.
     A model counts the steps of each agent: its ``num_timesteps``, and the steps given to ``learn``,
     are `num_envs` times ``joint_steps``.
 

@@ -37,15 +37,6 @@ def save(path: Path, run: str, model: Any, progress: Any) -> None:
     """Write a checkpoint, whole or not at all.
 
     An environment that cannot be pickled is left out; the run then resumes with a new episode.
-
-    Parameters
-    ----------
-    path : Path
-    run : str
-        What is trained.
-    model : BaseAlgorithm
-    progress : object
-        That can be pickled.
     """
     held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
     saved = Saved(run, (type(model), held), progress, generator_states())
@@ -59,13 +50,7 @@ def save(path: Path, run: str, model: Any, progress: Any) -> None:
 
 
 def load(path: Path, run: str) -> Saved | None:
-    """Return a checkpoint; None if there is none.
-
-    Raises
-    ------
-    StoreError
-        When it is damaged, or of another training.
-    """
+    """Return a checkpoint, None if there is none; StoreError when damaged or of another run."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:

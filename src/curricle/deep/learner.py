@@ -1,6 +1,7 @@
 """Deep learners: which algorithm of Stable-Baselines3, and its settings."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -62,11 +63,11 @@ class DeepLearner:
         for name in ("envs", "threads"):
             whole_number(f"{name} of a deep learner", getattr(self, name), 1, SettingError)
         instance("settings of a deep learner", self.settings, Mapping, SettingError)
-        taken = {"env", "policy", "seed", "gamma", "verbose"} & set(self.settings)
-        if taken - {"verbose"}:
+        taken = {"env", "policy", "seed", "gamma"} & set(self.settings)
+        if taken:
             raise SettingError(
                 "a deep learner's settings must leave out what Curricle sets itself: got "
-                f"{', '.join(sorted(taken - {'verbose'}))}"
+                f"{', '.join(sorted(taken))}"
             )
         object.__setattr__(self, "settings", dict(self.settings))
 
@@ -76,24 +77,19 @@ class DeepLearner:
         return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *settings])})"
 
     def algorithm_class(self) -> Any:
-        """Return the algorithm's class.
-
-        Raises
-        ------
-        ImportError
-            When Stable-Baselines3 is not installed.
-        SettingError
-            When there is no such algorithm.
-        """
+        """Return the algorithm's class; ImportError without Stable-Baselines3."""
         module, colon, name = self.algorithm.rpartition(":")
         if colon:
             return _own(module, name)
-        found = [library for library in LIBRARIES if _has(library)]
+        found = {}
+        for library in LIBRARIES:
+            with suppress(ModuleNotFoundError):
+                found[library] = import_module(library)
         if "stable_baselines3" not in found:
             raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
-        for library in found:
-            if hasattr(import_module(library), self.algorithm):
-                return getattr(import_module(library), self.algorithm)
+        for imported in found.values():
+            if hasattr(imported, self.algorithm):
+                return getattr(imported, self.algorithm)
         raise SettingError(
             f"an algorithm must be one of {' or '.join(LIBRARIES)} (looked in "
             f"{', '.join(found)}), or module:Class: got {self.algorithm!r}"
@@ -105,14 +101,6 @@ def _text(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{name!r}: {_text(one)}" for name, one in value.items()) + "}"
     return str(getattr(value, "__qualname__", None) or repr(value))
-
-
-def _has(library: str) -> bool:
-    try:
-        import_module(library)
-    except ModuleNotFoundError:
-        return False
-    return True
 
 
 def _own(module: str, name: str) -> Any:

@@ -34,21 +34,8 @@ def model_for(
 ) -> Any:
     """Return a model, ready to learn, with its shaping.
 
-    Parameters
-    ----------
-    task : ObservationTask
-    learner : DeepLearner
-    shaping : Shaping, optional
-        Of an :class:`ObservationPotential`; as in :func:`learn_deep`.
-    seed : int
-        Below 2^32.
-    steps : int, optional
-        That it will learn; a replay buffer is not made larger.
-
-    Raises
-    ------
-    SettingError
-        When the algorithm does not take a setting or the shaping.
+    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn.
+    SettingError when the algorithm does not take a setting or the shaping.
 
     Examples
     --------
@@ -109,27 +96,9 @@ def network_values(
     shaping: Shaping | None,
     parameters: Mapping[str, npt.NDArray[Any]],
 ) -> NetworkValues:
-    """Return the values of a network that was trained before, from its parameters.
+    """Return the values of a network that was trained on a task by a learner with a shaping.
 
-    Parameters
-    ----------
-    task, learner, shaping
-        As it was trained.
-    parameters : dict of str to array
-        As :meth:`NetworkValues.parameters` returned them.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> from curricle.deep import learn_deep
-    >>> cart = observation_task("CartPole-v1")
-    >>> dqn = DeepLearner("DQN", settings={"learning_starts": 50})
-    >>> trained = learn_deep(cart, dqn, 100).values[0]
-    >>> again = network_values(cart, dqn, None, trained.parameters())
-    >>> import numpy as np
-    >>> poles = np.zeros((3, 4), dtype=np.float32)
-    >>> bool((again.v(poles) == trained.v(poles)).all())
-    True
+    `parameters` are as :meth:`NetworkValues.parameters` returned them.
     """
     known = shaping if shaping is not None and shaping.reads_values else None
     with isolated(learner.threads):

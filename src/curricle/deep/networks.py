@@ -97,7 +97,8 @@ class NetworkValues:
 
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
-        return {name: _raw(value) for name, value in self.policy.state_dict().items()}
+        state = self.policy.state_dict()
+        return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
 
     def load(self, parameters: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over parameters, as :meth:`parameters` returned them."""
@@ -144,7 +145,3 @@ class NetworkValues:
 
 def _array(tensor: Any) -> FloatArray:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
-
-
-def _raw(tensor: Any) -> npt.NDArray[Any]:
-    return np.asarray(tensor.detach().cpu().numpy().copy())

@@ -48,7 +48,7 @@ class PlainNetwork:
     layers: tuple[Layer, ...]
 
     def is_quicker_for(self, n: int) -> bool:
-        """Return whether n observations are few enough and the network is not on another device."""
+        """Return whether n observations are few and the network is not on another device."""
         return n <= FEW and self.layers[0].weight.device.type == "cpu"
 
     def takes(self, observations: Any) -> bool:
@@ -72,13 +72,6 @@ def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
 
     Values are Q(s, a) of DQN (kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
     actor-critic ("value_net"), each of ``MlpPolicy``.
-
-    Examples
-    --------
-    >>> from stable_baselines3 import DQN
-    >>> model = DQN("MlpPolicy", "MountainCar-v0", policy_kwargs={"net_arch": [8]})
-    >>> [tuple(layer.weight.shape) for layer in plain_network(model.policy, "q_net").layers]
-    [(8, 2), (3, 8)]
     """
     if kind == "value_net":
         usual = type(policy).predict_values is ActorCriticPolicy.predict_values
@@ -96,15 +89,7 @@ def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
 def plain_layers(
     modules: Sequence[torch.nn.Module], extractor: torch.nn.Module, space: Space[Any]
 ) -> PlainNetwork | None:
-    """Return modules in a row that follow the usual extractor; None if any of it is unusual.
-
-    Examples
-    --------
-    >>> vectors = Box(-1, 1, (2,))
-    >>> found = plain_layers([Linear(2, 3), Tanh()], FlattenExtractor(vectors), vectors)
-    >>> [layer.activation for layer in found.layers] == [np.tanh]
-    True
-    """
+    """Return modules in a row that follow the usual extractor; None if any of it is unusual."""
     if not isinstance(space, Box) or len(space.shape) != 1:
         return None
     layers: list[Layer] = []

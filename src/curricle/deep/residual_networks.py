@@ -209,7 +209,9 @@ class _Residual:
 
     def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
         """Return observations as tensors, usual stacks at once, and whether they are several."""
-        if _is_stack(self, observation):
+        wanted = self.observation_space.shape  # type: ignore[attr-defined]
+        several = isinstance(observation, np.ndarray) and observation.ndim > 0
+        if several and observation.shape[1:] == wanted:
             return torch.as_tensor(observation, device=self.device), True
         return super().obs_to_tensor(observation)  # type: ignore[misc, no-any-return]
 
@@ -226,13 +228,6 @@ class _Residual:
     def _get_constructor_parameters(self) -> dict[str, Any]:
         own = {"potential": self.potential, "reads": self.reads}
         return {**super()._get_constructor_parameters(), **own}  # type: ignore[misc]
-
-
-def _is_stack(policy: Any, observations: Any) -> bool:
-    """Return whether observations are one array, stacked as the policy takes them."""
-    wanted = policy.observation_space.shape
-    several = isinstance(observations, np.ndarray) and observations.ndim > 0
-    return several and observations.shape[1:] == wanted
 
 
 class _ResidualDQN(_Residual):

@@ -84,12 +84,5 @@ class _Reuse:
 
 
 def reusing(algorithm: type) -> type:
-    """Return an off-policy algorithm that explores by its attribute ``guide``, a potential.
-
-    Examples
-    --------
-    >>> from stable_baselines3 import DQN
-    >>> reusing(DQN).__name__
-    'ReusingDQN'
-    """
+    """Return an off-policy algorithm that explores by its attribute ``guide``, a potential."""
     return type(f"Reusing{algorithm.__name__}", (_Reuse, algorithm), {})

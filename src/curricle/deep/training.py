@@ -58,9 +58,8 @@ class DeepRun(NamedTuple):
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
             values = NetworkValues(model.policy, subtracted(shaping))
-            recorder = Recorder(self, progress, values, self.steps - charged, start)
-            if saves is not None:
-                recorder.save_to(saves, run)
+            place = None if saves is None else (saves, run)
+            recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
@@ -120,19 +119,20 @@ class Recorder(BaseCallback):
     """Records a run's curves, ends it when its budget is spent, and saves it on the way."""
 
     def __init__(
-        self, run: DeepRun, progress: Progress, values: NetworkValues, max_steps: int, start: int
+        self,
+        run: DeepRun,
+        progress: Progress,
+        values: NetworkValues,
+        max_steps: int,
+        start: int,
+        saves: tuple[Path, str] | None,  # the checkpoint's file, and the run it is of
     ):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
         off = run.evaluation.method == "off"
         self._environments = None if off else evaluation_environments(run.task, run.evaluation)
-        self._saves: tuple[Path, str] | None = None
-        self._saved_at = progress.steps
-
-    def save_to(self, path: Path, run: str) -> None:
-        """Save the run on the way, and when it is over."""
-        self._saves = path, run
+        self._saves, self._saved_at = saves, progress.steps
 
     def _on_training_start(self) -> None:
         progress = self.progress
@@ -144,8 +144,6 @@ class Recorder(BaseCallback):
             progress.begun_learning = True
 
     def _on_rollout_start(self) -> None:
-        if self._saves is None:
-            return
         if self.progress.steps - self._saved_at >= max(1, self.run.longest // SAVES):
             self._save()
 
@@ -195,8 +193,7 @@ class Recorder(BaseCallback):
     def end(self) -> None:
         """Mark the run as over."""
         self.progress.over = True
-        if self._saves is not None:
-            self._save()
+        self._save()
 
     def close(self) -> None:
         """Close the environments in which the policy was evaluated."""
@@ -204,6 +201,6 @@ class Recorder(BaseCallback):
             self._environments.close()
 
     def _save(self) -> None:
-        assert self._saves is not None
-        checkpoint.save(*self._saves, self.model, self.progress)
+        if self._saves is not None:
+            checkpoint.save(*self._saves, self.model, self.progress)
         self._saved_at = self.progress.steps

@@ -1,7 +1,7 @@
 """What the potential of an observation comes from: a function, a table, or a network's values."""
 
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -29,17 +29,20 @@ Steps = int | npt.NDArray[np.int64]
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
+NETWORK_ROUNDING = 1e-3
+"""In single precision a network's output changes with the size of the batch, by up to this share on
+a graphics processor, whose products of matrices have 11 bits."""
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionSource:
-    """A potential that is a function of an observation, or of n stacked ones where batched."""
+    """A potential that is a function of an observation."""
 
+    batched: ClassVar[bool] = False
     rounding: ClassVar[float] = 0.0  # relative difference allowed between two readings
 
     name: str
     function: Callable[[Any], Any]
-    batched: bool
 
     def one(self, observation: Any, step: int) -> float:
         """Return Phi_i(s, t)."""
@@ -52,31 +55,34 @@ class FunctionSource:
                 f"observation {observation!r}"
             ) from None
 
-    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
-        """Return Phi_i of n stacked observations, (n,) float64."""
-        return _one_each(f"a batched potential, {self.name!r},", self.function(stacked), n)
+    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
+        """Return Phi_i of n observations, given one by one and, if any source needs it, stacked."""
+        return [self.one(row, 0) for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
-class ValuesSource:
-    """A potential that is V(s) of a source of values, read for many observations at once."""
+class BatchSource:
+    """A potential that a function or a network computes for n stacked observations at once."""
 
-    # In single precision a network's output changes with the size of the batch, on a graphics
-    # processor, whose products of matrices have 11 bits, by up to 1e-3.
-    rounding: ClassVar[float] = 1e-3
     batched: ClassVar[bool] = True
 
-    name: str
-    values: ValueSource
+    who: str
+    function: Callable[[Any], Any]
     space: gymnasium.Space[Any]  # of one observation
+    rounding: float = 0.0
 
     def one(self, observation: Any, step: int) -> float:
         """Return Phi_i(s, t)."""
-        return float(self.many(stack(self.space, [observation]), 1, step)[0])
+        return float(self.many([observation], stack(self.space, [observation]), step)[0])
 
-    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
-        """Return Phi_i of n stacked observations, (n,) float64."""
-        return _one_each(f"the values of {self.name!r}", self.values.v(stacked), n)
+    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> FloatArray:
+        """Return Phi_i of n observations, (n,) float64."""
+        values = numbers(f"what {self.who} returns", self.function(stacked), PotentialError)
+        if values.shape != (len(rows),):
+            raise PotentialError(
+                f"what {self.who} returns must have shape {(len(rows),)}: got {values.shape}"
+            )
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +114,11 @@ class StateSource:
             return self.fixed.item(state)
         return float(_values(self.potential, np.array([state]), step)[0])
 
-    def many(self, stacked: Any, n: int, steps: Steps) -> FloatArray:
-        """Return Phi_i of n stacked observations, (n,) float64."""
+    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
+        """Return Phi_i of n observations, (n,) float64."""
+        if not self.batched:
+            return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
+        n = len(rows)
         states = whole(self.state_of(stacked), "the states of observations")
         if states.shape != (n,):
             raise SettingError(
@@ -129,7 +138,7 @@ class StateSource:
         )
 
 
-Source = FunctionSource | ValuesSource | StateSource
+Source = FunctionSource | BatchSource | StateSource
 
 
 def source(
@@ -156,9 +165,11 @@ def source(
             f"of {potential.task.observations} and gets {space}"
         )
     if isinstance(potential, ValueSource):
-        return ValuesSource(name, potential, space)
+        return BatchSource(f"the values of {name!r}", potential.v, space, NETWORK_ROUNDING)
+    if callable(potential) and batched:
+        return BatchSource(f"a batched potential, {name!r},", potential, space)
     if callable(potential):
-        return FunctionSource(name, potential, batched)
+        return FunctionSource(name, potential)
     raise PotentialError(
         "a potential must be a function of an observation, a potential over a task or over "
         f"observations, or a source of values: {name!r} is {potential!r}"
@@ -197,13 +208,6 @@ def weights(weight: Schedule, steps: Steps) -> Any:
 def each_step(steps: Steps) -> Iterable[int]:
     """Return the step of each of many observations, endlessly where it is the same for all."""
     return repeat(steps) if isinstance(steps, int) else steps.tolist()
-
-
-def _one_each(who: str, returned: Any, n: int) -> FloatArray:
-    values = numbers(f"what {who} returns", returned, PotentialError)
-    if values.shape != (n,):
-        raise PotentialError(f"what {who} returns must have shape {(n,)}: got {values.shape}")
-    return values
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:

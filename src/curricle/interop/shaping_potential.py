@@ -79,10 +79,7 @@ class ShapingPotential:
         stacked = stack(self.space, rows) if stacked is None else stacked
         values = np.empty((1 + len(self.sources), n))
         for i, (name, each) in enumerate(self.sources.items(), start=1):
-            if each.batched:
-                values[i] = each.many(stacked, n, steps)
-            else:
-                values[i] = [each.one(*row) for row in zip(rows, each_step(steps), strict=False)]
+            values[i] = each.many(rows, stacked, steps)
             finite = np.isfinite(values[i])
             if np.count_nonzero(finite) < n:
                 place = int(finite.argmin())
