@@ -1,12 +1,14 @@
 """Numbers of points, bins, and ends set apart: what holds for any space, edges and table."""
 
+import pickle
+
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.interop.discrete import Number, Point, is_discrete, space_of
+from curricle.interop.spaces import Number, Point, is_discrete, space_of
 from curricle.tasks.spaces import MISSING
 
 SIZES = st.integers(1, 4)
@@ -34,6 +36,7 @@ def test_points_have_numbers_and_numbers_points(space):
     some = np.unique(np.linspace(0, size - 1, 7).astype(int)).tolist()
     assert all(space.contains(point(n)) for n in some)
     assert [number(point(n)) for n in some] == some
+    assert pickle.loads(pickle.dumps(number))(point(size - 1)) == size - 1
     space.seed(0)
     drawn = [number(space.sample()) for _ in range(5)]
     assert all(0 <= n < size for n in drawn)

@@ -10,8 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential
-from curricle.interop.shaping_episodes import Episodes
-from curricle.interop.shaping_potential import check_unshaped, shaping_potential
+from curricle.interop.shaping_potential import Episodes, check_unshaped, shaping_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.interop.coding import Coding, Form
+from curricle.interop.spaces import Coding, Form
 from curricle.tasks.draws import draw
 from curricle.tasks.generative_models import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards

@@ -13,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from curricle.checks import whole_number
 from curricle.errors import TaskError
 from curricle.interop.bins import Bins
-from curricle.interop.discrete import Number, Point, is_discrete, space_of
+from curricle.interop.spaces import Number, Point, is_discrete, space_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP

@@ -9,8 +9,8 @@ from gymnasium.spaces import Discrete
 
 from curricle.checks import instance, one_of
 from curricle.errors import SettingError
-from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
+from curricle.interop.spaces import Coding
 from curricle.interop.vector_pursuit import PursuitVectors
 from curricle.tasks.pursuit import Pursuit
 from curricle.transfer.component_mapping import ComponentMapping, project

@@ -16,8 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential
-from curricle.interop.shaping_episodes import Episode, Episodes
-from curricle.interop.shaping_potential import check_unshaped, shaping_potential
+from curricle.interop.shaping_potential import Episode, Episodes, check_unshaped, shaping_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
 

@@ -10,8 +10,8 @@ from gymnasium.spaces import Box
 
 from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
-from curricle.interop.coding import Coding
 from curricle.interop.environment import RenderMode, TaskEnvironment
+from curricle.interop.spaces import Coding
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, frozen

@@ -5,8 +5,7 @@ import pytest
 
 from curricle import GridWorld, Pursuit
 from curricle.interop.environment import MazeEnvironment, to_gymnasium
-from curricle.interop.figures import AGENT, OBJECTS, PREY, painted, predator
-from curricle.interop.scene import scene_of
+from curricle.interop.scene import AGENT, OBJECTS, PREY, painted, predator, scene_of
 
 from .environments import RING, TASKS, WALLED
 
