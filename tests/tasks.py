@@ -146,3 +146,15 @@ def ring_by_tables(n=9):
         discount=0.9,
         time_limit=30,
     )
+
+
+# -- a tree ----------------------------------------------------------------------------------------
+
+
+def tree(discount=0.9):
+    """Return 7 states with 2 actions and 8 ends; each state has one way in."""
+    reward = np.random.default_rng(1).normal(size=(7, 2)).round(1)
+    outcomes = [[[(1.0, 2 * s + 1 + a, reward[s, a])] for a in range(2)] for s in range(7)]
+    return FiniteMDP.from_outcomes(
+        outcomes + [[[], []]] * 8, terminal=np.arange(15) >= 7, start=0, discount=discount
+    )

@@ -1,3 +1,3 @@
 from .certification import certify as certify
-from .given import ShapingReward as ShapingReward
+from .checked_shaping import ShapingReward as ShapingReward
 from .verdict import Certificate as Certificate, Counterexample as Counterexample

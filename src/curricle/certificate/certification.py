@@ -1,21 +1,15 @@
-"""Whether a shaping is safe: proven in every state, refuted in one, or looked into by sample."""
+"""Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
 
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.certificate import shaped
-from curricle.certificate.bonus import moves_of
-from curricle.certificate.diagnosis import (
-    open_ends_named,
-    origin,
-    second_discount_named,
-    two_ways_in,
-)
-from curricle.certificate.given import Given, ShapingReward, checked
+from curricle.certificate import shaped_task
+from curricle.certificate.checked_shaping import CheckedShaping, ShapingReward, check_shaping
+from curricle.certificate.diagnosis import nonzero_ends, origin, other_discount, several_entries
 from curricle.certificate.sampled import in_time, sampled
-from curricle.certificate.shaped import ActedOn, Comparison, Reached
+from curricle.certificate.shaped_task import ActionComparison, Reachable, ShapedValues
 from curricle.certificate.verdict import Certificate, Counterexample
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
@@ -44,44 +38,44 @@ def certify(
 ) -> Certificate:
     """Return whether a shaping leaves the optimal actions of a task as they are.
 
-    Both problems are solved and the actions optimal in one or the other compared in every state
-    that can be reached, allowing for the proven error of both solutions: what is *acted on*,
+    Both problems are solved, and the actions optimal in one or the other compared in every
+    reachable state, allowing for the proven error of both solutions. The values that a policy acts
+    on under shaping are
 
-    - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s), which is Q* - Phi
+    - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s); by theory Q* - Phi
       (Ng, Harada, Russell 1999);
     - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's
-      expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi, which is Q*
+      expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi; by theory Q*
       (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
-    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, where each state is
-      entered with one phi; elsewhere this is not proven, and such a state is named;
-    - :class:`DecayingAdvice`: Q* + xi phi with the weight xi of the long run (Behboudian et al.
-      2020);
+    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all ways into a state
+      have one phi; otherwise nothing is proven, and such a state is named;
+    - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
     - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
     - :class:`ShapingReward`: Q* for r + F(s, a, s').
 
-    F of the last two is taken apart: a potential is behind it, a potential with a second discount
-    or with ends that are not 0 (Grzes 2017), or none, and then a place says so.
+    For the last two the findings tell whether F comes from a potential, from one with a second
+    discount or with ends that are not 0 (Grzes 2017), or from none, and then where.
 
     Parameters
     ----------
     task : Task
     shaping : Shaping or ShapingReward
-        One of the above. A state potential that changes is compared as it ends up, and its F
-        checked step by step in time (Devlin, Kudenko 2012). A potential of another tool is given
-        as an array: (S,) for :class:`StateShaping`, (S, A) for the rest. Unlike in :func:`learn`
-        it is *not* set to 0 at the ends: what it says there is paid as that tool would pay it.
+        One of the above. Of a state potential that changes, the last values are compared, and its F
+        is checked over time (Devlin, Kudenko 2012). A potential of another tool is given as an
+        array: (S,) for :class:`StateShaping`, (S, A) for the rest. Unlike in :func:`learn` it is
+        *not* set to 0 at the ends: F contains its values there, as in that tool.
     shaping_discount : float, optional
         The discount of that tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
-        default. For ``"state"``.
+        default. For :class:`StateShaping`.
     tolerance : float, optional
         Actions that fall short of the best by no more count as optimal, in return units; 1e-6 of
         the largest value by default.
     method : {"auto", "exact", "sampled"}
-        Every state, or steps of the uniform policy, which may contradict a potential but prove
+        Every state, or steps of the uniform policy, which may refute a potential but prove
         nothing. "auto" compares states where tables of up to 20 million outcomes (states x
         actions x outcomes of a pair) can be solved.
     steps : int
-        About how many to sample.
+        Steps to sample, about.
     seed : int
         Of the sample.
 
@@ -92,19 +86,18 @@ def certify(
     Raises
     ------
     PotentialError
-        When a potential has the wrong shape or a value that is not finite, a NaN for example.
+        If a potential has the wrong shape or a value that is not finite.
     SettingError
-        When a shaping does not take such a potential, the potential is another task's, or the
+        If a shaping does not take such a potential, the potential is another task's, or the
         tolerance is below what can be proven.
     TaskError
-        When ``method="exact"`` asks for tables that there are not.
+        If ``method="exact"`` is given for a task without tables.
 
     Notes
     -----
-    An action is an exception only where it falls short in one problem by more than the tolerance
-    and both error bounds, and in the other by less than its error bound. So no rounding makes a
-    shaping unsafe, and one that is called safe loses at most the tolerance, and what the bounds
-    leave, with each action.
+    An action is an exception only if it falls short in one problem by more than the tolerance and
+    both error bounds, and in the other by less than its error bound. So no rounding makes a shaping
+    unsafe, and each action under a safe one loses at most the tolerance and the bounds.
 
     Examples
     --------
@@ -114,13 +107,13 @@ def certify(
     Safe: in all 3 reachable states the optimal actions of the shaped task are those of the task
     (values proven to ...). Terminal state 3 (row 0, column 3) has Phi = 3, must be 0.
 
-    Pay for walking into a wall, and the treasure waits for ever:
+    With a reward for walking into a wall, the optimal policy does so for ever:
 
     >>> certificate = certify(maze, ShapingReward(lambda s, a, after: 5.0 * (after == s)))
     >>> bool(certificate), certificate.counterexample.place
     (False, 'state 2 (row 0, column 2)')
     """
-    given = checked(task, shaping, shaping_discount)
+    checked = check_shaping(task, shaping, shaping_discount)
     one_of("method", method, ("auto", "exact", "sampled"), SettingError)
     if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance:g}")
@@ -128,14 +121,14 @@ def certify(
     seed = whole_number("seed", seed, 0, SettingError)
     reason = "as asked for" if method == "sampled" else None
     if method == "auto":
-        reason = _out_of_reach(task)
+        reason = _reason_to_sample(task)
     if reason is None:
-        return _compared(given, tolerance, seed)
-    return _sampled(given, steps, seed, reason)
+        return _exact_certificate(checked, tolerance, seed)
+    return _sampled_certificate(checked, steps, seed, reason)
 
 
-def _out_of_reach(task: Task) -> str | None:
-    """Return why not every state of a task is compared; None if all are."""
+def _reason_to_sample(task: Task) -> str | None:
+    """Return why not every state of a task can be compared; None if all can."""
     generative = generative_model(task)
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
         return "the task has no tables"
@@ -145,78 +138,99 @@ def _out_of_reach(task: Task) -> str | None:
     mdp = tables(task)
     if mdp.discount == 1:
         rows = mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state
-        endless = improper_states(*rows)
-        if endless.size:
-            place = state_name(mdp.states, int(endless[0]))
+        improper = improper_states(*rows)
+        if improper.size:
+            place = state_name(mdp.states, int(improper[0]))
             return f"from {place} an episode can go on for ever at discount 1"
     return None
+
+
+def _findings(shaping: CheckedShaping, ends: npt.NDArray[np.int64]) -> tuple[str, ...]:
+    """Return findings that need no solution: a second discount, nonzero ends, the last weight."""
+    sentences = list[str]()
+    claim, own = shaping.shaping.claim, shaping.task_discount
+    if shaping.discount != own:
+        sentences.append(other_discount(shaping.discount, own))
+    if shaping.is_array and claim in ("telescoping", "fixed_point"):
+        phi = shaping.end_values()[ends]
+        if phi.any():
+            sentences.append(nonzero_ends(shaping.task, ends[phi != 0], phi[phi != 0]))
+    if claim == "added_values":
+        weight = shaping.last_weight
+        acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
+        sentences.append(f"in the long run the policy acts on {acted_on}")
+    return tuple(sentences)
 
 
 # -- every state ---------------------------------------------------------------------------------
 
 
-def _compared(given: Given, tolerance: float | None, seed: int) -> Certificate:
-    """Return the certificate of a comparison of all states."""
-    mdp = tables(given.task)
-    met = shaped.reached(mdp)
-    findings = _flags(given, met.ends)
-    if given.claim == "one_way_in" and (two := _two_ways(given, met)) is not None:
-        return Certificate(None, given.name, "exact", findings=(*findings, two))
-    own = shaped.solved(given.task, shaped.closeness(mdp))
-    phi = None
-    if given.claim == "added_rewards":
-        acted, phi, said = _with_bonus(given, own, met)
-        findings += said
+def _exact_certificate(shaping: CheckedShaping, tolerance: float | None, seed: int) -> Certificate:
+    mdp, claim, name = tables(shaping.task), shaping.shaping.claim, shaping.shaping.name
+    met = Reachable.of(mdp)
+    findings = _findings(shaping, met.ends)
+    if claim == "one_way_in" and (several := _several_entries(shaping, met)) is not None:
+        return Certificate(None, name, "exact", findings=(*findings, several))
+    own = shaped_task.solve_closely(shaping.task, shaped_task.default_tolerance(mdp))
+    potential = None
+    if claim == "added_rewards":
+        f = met.reward(shaping.reward())
+        behind = origin(shaping.task, met, f)
+        shaped = shaped_task.with_reward(own, met, f, np.zeros(len(met.states)))
+        shaped = ShapedValues(shaped.values, shaped.bound, behind.plain.worst)
+        potential = None if behind.found is None else behind.found.potential
+        findings += behind.sentences
     else:
-        acted = _with_potential(given, own, met)
-    found = shaped.compare(own.action_values[met.states], own.error_bound, acted, tolerance)
+        shaped = _with_potential(shaping, own, met)
+    found = shaped_task.compare_actions(
+        own.action_values[met.states], own.error_bound, shaped, tolerance
+    )
     holds: bool | None = found.agrees
-    if given.changing:
-        findings += ("it changes while learning and was compared as it ends up",)
-        contradictions = in_time(given, seed).contradictions
+    if shaping.changing:
+        findings += ("the potential changes while learning; its last values were compared",)
+        contradictions = in_time(shaping, seed).contradictions
         findings, holds = findings + contradictions, holds and (None if contradictions else True)
     return Certificate(
         holds,
-        given.name,
+        name,
         "exact",
         states=len(met.states),
         loss=found.loss,
-        total_loss=shaped.total_loss(own, met, found.chosen),
+        total_loss=shaped_task.total_loss(own, met, found.chosen),
         tolerance=found.tolerance,
-        error_bound=max(own.error_bound, acted.bound),
-        residual=acted.residual,
+        error_bound=max(own.error_bound, shaped.bound),
+        residual=shaped.residual,
         findings=findings,
-        counterexample=None if found.agrees else _counterexample(met, own, acted, found),
-        potential=phi,
+        counterexample=None if found.agrees else _counterexample(met, own, shaped, found),
+        potential=potential,
     )
 
 
-def _with_potential(given: Given, own: Solution, met: Reached) -> ActedOn:
-    """Return what a policy acts on under a potential."""
-    phi = given.final()
-    if given.claim == "telescoping":
-        f = met.paid(lambda s, a, after: given.discount * phi[after] - phi[s])
-        return shaped.with_reward(own, met, f, phi[met.states])
-    if given.claim == "added_values":
-        return shaped.with_advice(own, met, phi)
-    if given.claim == "one_way_in":
-        return shaped.with_look_back(own, met, phi)
-    return shaped.with_look_ahead(own, met, phi)
+def _with_potential(shaping: CheckedShaping, own: Solution, met: Reachable) -> ShapedValues:
+    """Return the values that a policy acts on under a potential."""
+    phi, discount = shaping.last_values(), shaping.discount
+    match shaping.shaping.claim:
+        case "telescoping":
+            f = met.reward(lambda s, a, after: discount * phi[after] - phi[s])
+            return shaped_task.with_reward(own, met, f, phi[met.states])
+        case "added_values":
+            return shaped_task.with_advice(own, met, phi)
+        case "one_way_in":
+            return shaped_task.with_look_back(own, met, phi)
+        case _:
+            return shaped_task.with_look_ahead(own, met, phi)
 
 
-def _with_bonus(
-    given: Given, own: Solution, met: Reached
-) -> tuple[ActedOn, FloatArray | None, tuple[str, ...]]:
-    """Return what a policy acts on under a bonus, Phi behind it if any, and what is to be said."""
-    f = met.paid(given.bonus())
-    made = origin(given.task, moves_of(met, f))
-    acted = shaped.with_reward(own, met, f, np.zeros(len(met.states)))
-    acted = ActedOn(acted.values, acted.bound, made.plain.worst)
-    return acted, None if made.found is None else made.found.potential, made.sentences
+def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
+    """Return a sentence about a state whose ways in have several phi; None without one."""
+    on = ~met.mdp.terminal[met.target]
+    pairs = met.source[on], met.action[on], met.target[on]
+    phi = shaping.last_values()[pairs[:2]]
+    return several_entries(shaping.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
 
 
 def _counterexample(
-    met: Reached, own: Solution, acted: ActedOn, found: Comparison
+    met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison
 ) -> Counterexample:
     """Return the state and actions in which most is lost, or else an optimal action given up."""
     mdp, q = met.mdp, own.action_values[met.states]
@@ -225,7 +239,7 @@ def _counterexample(
         best, lost = int(q[row].argmax()), float(found.short[row, other])
     else:
         row, best = _largest_at(found.shaped_short, found.given_up)
-        other, lost = int(acted.values[row].argmax()), 0.0
+        other, lost = int(shaped.values[row].argmax()), 0.0
     state = int(met.states[row])
     return Counterexample(
         state=state,
@@ -236,7 +250,7 @@ def _counterexample(
         actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
         lost=lost,
         values=(float(q[row, best]), float(q[row, other])),
-        shaped_values=(float(acted.values[row, best]), float(acted.values[row, other])),
+        shaped_values=(float(shaped.values[row, best]), float(shaped.values[row, other])),
     )
 
 
@@ -245,54 +259,28 @@ def _largest_at(values: FloatArray, among: npt.NDArray[np.bool_]) -> tuple[int, 
     return int(place[0]), int(place[1])
 
 
-def _two_ways(given: Given, met: Reached) -> str | None:
-    """Return the sentence about a state with two pasts under look-back advice, None if none has."""
-    phi = given.final()
-    least, most = shaped.ways_in(met, phi)
-    apart = most[met.states] - least[met.states]
-    worst = int(apart.argmax())
-    if apart[worst] <= 1e-12 * abs(phi).max():
-        return None
-    state = int(met.states[worst])
-    ways: list[tuple[float, int, int] | None] = []
-    for value in (float(most[state]), float(least[state])):
-        pair = shaped.entered(met, state, phi, value)
-        ways.append(None if pair is None else (value, *pair))
-    return two_ways_in(given.task, state, ways)
-
-
-def _flags(given: Given, ends: npt.NDArray[np.int64]) -> tuple[str, ...]:
-    """Return what an array's ends, a second discount or a weight give rise to say."""
-    said = list[str]()
-    own = generative_model(given.task).discount
-    if given.discount != own:
-        said.append(second_discount_named(given.discount, own))
-    if given.raw and given.claim in ("telescoping", "fixed_point"):
-        phi = given.ending()[ends]
-        if phi.any():
-            said.append(open_ends_named(given.task, ends[phi != 0], phi[phi != 0]))
-    if given.claim == "added_values":
-        share = "" if given.share == 1 else f"{given.share:g} "
-        acts = f"Q + {share}phi" if given.share else "Q alone"
-        said.append(f"in the long run the policy acts on {acts}")
-    return tuple(said)
-
-
 # -- a sample of steps ---------------------------------------------------------------------------
 
 
-def _sampled(given: Given, steps: int, seed: int, reason: str) -> Certificate:
-    """Return the certificate of a task that is not compared state by state."""
-    terminal = generative_model(given.task).terminal
+def _sampled_certificate(
+    shaping: CheckedShaping, steps: int, seed: int, reason: str
+) -> Certificate:
+    terminal = generative_model(shaping.task).terminal
     ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
-    findings = _flags(given, ends)
-    if given.claim == "added_values":
-        holds = True if given.share == 0 else None
-        return Certificate(holds, given.name, "sampled", findings=findings)
-    found = sampled(given, steps, seed)
+    name, findings = shaping.shaping.name, _findings(shaping, ends)
+    if shaping.shaping.claim == "added_values":
+        holds = True if shaping.last_weight == 0 else None
+        return Certificate(holds, name, "sampled", findings=findings)
+    found = sampled(shaping, steps, seed)
     sample = f"{found.steps:,} sampled steps ({reason})"
-    said = (*found.contradictions, f"this is by {sample}")
-    findings = (*(said if found.contradictions else (f"no contradiction in {sample}",)), *findings)
+    results = (*found.contradictions, f"found in {sample}")
+    if not found.contradictions:
+        results = (f"no contradiction in {sample}",)
     return Certificate(
-        None, given.name, "sampled", steps=found.steps, residual=found.residual, findings=findings
+        None,
+        name,
+        "sampled",
+        steps=found.steps,
+        residual=found.residual,
+        findings=(*results, *findings),
     )

@@ -1,4 +1,4 @@
-"""What is known of a shaping: the certificate, and the state that speaks against it."""
+"""The certificate of a shaping, and the state that refutes it."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -17,27 +17,27 @@ class Counterexample:
     Attributes
     ----------
     state : int
-    components : dict
-        Name -> value.
+    components : dict of str to int
+        Its components by name.
     place : str
-        The state in words.
+        Its name.
     action, shaped_action : int
         The best action of the task, and of the shaped task.
     actions : (str, str)
-        Both in words.
+        Their names.
     lost : float
-        By how much the shaped task's action falls short in the task; 0 where both are optimal
-        there, and the shaped task gives up the task's.
+        Value in the task that the shaped task's action loses; 0 if both are optimal there and
+        only the second is in the shaped task.
     values, shaped_values : (float, float)
-        What both are worth in the task, and what the policy acts on in the shaped task.
+        Values of both in the task, and those that a policy acts on in the shaped task.
 
     Examples
     --------
     >>> from curricle import GridWorld
     >>> from curricle.certificate import ShapingReward, certify
     >>> maze = GridWorld("S.T")
-    >>> pay = ShapingReward(lambda state, action, after: 300 * (after == state))
-    >>> found = certify(maze, pay).counterexample
+    >>> stay = ShapingReward(lambda state, action, after: 300 * (after == state))
+    >>> found = certify(maze, stay).counterexample
     >>> found.components, found.actions
     ({'row': 0, 'column': 1}, ('east', 'north'))
     """
@@ -54,49 +54,49 @@ class Counterexample:
 
     def __str__(self) -> str:
         best, other = self.actions
-        told = (
+        values = (
             f"{best} is worth {self.values[0]:.4g} and {other} {self.values[1]:.4g}, under shaping "
             f"{self.shaped_values[0]:.4g} and {self.shaped_values[1]:.4g}"
         )
         if self.lost > 0:
-            return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {told}"
-        return f"in {self.place} shaping gives up {best}, which is as good as any: {told}"
+            return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {values}"
+        return f"in {self.place} shaping gives up {best}, which is as good as any: {values}"
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What :func:`certify` found; true as a condition only if the shaping is proven safe.
+    """The result of :func:`certify`; true as a condition only if the shaping is proven safe.
 
     Attributes
     ----------
     holds : bool or None
-        True: the optimal actions are proven to be the same in every state that can be reached.
-        False: a state is known in which they are not. None: neither is known.
+        True: the optimal actions are proven to be the same in every reachable state. False: a
+        counterexample is known. None: neither.
     shaping : str
         Name of its class.
     method : {"exact", "sampled"}
     states : int
-        States that can be reached and were compared, ends left out.
+        Reachable states that were compared, without ends.
     steps : int
         Steps sampled.
     loss : float
-        The most that one action, optimal in the shaped task, loses in one of these states; NaN
-        where states were not compared, like the next four.
+        The most that one action, optimal in the shaped task, loses in one of the states. NaN if
+        states were not compared, like the next four.
     total_loss : float
         The most that a policy, optimal in the shaped task, loses from one of them on.
     tolerance : float
         Actions that fall short of the best by no more count as optimal.
     error_bound : float
-        No value that was compared is further from the true one.
+        Largest possible error of the values compared.
     residual : float
-        How far what was found is from what theory says of a potential: of the values acted on,
-        or for a bonus or reward of F, gamma Phi(s') - Phi(s); sampled, of sums of F.
+        Largest distance from theory: of the values acted on, or for a bonus or reward of F from
+        gamma Phi(s') - Phi(s), or of sampled sums of F.
     findings : tuple of str
-        What else is to be said, a sentence each.
+        Other findings, a sentence each.
     counterexample : Counterexample or None
         The worst state, where `holds` is False.
     potential : (S,) float64 or None
-        Phi that a bonus or reward was found to be made of.
+        The Phi behind a bonus or reward.
 
     Examples
     --------
@@ -125,10 +125,10 @@ class Certificate:
         return self.holds is True
 
     def __str__(self) -> str:
-        said = [self._verdict(), *self.findings]
-        if said[0].endswith(":"):  # all that is known is in the findings
-            said[:2] = [" ".join(said[:2])]
-        return ". ".join(one[0].upper() + one[1:] for one in said) + "."
+        sentences = [self._verdict(), *self.findings]
+        if sentences[0].endswith(":"):  # the findings are all there is
+            sentences[:2] = [" ".join(sentences[:2])]
+        return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
 
     def _verdict(self) -> str:
         if self.holds and not self.states:

@@ -1,4 +1,4 @@
-"""A shaping to be certified: checked, with its potential as the user gave it."""
+"""A shaping to be certified, checked against its task."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,8 +17,10 @@ from curricle.tasks.task import Task, generative_model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-READ = 10_000
-"""States whose phi is read from the sources at once."""
+RewardFunction = Callable[[IntArray, IntArray, IntArray], Any]
+"""F(s, a, s'), which shaping adds to the reward of each of E transitions, (E,) float."""
+CHUNK = 10_000
+"""States whose phi is read from the sources at a time."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,8 @@ class ShapingReward:
     Parameters
     ----------
     function : callable
-        Takes three (E,) int64 arrays, states, actions and next states, and returns (E,) floats. It
-        is asked only about transitions that can happen.
+        Takes three (E,) int64 arrays (states, actions, next states) of transitions that can happen
+        and returns (E,) floats.
 
     Examples
     --------
@@ -37,7 +39,7 @@ class ShapingReward:
     'added_rewards'
     """
 
-    function: Callable[[IntArray, IntArray, IntArray], Any]
+    function: RewardFunction
 
     claim: ClassVar[Claim] = "added_rewards"
     name: ClassVar[str] = "ShapingReward"
@@ -50,43 +52,22 @@ class ShapingReward:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
-    """A shaping that fits its task.
-
-    Attributes
-    ----------
-    task : Task
-    shaping : Shaping or ShapingReward
-    potential : StatePotential, StateActionPotential, MappedPotential, array or None
-        An array is frozen, (S,) or (S, A), and keeps what it says of ends.
-    discount : float
-        What the shaping discounts with: the task's, or another tool's.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, StateShaping
-    >>> checked(GridWorld("S.T"), StateShaping([0.0, 1.0, 5.0])).ending()
-    array([0., 1., 5.])
-    """
+class CheckedShaping:
+    """A shaping that fits its task."""
 
     task: Task
     shaping: Shaping | ShapingReward
-    potential: Any
-    discount: float
+    potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
+    discount: float  # gamma of F: the task's, or another tool's
 
     @property
-    def name(self) -> str:
-        """The name of the shaping."""
-        return self.shaping.name
+    def task_discount(self) -> float:
+        """The discount of the task."""
+        return generative_model(self.task).discount
 
     @property
-    def claim(self) -> Claim:
-        """What is to be checked."""
-        return self.shaping.claim
-
-    @property
-    def raw(self) -> bool:
-        """Whether it is an array, whose ends may be anything."""
+    def is_array(self) -> bool:
+        """Whether the potential is an array, which need not be 0 at the ends."""
         return isinstance(self.potential, np.ndarray)
 
     @property
@@ -98,48 +79,48 @@ class Given:
         return len(phi.values) > 1 or phi.weight != constant(phi.weight.last)
 
     @property
-    def share(self) -> float:
+    def last_weight(self) -> float:
         """The weight of the potential in the long run."""
-        if isinstance(self.shaping, DecayingAdvice):
-            return float(self.shaping.weight.last)
-        return (
-            float(self.potential.weight.last) if isinstance(self.potential, StatePotential) else 1.0
-        )
+        for weighted in (self.shaping, self.potential):
+            if isinstance(weighted, DecayingAdvice | StatePotential):
+                return float(weighted.weight.last)
+        return 1.0
 
-    def final(self) -> FloatArray:
-        """Return the potential as it is in the long run, (S,) or (S, A)."""
-        values = self.potential if self.raw else self.potential.values
+    def last_values(self) -> FloatArray:
+        """Return the weighted potential in the long run, (S,) or (S, A)."""
+        values = self.potential if self.is_array else self.potential.values
         if isinstance(self.potential, StatePotential):
             values = values[-1]
-        return np.asarray(self.share * values)
+        return np.asarray(self.last_weight * values)
 
-    def ending(self) -> FloatArray:
-        """Return Phi(s), or max_a phi(s, a), (S,), as an end would pay it."""
-        values = self.final()
+    def end_values(self) -> FloatArray:
+        """Return Phi(s), or max_a phi(s, a), (S,): what F contains where s is an end."""
+        values = self.last_values()
         return values if values.ndim == 1 else np.asarray(values.max(axis=1))
 
     def at_pairs(self, state: IntArray, action: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""
         if not isinstance(self.potential, MappedPotential):
-            values = self.potential if self.raw else self.potential.values
+            values = self.potential if self.is_array else self.potential.values
             return np.asarray(values[state, action])
         phi = np.empty(len(state))
-        for first in range(0, len(state), READ):
-            part = slice(first, first + READ)
+        for first in range(0, len(state), CHUNK):
+            part = slice(first, first + CHUNK)
             rows = self.potential.rows(state[part])
             phi[part] = np.take_along_axis(rows, action[part, None], axis=1)[:, 0]
         return phi
 
-    def bonus(self) -> Callable[[IntArray, IntArray, IntArray], Any]:
-        """Return F(s, a, s') of a bonus or of a reward of one's own."""
+    def reward(self) -> RewardFunction:
+        """Return F(s, a, s') of a :class:`RewardBonus` or :class:`ShapingReward`."""
         if isinstance(self.shaping, ShapingReward):
             return self.shaping.function
         return lambda state, action, after: self.at_pairs(state, action)
 
 
-def checked(task: Task, shaping: Any, shaping_discount: float | None = None) -> Given:
+def check_shaping(
+    task: Task, shaping: Any, shaping_discount: float | None = None
+) -> CheckedShaping:
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
-    discount = generative_model(task).discount
     if not isinstance(shaping, Shaping | ShapingReward):
         raise SettingError(
             "what is certified must be a shaping, such as StateShaping(potential), or a "
@@ -149,6 +130,7 @@ def checked(task: Task, shaping: Any, shaping_discount: float | None = None) -> 
         raise SettingError(
             f"a shaping to be certified must be for tables and have a potential: got {shaping!r}"
         )
+    discount = generative_model(task).discount
     if shaping_discount is not None:
         if shaping.claim != "telescoping":
             raise SettingError(
@@ -157,11 +139,11 @@ def checked(task: Task, shaping: Any, shaping_discount: float | None = None) -> 
             )
         discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
     if isinstance(shaping, ShapingReward):
-        return Given(task, shaping, None, discount)
-    fitting = shaping.for_task(task).potential
-    if isinstance(shaping.potential, Potential):
-        return Given(task, shaping, fitting, discount)
-    ends_kept = np.array(shaping.potential, dtype=np.float64)
-    if isinstance(fitting, StatePotential) and ends_kept.ndim == 2:
-        ends_kept = ends_kept.max(axis=1)
-    return Given(task, shaping, frozen(ends_kept), discount)
+        return CheckedShaping(task, shaping, None, discount)
+    potential: Any = shaping.for_task(task).potential
+    if not isinstance(shaping.potential, Potential):  # an array, whose values at the ends count
+        array = np.array(shaping.potential, dtype=np.float64)
+        if isinstance(potential, StatePotential) and array.ndim == 2:
+            array = array.max(axis=1)
+        potential = frozen(array)
+    return CheckedShaping(task, shaping, potential, discount)

@@ -1,0 +1,256 @@
+"""The potential behind a shaping reward, if there is one.
+
+If F(s, a, s') = gamma Phi(s') - Phi(s) and Phi is 0 at the ends, then the discounted sum of F is
+-Phi(s) along *every* path from s: Phi is the value of any policy for rewards -F. One path from each
+state thus gives the only possible Phi, and all other transitions tell whether it fits (Ng, Harada,
+Russell 1999).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.certificate.shaped_task import Reachable
+from curricle.tasks.spaces import frozen
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+RELATIVE_RESIDUAL = 1e-5
+"""Residual, relative to the largest F, up to which a potential fits."""
+SEARCHED = 20_000
+"""Transitions that the search for a second discount uses; all of them decide in the end."""
+VALLEYS = 4
+"""Local minima of the grid around which it searches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """F as ``discount`` Phi(s') - Phi(s)."""
+
+    discount: float
+    potential: FloatArray  # Phi, (S,); 0 in states that cannot be reached
+    residual: FloatArray  # F - discount Phi(s') + Phi(s), (E,)
+
+    @property
+    def worst(self) -> float:
+        """The largest absolute residual; infinite if one is NaN."""
+        sizes = abs(self.residual)
+        return float(np.where(np.isnan(sizes), np.inf, sizes).max(initial=0.0))
+
+
+def negligible(f: FloatArray) -> float:
+    """Return the residual up to which a potential fits F, (E,)."""
+    return RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
+
+
+def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
+    """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
+
+    Parameters
+    ----------
+    met : Reachable
+        With E transitions.
+    f : (E,) float64
+    discount : float
+        In (0, 1], or the task's own.
+    ends_are_zero : bool
+        Whether Phi is 0 at the ends, or follows from the transitions into them.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> met, phi = Reachable.of(GridWorld("S.T", discount=0.5).mdp), np.array([1.0, 3.0, 0.0])
+    >>> f = met.reward(lambda s, a, after: 0.5 * phi[after] - phi[s])
+    >>> found = fit(met, f, 0.5)
+    >>> found.potential, found.worst
+    (array([1., 3., 0.]), 0.0)
+    """
+    return _fitted(met, f, discount, _order(met, ends_are_zero, discount < 1))
+
+
+def other_fit(met: Reachable, f: FloatArray) -> tuple[Fit, bool] | None:
+    """Return the simplest other fit of F, and whether its Phi is 0 at the ends; None without one.
+
+    It may have a discount other than the task's, ends that are not 0, or both.
+    """
+    for ends_are_zero, same_discount in ((True, False), (False, True), (False, False)):
+        if same_discount:
+            found = fit(met, f, met.mdp.discount, ends_are_zero=ends_are_zero)
+        else:
+            found = second_discount(met, f, ends_are_zero=ends_are_zero)
+        if found.worst <= negligible(f):
+            return found, ends_are_zero
+    return None
+
+
+def second_discount(met: Reachable, f: FloatArray, *, ends_are_zero: bool = True) -> Fit:
+    """Return the fit with the discount in [0.02, 1] whose worst residual is least.
+
+    The residual of each transition is the distance from the right discount times a polynomial. A
+    grid, and golden-section search around its lowest minima, find the discount.
+    """
+    among = np.arange(len(f))
+    if len(among) > SEARCHED:
+        among = np.random.default_rng(0).choice(among, SEARCHED, replace=False)
+    steps = _order(met, ends_are_zero, True)
+
+    def worst(discount: float) -> float:
+        return _fitted(met, f, discount, steps, among).worst
+
+    grid = np.sort(np.append(np.linspace(0.02, 0.98, 49), 1 - np.logspace(-9, -2, 15)))
+    levels = np.array([worst(g) for g in grid])
+    best, least = grid[levels.argmin()], levels.min()
+    around = np.pad(levels, 1, constant_values=np.inf)
+    valleys = np.flatnonzero((levels <= around[:-2]) & (levels <= around[2:]))
+    for i in valleys[np.argsort(levels[valleys])][:VALLEYS]:
+        found = _golden_section(worst, grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)])
+        if worst(found) < least:
+            best, least = found, worst(found)
+    undiscounted = fit(met, f, 1.0, ends_are_zero=ends_are_zero)
+    if undiscounted.worst <= max(negligible(f), least):
+        return undiscounted
+    return _fitted(met, f, float(best), steps)
+
+
+def _golden_section(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return the minimum of a function that falls and then rises, to 1e-12.
+
+    SciPy's bounded search stops at 1e-8: its parabolas suit smooth minima, and this one is a kink.
+    """
+    share = (np.sqrt(5) - 1) / 2
+    a, b = high - share * (high - low), low + share * (high - low)
+    at_a, at_b = function(a), function(b)
+    while high - low > 1e-12:
+        if at_a < at_b:
+            high, b, at_b = b, a, at_a
+            a = high - share * (high - low)
+            at_a = function(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = low + share * (high - low)
+            at_b = function(b)
+    return float((low + high) / 2)
+
+
+# -- from F to Phi -------------------------------------------------------------------------------
+
+ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
+NO_TRANSITIONS = np.zeros(0, np.int64)
+
+
+class Step(NamedTuple):
+    """Some states whose Phi follows at once.
+
+    ZERO: it is 0. FREE: it is an unknown number, on which later states may depend. The other kinds
+    use one transition for each state. BACKWARD: Phi of s from that of s'. FORWARD: Phi of s' from
+    that of s. CYCLE: the discounted sum along transitions that follow each other for ever.
+    """
+
+    kind: int
+    states: npt.NDArray[np.integer[Any]]
+    transitions: IntArray
+
+
+def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
+    """Return steps that give Phi of all reachable states.
+
+    Errors shrink backward along transitions and grow forward, so that forward is the last resort.
+    Each group of states that no transition joins to known ones has one free number; the other
+    transitions among them determine it.
+    """
+    terminal, known, steps = met.mdp.terminal, ~met.met, list[Step]()
+
+    def add(kind: int, states: Any, transitions: IntArray = NO_TRANSITIONS) -> None:
+        if kind in (BACKWARD, FORWARD, CYCLE):  # the first transition of each state
+            states, first = np.unique(states, return_index=True)
+            transitions = transitions[first]
+        steps.append(Step(kind, states, transitions))
+        known[states] = True
+
+    def add_backward() -> None:
+        left = np.flatnonzero(~known[met.source])
+        while (ready := left[known[met.target[left]]]).size:
+            add(BACKWARD, met.source[ready], ready)
+            left = left[~known[met.source[left]]]
+
+    if ends_are_zero:
+        add(ZERO, met.ends)
+        add_backward()
+    if discounted:
+        cycle = _endless(met, ~known & ~terminal)
+        if cycle.size:
+            add(CYCLE, met.source[cycle], cycle)
+        add_backward()
+    while not known.all():
+        ahead = np.flatnonzero(known[met.source] & ~known[met.target])
+        if ahead.size:
+            add(FORWARD, met.target[ahead], ahead)
+        else:
+            open_ends = np.flatnonzero(~known & terminal)
+            add(FREE, (open_ends if open_ends.size else np.flatnonzero(~known))[:1])
+        add_backward()
+    return steps
+
+
+def _endless(met: Reachable, staying: BoolArray) -> IntArray:
+    """Return the transitions of paths that can stay for ever among some states, (S,) bool."""
+    left = np.flatnonzero(staying[met.source] & staying[met.target])
+    while True:
+        going_on = np.zeros_like(staying)
+        going_on[met.source[left]] = True
+        if (going_on == staying).all():
+            return left
+        staying = going_on
+        left = left[staying[met.source[left]] & staying[met.target[left]]]
+
+
+def _potential(
+    met: Reachable, f: FloatArray, discount: float, steps: list[Step], free: float
+) -> FloatArray:
+    """Return Phi, (S,), by these steps, with one value for all free numbers."""
+    phi = np.zeros(len(met.met))
+    for kind, states, which in steps:
+        if kind == FREE:
+            phi[states] = free
+        elif kind == BACKWARD:
+            phi[states] = discount * phi[met.target[which]] - f[which]
+        elif kind == FORWARD and discount > 0:
+            phi[states] = (f[which] + phi[met.source[which]]) / discount
+        elif kind == CYCLE:
+            place = np.zeros(len(phi), np.int64)
+            place[states] = np.arange(len(states))
+            after, weight, total = place[met.target[which]], discount, -f[which]
+            while weight > 1e-20:  # the sums over the first 1, 2, 4, ... steps
+                total = total + weight * total[after]
+                after, weight = after[after], weight**2
+            phi[states] = total
+    return phi
+
+
+def _fitted(
+    met: Reachable, f: FloatArray, discount: float, steps: list[Step], which: Any = slice(None)
+) -> Fit:
+    """Return Phi for a discount and the residual of the transitions `which`."""
+    source, target = met.source[which], met.target[which]
+    # Forward at a small discount numbers may overflow. Then nothing fits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        phi = _potential(met, f, discount, steps, 0.0)
+        left = f[which] - discount * phi[target] + phi[source]
+        if any(step.kind == FREE for step in steps):
+            # Phi and the residual are linear in the free numbers, one for each group of states.
+            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
+            change = slope[source] - discount * slope[target]
+            group = np.zeros(len(phi), np.int64)
+            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
+                group[step.states] = n
+            steep = np.bincount(group[source], change * change, len(steps) + 1)
+            pull = np.bincount(group[source], change * left, len(steps) + 1)
+            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
+            phi = phi + best[group] * slope
+            left = left + best[group[source]] * change
+        return Fit(discount, frozen(phi), left)

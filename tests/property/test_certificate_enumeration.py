@@ -1,0 +1,112 @@
+"""Certificates on random MDPs against policies enumerated one by one."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, strategies as st
+from hypothesis.extra.numpy import arrays
+
+import curricle as cr
+from curricle.certificate import ShapingReward, certify, shaped_task
+from curricle.certificate.shaped_task import Reachable
+from tests.certificates import difference
+from tests.enumeration import (
+    CLOSE,
+    action_values,
+    agrees_with_enumeration,
+    met_states,
+    optimal_policies,
+    pairs_of,
+    states_of,
+    whole,
+)
+from tests.tasks import DenseMDP, mdps
+
+
+@given(mdps(), st.data())
+def test_bonuses_are_judged_as_enumeration_judges_them(mdp, data):
+    phi = pairs_of(data, mdp)
+    found = certify(mdp.task(), cr.RewardBonus(phi))
+    agrees_with_enumeration(mdp, found, phi[:, :, None])
+
+
+@given(mdps(), st.data())
+def test_rewards_are_judged_as_enumeration_judges_them(mdp, data):
+    f = data.draw(arrays(np.int64, mdp.p.shape, elements=whole)).astype(float)
+    found = certify(mdp.task(), ShapingReward(lambda s, a, after: f[s, a, after]))
+    agrees_with_enumeration(mdp, found, f)
+
+
+@given(mdps(), st.sampled_from([0.1, 0.5, 0.9, 1.0, None]), st.data())
+def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(mdp, second, data):
+    task = mdp.task()
+    phi = states_of(data, mdp)
+    found = certify(task, cr.StateShaping(phi), shaping_discount=second)
+    discount = mdp.discount if second is None else second
+    added = discount * phi[None, None, :] - phi[:, None, None]
+    agrees_with_enumeration(mdp, found, added)
+    ends = np.flatnonzero(
+        mdp.terminal & ((mdp.p[met_states(mdp)].sum(axis=(0, 1))) > 0) & (phi != 0)
+    )
+    assert any("has Phi" in said for said in found.findings) is (ends.size > 0)
+    assert any("second discount" in said for said in found.findings) is (discount != mdp.discount)
+    # The same numbers as a reward of one's own are the same task.
+    again = certify(task, ShapingReward(difference(phi, discount)))
+    assert again.holds is found.holds
+    assert again.total_loss == pytest.approx(found.total_loss, abs=CLOSE)
+
+
+@given(mdps(), st.data())
+def test_look_ahead_on_open_ends_is_judged_as_its_literal_operator(mdp, data):
+    # 700 rounds from Q = 0 leave 0.95^700 = 3e-16 of the start.
+    phi, q = pairs_of(data, mdp), np.zeros(mdp.shape)
+    everywhere = np.arange(mdp.shape[0])
+    for _ in range(700):
+        best = (q + phi).argmax(axis=1)
+        paid = mdp.discount * phi[everywhere, best][None, None, :] - phi[:, :, None]
+        bootstrapped = mdp.discount * np.where(mdp.terminal, 0.0, q[everywhere, best])
+        q = mdp.zero_at_ends((mdp.p * (mdp.r + paid + bootstrapped)).sum(axis=2))
+    task = mdp.task()
+    met = Reachable.of(task)
+    own = shaped_task.solve_closely(task, 1e-8)
+    acted = shaped_task.with_look_ahead(own, met, phi)
+    np.testing.assert_array_equal(met.states, met_states(mdp))
+    np.testing.assert_allclose(acted.values, (q + phi)[met_states(mdp)], atol=acted.bound + 1e-9)
+    found = certify(task, cr.LookAheadAdvice(phi))
+    best, kept = optimal_policies(mdp)
+    greedy = (q + phi) >= (q + phi).max(axis=1, keepdims=True) - CLOSE
+    optimal = action_values(mdp, best) >= best[:, None] - CLOSE
+    assert found.holds is bool((greedy == optimal)[met_states(mdp)].all())
+    assert kept
+
+
+def test_a_table_that_starts_with_values_at_its_ends_is_refused():
+    # Ending pays 1, going round pays 0; phi says that the end is worth -9.
+    mdp = DenseMDP(
+        np.array([[[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0]] * 2]),
+        np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0]] * 2]),
+        np.array([False, True]),
+        0.9,
+    )
+    task = mdp.task()
+    phi = np.array([[0.0, 0.0], [-9.0, -9.0]])
+    found = certify(task, cr.LookAheadAdvice(phi))
+    assert found.holds is False
+    assert found.counterexample.lost == pytest.approx(0.1)  # once round, then in: 0.9
+    assert found.total_loss == pytest.approx(1.0)  # round for ever
+    assert found.counterexample.shaped_values == pytest.approx((1 - 8.1, 0.0))
+    assert certify(task, cr.LookAheadAdvice(cr.StateActionPotential(task, phi)))
+
+
+@given(mdps(), st.floats(0.1, 10.0), st.data())
+def test_constant_advice_is_judged_as_greedy_policies_judge_it(mdp, weight, data):
+    phi = pairs_of(data, mdp)
+    best, _ = optimal_policies(mdp)
+    q = action_values(mdp, best)
+    acted = q + weight * phi
+    short = (acted.max(axis=1, keepdims=True) - acted)[met_states(mdp)]
+    assume(((short < 1e-9) | (short > CLOSE)).all())
+    found = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
+    optimal = (q >= best[:, None] - CLOSE)[met_states(mdp)]
+    assert found.holds is bool(((short < 1e-9) == optimal).all())
+    lost = (best[:, None] - q)[met_states(mdp)]
+    assert found.loss == pytest.approx(lost[short < 1e-9].max(), abs=CLOSE)

@@ -1,0 +1,133 @@
+"""Certificates of look-back and decaying advice and of potentials that change."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.certificate import certify
+from curricle.certificate.checked_shaping import check_shaping
+from tests.certificates import MAZE, PHI, RNG
+from tests.tasks import tree
+
+
+def test_look_back_advice_is_safe_where_each_state_has_one_past():
+    task = tree()
+    found = certify(task, cr.LookBackAdvice(np.random.default_rng(2).normal(size=(15, 2)) * 9))
+    assert found.holds
+    assert found.residual < 1e-6
+
+
+def test_look_back_advice_does_not_mind_an_end_with_two_pasts():
+    fork = [[[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2, [[(1.0, 3, 2.0)]] * 2]
+    task = cr.FiniteMDP.from_outcomes(
+        [*fork, [[], []]], terminal=[False, False, False, True], start=0, discount=0.9
+    )
+    phi = np.array([[1.0, 5.0], [2.0, 7.0], [3.0, -4.0], [0.0, 0.0]])
+    assert certify(task, cr.LookBackAdvice(phi))
+    sample = certify(task, cr.LookBackAdvice(phi), method="sampled", steps=8_000)
+    assert "no contradiction in" in sample.findings[0]
+
+
+def test_look_back_advice_cannot_be_promised_where_ways_meet():
+    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
+    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
+    task = cr.FiniteMDP.from_outcomes(
+        [choice, after, after, [[], []], elsewhere],
+        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
+    )  # fmt: skip
+    phi = np.zeros((5, 2))
+    phi[0, 1] = 5.0
+    found = certify(task, cr.LookBackAdvice(cr.StateActionPotential(task, phi)))
+    assert found.holds is None
+    assert not found
+    assert np.isnan(found.loss)
+    assert found.findings == (
+        "look-back advice keeps the optimum for certain only where all ways into a state have one "
+        "phi: state 2 is entered with phi = 5 from state 0 by action 1 and with phi = 0 from state "
+        "4 by action 0",
+    )
+    assert str(found).startswith("Not proven: look-back advice keeps the optimum")
+
+
+def test_the_start_of_an_episode_is_a_past_of_its_own():
+    loop = cr.GridWorld("ST")
+    phi = np.full((2, 4), 2.0)
+    found = certify(loop, cr.LookBackAdvice(phi))
+    assert found.holds is None
+    assert "with phi = 0 where an episode starts" in str(found)
+    assert "is entered with phi = 2 from state 0" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("weight", "holds", "said"),
+    [
+        (1.0, False, "Q + phi"),
+        (0.5, False, "Q + 0.5 phi"),
+        (cr.learning.linear(1.0, 0.0, steps=10), True, "Q alone"),
+        (cr.learning.exponential(1.0, half_life=1e9), True, "Q alone"),
+        (cr.learning.harmonic(1.0, 0.25), False, "Q + 0.25 phi"),
+    ],
+)
+def test_advice_is_judged_by_what_its_weight_goes_to(weight, holds, said):
+    q = cr.solve(MAZE).action_values
+    found = certify(MAZE, cr.DecayingAdvice(-9.0 * q, weight=weight))
+    assert found.holds is holds
+    assert found.findings == (f"in the long run the policy acts on {said}",)
+
+
+def test_advice_that_agrees_is_safe_with_any_weight():
+    agreeing = cr.StateActionPotential(MAZE, cr.solve(MAZE).action_values)
+    assert certify(MAZE, cr.DecayingAdvice(agreeing))
+
+
+FRAMES = RNG.normal(size=(3, MAZE.states.size))
+
+
+def changing(kind=cr.StatePotential, **settings):
+    settings = {
+        "weight": cr.learning.linear(1.0, 0.5, steps=40),
+        "frame_steps": (0, 15, 300),
+        **settings,
+    }
+    return kind(MAZE, FRAMES, **settings)
+
+
+def test_a_changing_potential_is_compared_as_it_ends_and_checked_in_time():
+    found = certify(MAZE, cr.StateShaping(changing()))
+    assert found.holds
+    assert found.findings == (
+        "the potential changes while learning; its last values were compared",
+    )
+    ends_as = check_shaping(MAZE, cr.StateShaping(changing())).last_values()
+    np.testing.assert_array_equal(ends_as, 0.5 * np.where(MAZE.mdp.terminal, 0, FRAMES[2]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"weight": 1.0, "frame_steps": (0, 3_000, 500_000)},  # at two moments only
+        {"weight": cr.learning.exponential(1.0, 0.5, half_life=10)},
+    ],
+)
+def test_a_changing_potential_that_forgets_the_time_is_not_called_safe(change):
+    class Forgetful(cr.StatePotential):
+        def shaping_reward(self, state, next_state, *, step=0):
+            now = self.at(step)
+            return 0.9 * now[next_state] - now[state]  # Phi(s', t) in place of Phi(s', t + 1)
+
+    assert certify(MAZE, cr.StateShaping(changing(**change)))
+    found = certify(MAZE, cr.StateShaping(changing(Forgetful, **change)))
+    assert found.holds is None
+    assert "F does not telescope" in str(found)
+
+
+def test_a_changing_potential_is_checked_all_the_time_that_it_changes():
+    class Tiring(cr.StatePotential):
+        def shaping_reward(self, state, next_state, *, step=0):
+            when = step if step < 50_000 else 50_000
+            return super().shaping_reward(state, next_state, step=when)
+
+    weight = cr.learning.linear(1.0, 0.0, steps=100_000)
+    assert certify(MAZE, cr.StateShaping(cr.StatePotential(MAZE, PHI, weight=weight)))
+    assert certify(MAZE, cr.StateShaping(Tiring(MAZE, PHI, weight=weight))).holds is None
