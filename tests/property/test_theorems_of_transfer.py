@@ -1,0 +1,84 @@
+"""Theorems about mappings, aggregates and the pursuit, on random tasks and tables."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+
+import curricle as cr
+from tests.tasks import mdps
+
+
+@given(mdps(), st.data())
+def test_identity_mapping_lifts_q_to_itself(mdp, data):
+    q = mdp.zero_at_ends(data.draw(arrays(np.float64, mdp.shape, elements=st.floats(-1e6, 1e6))))
+    task = mdp.task()
+    np.testing.assert_array_equal(cr.transfer.identity(task).read(q), q)
+    edge = cr.Transfer("itself", "itself", cr.transfer.identity(task))
+    np.testing.assert_array_equal(edge.potential(q), q)
+
+
+stacks = arrays(
+    np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)
+)
+
+
+@given(stacks)
+def test_minimum_is_below_mean_is_below_maximum(potentials):
+    rounding = 1e-9 * (1 + abs(potentials).max())
+    assert (cr.minimum(potentials) <= cr.mean(potentials) + rounding).all()
+    assert (cr.mean(potentials) <= cr.maximum(potentials) + rounding).all()
+    n = len(potentials)
+    np.testing.assert_allclose(cr.total(potentials), n * cr.mean(potentials), atol=rounding)
+
+
+@pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
+@given(stacks, st.randoms(use_true_random=False))
+def test_aggregation_does_not_depend_on_the_order(aggregate, potentials, random):
+    order = list(range(len(potentials)))
+    random.shuffle(order)
+    np.testing.assert_allclose(
+        aggregate(potentials[order]), aggregate(potentials), rtol=1e-12, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("capture", ["all", "any", "as_published", 1, 2])
+@pytest.mark.parametrize("torus", [False, True])
+def test_swapping_two_predators_is_an_automorphism(capture, torus):
+    hunt = cr.Pursuit(size=3, predators=2, capture=capture, torus=torus)
+    mdp, swap = hunt.mdp, {"predator_1": "predator_2", "predator_2": "predator_1"}
+
+    def swapped(space):
+        values = space.decode()
+        return space.encode(**{swap.get(name, name): v for name, v in values.items()})
+
+    states, actions = swapped(hunt.states), swapped(hunt.actions)
+    assert (states != np.arange(hunt.states.size)).any()
+    row, mirrored = mdp.outcome_row, mdp.outcome_row[states[:, None], actions[None, :]]
+    live = ~mdp.terminal
+    np.testing.assert_array_equal(mdp.terminal[states], mdp.terminal)
+    np.testing.assert_array_equal(mdp.start[states], mdp.start)
+    np.testing.assert_array_equal(mdp.probability[mirrored][live], mdp.probability[row][live])
+    np.testing.assert_array_equal(mdp.reward[mirrored][live], mdp.reward[row][live])
+    np.testing.assert_array_equal(mdp.next_state[mirrored][live], states[mdp.next_state[row]][live])
+
+
+@given(
+    st.integers(2, 3), st.booleans(), st.sampled_from([0.5, 0.95]), st.sampled_from([4, 5]),
+    st.floats(-5.0, -0.1), st.data(),
+)  # fmt: skip
+def test_phi_min_bounds_the_optimum_from_above(size, torus, discount, moves, step_reward, data):
+    # Whatever the prey does (by its own cell), to catch it together takes no less than alone.
+    weights = data.draw(arrays(np.int64, (size**2, moves), elements=st.integers(1, 5)))
+    rules = {
+        "size": size, "torus": torus, "discount": discount, "moves": moves,
+        "step_reward": step_reward, "prey": weights / weights.sum(axis=1, keepdims=True),
+    }  # fmt: skip
+    hunt, chase = cr.Pursuit(predators=2, **rules), cr.Pursuit(predators=1, **rules)
+    alone, both = cr.solve(chase, tolerance=1e-6), cr.solve(hunt, tolerance=1e-6)
+    potentials = np.stack([
+        cr.project(hunt, chase, predator=name).read(alone.action_values)
+        for name in hunt.predator_names
+    ])  # fmt: skip
+    above = cr.minimum(potentials) - both.action_values
+    assert above.min() >= -(alone.error_bound + both.error_bound + 1e-12)
