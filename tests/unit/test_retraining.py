@@ -58,9 +58,9 @@ def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
     np.testing.assert_array_equal(found["hunt"].steps_used, 9000 - 1500 - extra)
     np.testing.assert_array_equal(found.sources["hunt"].steps_used, 9000 - 1500)
     for told, spent in zip(found.decisions("hunt"), extra, strict=True):
-        returns = [str(one) for one in told if one.then.startswith("goes back")]
+        returns = [str(one) for one in told if one.then.startswith("retrains")]
         assert len(returns) == spent // 400, told
-        assert all(words.startswith("goes back to chase; dropped: greedy") for words in returns)
+        assert all(words.startswith("retrains chase; dropped: greedy") for words in returns)
         steps = [one.step for one in told]
         assert steps == sorted(set(steps))
 

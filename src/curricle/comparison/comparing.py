@@ -32,7 +32,7 @@ from curricle.planning.target import Target
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
-from curricle.transfer.observation_target import ObservationTarget, target_of
+from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9
 """Of the way from the random policy's return to the optimum: the default threshold."""

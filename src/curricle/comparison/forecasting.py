@@ -17,9 +17,10 @@ from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.coverage import Coverage, ObservationCoverage
 from curricle.transfer.edges import Calibrate, Transfer, numbered, transfer_names
-from curricle.transfer.observation_target import ObservationTarget, target_of
+from curricle.transfer.mapping import Coverage
+from curricle.transfer.observation_mapping import ObservationCoverage
+from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 AGGREGATES = (minimum, mean, maximum, total)

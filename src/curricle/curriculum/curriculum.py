@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from curricle.errors import CurriculumError
 from curricle.files import file_name
 from curricle.learning.budget import Budget, seed_tuple
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import Decision
@@ -35,13 +34,11 @@ from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-DEFAULT_BUDGET = 100_000
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "learner": QLearning(),
-    "budget": DEFAULT_BUDGET,
+    "budget": 100_000,
     "shaping": QInitialisation(),
     "retrain": None,
     "eval_freq": None,
@@ -103,16 +100,14 @@ class Curriculum(TaskGraph):
     array([10000, 10000])
     """
 
-    aggregate: Aggregate | Mapping[str, Aggregate] = mean
-    learner: Learner | Mapping[str, Learner] = field(default_factory=QLearning)
-    budget: Budget | Mapping[str, Budget] = DEFAULT_BUDGET
-    shaping: Shaping | Mapping[str, Shaping] = field(default_factory=QInitialisation)
-    retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = None
-    eval_freq: int | Mapping[str, int | None] | None = None
-    evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = field(
-        default_factory=GreedyEvaluation
-    )
-    storage: Storage | Mapping[str, Storage] = field(default_factory=Storage)
+    aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
+    learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
+    budget: Budget | Mapping[str, Budget] = SETTINGS["budget"]
+    shaping: Shaping | Mapping[str, Shaping] = SETTINGS["shaping"]
+    retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = SETTINGS["retrain"]
+    eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
+    evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = SETTINGS["evaluation"]
+    storage: Storage | Mapping[str, Storage] = SETTINGS["storage"]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -266,15 +261,10 @@ class Curriculum(TaskGraph):
     ) -> RetrainedResult:
         """Return a task's training, its sources retrained as often as needed."""
         edges, aggregate = self.in_edges(name), self.setting("aggregate", name)
+        potentials_of = partial(source_potentials, self.tasks[name], edges, aggregate=aggregate)
         direct = {t.source: (self.node(t.source), sources[t.source].values) for t in edges}
-
-        def potential(tables: Mapping[str, FloatArray]) -> PairPotential:
-            values = {source: table[None] for source, table in tables.items()}
-            (found,) = source_potentials(self.tasks[name], edges, values, aggregate)
-            return found  # type: ignore[no-any-return]
-
         retrain: RetrainSources = self.setting("retrain", name)
-        return with_retraining(retrain, self.node(name), direct, potential, first, spent)
+        return with_retraining(retrain, self.node(name), direct, potentials_of, first, spent)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""

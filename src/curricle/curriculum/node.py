@@ -1,4 +1,4 @@
-"""A node of a curriculum: a task with all that its training needs but knowledge."""
+"""A node of a curriculum: a task with all that its training needs, except potentials."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +25,8 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
+
+_KINDS: dict[str, type] = {"shaping": Shaping, "evaluation": GreedyEvaluation, "storage": Storage}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +67,8 @@ class Node:
         """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
         limits(settings["budget"])
         eval_freq = spacing(eval_freq, settings["budget"])
-        deep = is_observation_task(task)
-        instance(
-            f"learner of {name}",
-            settings["learner"],
-            DeepLearner if deep else Learner,
-            SettingError,
-        )
-        for which, kind in _KINDS.items():
+        learner = DeepLearner if is_observation_task(task) else Learner
+        for which, kind in {"learner": learner, **_KINDS}.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
         if settings["shaping"].potential is not None:
             raise CurriculumError(
@@ -120,44 +116,41 @@ class Node:
         potentials : sequence of K potentials
             What each seed's shaping takes. Or none.
         warm_ups : sequence of K WarmUp
-            What each seed spent on the task's account already. Or none.
-        charged, frames, workers
-            As in :func:`learn`; the latter two do not concern networks.
+            Episodes that count against the budget, as in :func:`learn`. Or none.
+        charged
+            As in :func:`learn`.
+        snapshots, workers
+            As in :func:`learn`; not for networks.
         saves : Path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
-        shaping: Any = [self.shaping.with_potential(phi) for phi in potentials]
+        each = [self.shaping.with_potential(phi) for phi in potentials]
+        common: dict[str, Any] = {
+            "seeds": seeds,
+            "eval_freq": self.eval_freq,
+            "evaluation": self.evaluation,
+            "stream": self.name,
+            "warm_up": list(warm_ups) or None,
+            "charged": charged,
+        }
         if self.deep:
             found = learn_deep(
-                self.task,
-                self.learner,
-                self.budget,
-                seeds=seeds,
-                shaping=shaping or None,
-                eval_freq=self.eval_freq,
-                evaluation=self.evaluation,
-                stream=self.name,
-                warm_up=list(warm_ups) or None,
-                charged=charged,
-                saves=saves,
+                self.task, self.learner, self.budget, shaping=each or None, saves=saves, **common
             )
             return found if self.storage.save_values else replace(found, values=None)
-        # Without sources a guard has nothing to watch.
-        alone = self.shaping.without_guard()
+        # Without sources a guard has nothing to watch. The shaping stays, with no potential: unless
+        # Q starts at potentials, Q-learning is then done by the general loop, which draws other
+        # random numbers than the loop for plain Q-learning. A study file gives such a task no
+        # shaping, so there it has the latter.
         return learn(
             self.task,
             self.learner,
             self.budget,
-            seeds=seeds,
-            shaping=shaping or alone,
-            eval_freq=self.eval_freq,
-            evaluation=self.evaluation,
+            shaping=each or self.shaping.without_guard(),
             storage=self.storage,
-            stream=self.name,
-            warm_up=list(warm_ups) or None,
-            charged=charged,
             snapshots=snapshots,
             workers=workers,
+            **common,
         )
 
     def decisions(self, result: LearningResult) -> list[list[Decision]]:
@@ -169,10 +162,3 @@ class Node:
             self.budget.decisions(result.steps, greedy, level=level, used=int(used))
             for greedy, used in zip(result.greedy_return, result.steps_used, strict=True)
         ]
-
-
-_KINDS: dict[str, type] = {
-    "shaping": Shaping,
-    "evaluation": GreedyEvaluation,
-    "storage": Storage,
-}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,8 @@ from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
 
 FloatArray = npt.NDArray[np.float64]
-Potential = Callable[[Mapping[str, FloatArray]], PairPotential]
-"""The values of one seed's sources, (S', A') each -> the target's potential."""
+Potentials = Callable[[Mapping[str, FloatArray]], Sequence[PairPotential]]
+"""The values of K seeds of the sources, (K, S', A') each -> the target's K potentials."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class RetrainSources:
     A potential that is too high, or was not learnt well enough, can leave a target worse off than
     it started: its greedy return falls below that of the potential itself. Then the sources are
     trained further and their new potential phi' replaces phi: Q becomes Q - phi + phi', so that
-    what the target learnt beyond phi is kept. As Q(s, a) = phi(s, a) is Q-learning from other
-    initial values, the optimum is kept too.
+    what the target itself has learnt, Q - phi, is kept. This is Q-learning from other initial
+    values, so the optimum is kept too.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def with_retraining(
     retrain: RetrainSources,
     node: Node,
     sources: Mapping[str, tuple[Node, FloatArray]],
-    potential_of: Potential,
+    potentials_of: Potentials,
     first: LearningResult,
     charged: Sequence[int] | npt.NDArray[np.int64] | None,
 ) -> RetrainedResult:
@@ -120,75 +120,68 @@ def with_retraining(
         The target.
     sources : dict of str to (Node, (K, S', A') float array)
         Its direct sources with their values.
-    potential_of : callable
+    potentials_of : callable
     first : LearningResult
         The training of the watched target: until the return of each seed first dropped, or its end.
     charged : sequence of K int, optional
         Steps that each seed was charged before.
     """
-    retrained = []
+    nodes = {name: own for name, (own, _) in sources.items()}
+    each = []
     for k in range(len(first.seeds)):
-        known = {name: (own, values[k]) for name, (own, values) in sources.items()}
+        tables = {name: values[k : k + 1] for name, (_, values) in sources.items()}
         spent = None if charged is None else int(charged[k])
-        retrained.append(
-            _one_retrained(retrain, node, known, potential_of, one_seed(first, k), spent)
-        )
+        result = one_seed(first, k)
+        each.append(_one_retrained(retrain, node, nodes, tables, potentials_of, result, spent))
     return RetrainedResult(
-        joined_results([course.result for course in retrained]),
-        np.concatenate([course.extra for course in retrained]),
-        [decisions for course in retrained for decisions in course.decisions],
+        joined_results([one.result for one in each]),
+        np.concatenate([one.extra for one in each]),
+        [decisions for one in each for decisions in one.decisions],
     )
 
 
 def _one_retrained(
     retrain: RetrainSources,
     node: Node,
-    sources: Mapping[str, tuple[Node, FloatArray]],
-    potential_of: Potential,
+    nodes: Mapping[str, Node],
+    tables: Mapping[str, FloatArray],
+    potentials_of: Potentials,
     result: LearningResult,
     charged: int | None,
 ) -> RetrainedResult:
-    """Return the training of one seed."""
-    nodes = {name: own for name, (own, _) in sources.items()}
-    known = {name: values for name, (_, values) in sources.items()}
-    watched, phi = retrain.watched(node), potential_of(known)
-    on = (
-        node
-        if isinstance(node.budget, StoppingRule)
-        else node.replace(budget=StoppingRule(node.most_steps))
-    )
-    decisions, cost, extra, turn = (
-        _decisions(watched, result, charged),
-        retrain.steps * len(known),
-        0,
-        0,
-    )
+    """Return the training of one seed, given its sources with their values, (1, S', A') each."""
+    watched, (phi,) = retrain.watched(node), potentials_of(tables)
+    unwatched = node
+    if not isinstance(node.budget, StoppingRule):
+        unwatched = node.replace(budget=StoppingRule(node.most_steps))
+    decisions, cost = _decisions(watched, result, charged), retrain.steps * len(tables)
+    extra, turn = 0, 0
     while decisions[-1].dropped:
-        step, turn = int(result.steps_used[0]), turn + 1
+        step, start, turn = int(result.steps_used[0]), result.values[0], turn + 1
         spent = 0 if charged is None else charged + extra
-        left, start = node.most_steps - spent - step, result.values[0]
+        left = node.most_steps - spent - step
         if left == 0:
             break
-        retraining = turn <= retrain.times and (charged is None or left > cost)
-        if retraining:
-            known = {
-                name: _trained_on(nodes[name], values, result.seeds, retrain.steps, turn)
-                for name, values in known.items()
+        after, then = unwatched, "stays, with no retraining left"
+        if turn <= retrain.times and (charged is None or left > cost):
+            tables = {
+                name: _trained_on(nodes[name], values[0], result.seeds, retrain.steps, turn)
+                for name, values in tables.items()
             }
-            better = potential_of(known)
+            (better,) = potentials_of(tables)
             start, phi, extra = start - phi.values + better.values, better, extra + cost
             spent += 0 if charged is None else cost
-        then = f"goes back to {', '.join(known)}" if retraining else "stays, with no return left"
+            after, then = watched, f"retrains {', '.join(tables)}"
         decisions[-1] = replace(decisions[-1], then=then)
-        after = _deferred(watched if retraining else on, step)
+        after = _deferred(after, step)
         part = _continued(after, result, start, spent, turn)
         decisions += [later for later in _decisions(after, part, spent) if later.step > step]
-        result = _joined(result, part)
+        result = _spliced(result, part)
     return RetrainedResult(result, np.array([extra]), [decisions])
 
 
 def _decisions(node: Node, result: LearningResult, charged: int | None) -> list[Decision]:
-    """Return the decisions of one seed, of whose budget so many steps were spent elsewhere."""
+    """Return the decisions of one seed, whose budget was charged so many steps before."""
     rule = node.budget
     assert isinstance(rule, StoppingRule)
     most = rule.max_steps - (charged or 0)
@@ -201,12 +194,9 @@ def _trained_on(
 ) -> FloatArray:
     """Return a source's values after further training, with a random stream of its own."""
     on = node.replace(
-        name=f"{node.name}/return {turn}",
-        budget=steps,
-        eval_freq=steps,
-        shaping=QInitialisation(),
+        name=f"{node.name}/return {turn}", budget=steps, eval_freq=steps, shaping=QInitialisation()
     )
-    trained: FloatArray = on.train(seeds, [_initial(on, values)], workers=1).values[0]
+    trained: FloatArray = on.train(seeds, [_initial(on, values)], workers=1).values
     return trained
 
 
@@ -222,9 +212,8 @@ def _continued(
     node: Node, so_far: LearningResult, start: FloatArray, charged: int, turn: int
 ) -> LearningResult:
     """Return a target's training from its present step on, started at other values."""
-    step = int(so_far.steps_used[0])
     on = node.replace(name=f"{node.name}/return {turn}")
-    warm_up = WarmUp(np.array([step]), np.zeros(1))
+    warm_up = WarmUp(so_far.steps_used, np.zeros(1))
     return on.train(
         so_far.seeds, [_initial(on, start)], warm_ups=[warm_up], charged=[charged], workers=1
     )
@@ -235,17 +224,14 @@ def _initial(node: Node, values: FloatArray) -> StateActionPotential:
     return StateActionPotential(node.task, values - float(node.learner.initial_value))
 
 
-def _joined(first: LearningResult, second: LearningResult) -> LearningResult:
+def _spliced(first: LearningResult, second: LearningResult) -> LearningResult:
     """Return one seed's training and its continuation, on the axis of the latter."""
     n = int(np.searchsorted(second.steps, first.steps_used[0], side="right"))
 
-    def curve(name: str) -> FloatArray:
-        whole = getattr(second, name).copy()
-        whole[:, :n] = getattr(first, name)[:, :n]
-        return frozen(whole)
+    def curve(before: npt.NDArray[Any], after: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return frozen(np.concatenate([before[:, :n], after[:, n:]], axis=1))
 
-    episodes = second.episodes + first.episodes_used[0] - 1  # the warm_up counts as one
-    episodes[:, :n] = first.episodes[:, :n]
+    earlier = first.episodes_used - 1  # the continuation counts what came before as one episode
     snapshots = first.snapshots
     if snapshots is not None and second.snapshots is not None:
         new = second.snapshots.steps > snapshots.steps[-1]
@@ -256,10 +242,10 @@ def _joined(first: LearningResult, second: LearningResult) -> LearningResult:
         )
     return replace(
         second,
-        training_return=curve("training_return"),
-        greedy_return=curve("greedy_return"),
-        guard_share=curve("guard_share"),
-        episodes=frozen(episodes),
-        episodes_used=first.episodes_used + second.episodes_used - 1,
+        training_return=curve(first.training_return, second.training_return),
+        greedy_return=curve(first.greedy_return, second.greedy_return),
+        guard_share=curve(first.guard_share, second.guard_share),
+        episodes=curve(first.episodes, second.episodes + earlier),
+        episodes_used=second.episodes_used + earlier,
         snapshots=snapshots,
     )

@@ -16,17 +16,6 @@ from curricle.transfer.edges import Transfer
 class TaskGraph:
     """A directed acyclic graph of tasks; what a :class:`Curriculum` is without its settings.
 
-    Parameters
-    ----------
-    tasks : dict of str to Task
-    transfers : sequence of Transfer
-        Several may share source and target (one source through several mappings).
-
-    Raises
-    ------
-    CurriculumError
-        On a cycle (naming it), an unknown task, or a mapping between other tasks than its edge.
-
     Examples
     --------
     >>> from curricle import GridWorld

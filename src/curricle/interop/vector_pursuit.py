@@ -18,7 +18,7 @@ from curricle.tasks.spaces import Space, frozen
 from curricle.transfer.component_mapping import (
     ComponentMapping,
     describe_renaming,
-    read_components,
+    source_points,
 )
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.observation_mapping import ObservationMapping
@@ -274,7 +274,7 @@ def predator_mapping(
     shares = np.where(shares < 0, -hunt.states.size, shares)
     states = partial(_states, mine.vectors, frozen(shares))
     known: dict[str, Any] = {
-        "actions": moves.encode(**read_components(mine.moves, moves, renaming)),
+        "actions": source_points(mine.moves, moves, renaming),
         "unmapped_value": unmapped_value,
         "description": describe_renaming(hunt.states.names, renaming),
     }

@@ -24,7 +24,7 @@ from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALU
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_sources import finished, stored_values
-from curricle.transfer.observation_target import target_of
+from curricle.transfer.observation_rollouts import target_of
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 

@@ -1,11 +1,11 @@
 from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
-from .coverage import Coverage as Coverage, ObservationCoverage as ObservationCoverage
 from .edges import Calibrate as Calibrate, Transfer as Transfer
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
+    Coverage as Coverage,
     StateActionMapping as StateActionMapping,
     compose as compose,
     from_function as from_function,
@@ -14,7 +14,10 @@ from .mapping import (
     same_position as same_position,
 )
 from .mapping_search import Projection as Projection, find_projections as find_projections
-from .observation_mapping import ObservationMapping as ObservationMapping
+from .observation_mapping import (
+    ObservationCoverage as ObservationCoverage,
+    ObservationMapping as ObservationMapping,
+)
 from .observation_potential import ObservationPotential as ObservationPotential
 from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
 from .value_sources import (

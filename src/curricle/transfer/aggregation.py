@@ -58,41 +58,23 @@ def total(potentials: FloatArray) -> FloatArray:
 
 
 def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
-    """Return the aggregate of N potentials, its shape and values checked.
+    """Return the aggregate of potentials, (N, S, A) -> (S, A); CurriculumError unless it fits.
 
-    Parameters
-    ----------
-    function : callable
-        (N, S, A) -> (S, A).
-    potentials : (N, S, A) float64
-
-    Returns
-    -------
-    (S, A) float64
-
-    Raises
-    ------
-    CurriculumError
-        When the function returns another shape or values that are not finite.
-
-    Examples
-    --------
-    >>> aggregate(minimum, np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
-    array([[1., 2.]])
+    Its shape must be (S, A) and its values finite.
     """
     result = np.asarray(function(potentials), dtype=np.float64)
-    if result.shape == potentials.shape[1:] and np.isfinite(result).all():
-        return result
     name = getattr(function, "__name__", repr(function))
     if result.shape != potentials.shape[1:]:
         raise CurriculumError(
             f"an aggregate must return shape {potentials.shape[1:]}: {name} returned {result.shape}"
         )
-    state, action = np.argwhere(~np.isfinite(result))[0]
-    raise CurriculumError(
-        f"an aggregate must return finite values: {name} returned {result[state, action]} at "
-        f"state {state}, action {action}"
-    )
+    if not np.isfinite(result).all():
+        state, action = np.argwhere(~np.isfinite(result))[0]
+        raise CurriculumError(
+            f"an aggregate must return finite values: {name} returned {result[state, action]} at "
+            f"state {state}, action {action}"
+        )
+    return result
 
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
@@ -111,12 +93,8 @@ def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float
     return float(aggregate(function, np.array(potentials).reshape(-1, 1, 1))[0, 0])
 
 
-def _mean_of_numbers(numbers: Sequence[float]) -> float:
-    return sum(numbers) / len(numbers)
-
-
 _OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = (
-    (mean, _mean_of_numbers),
+    (mean, lambda numbers: sum(numbers) / len(numbers)),
     (maximum, max),
     (minimum, min),
     (total, sum),

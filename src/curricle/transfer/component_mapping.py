@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from curricle.checks import number
 from curricle.errors import MappingError
-from curricle.tasks.spaces import MISSING, Component, Decoded, Space
+from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
@@ -53,26 +53,21 @@ class ComponentMapping(StateActionMapping):
         for own, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:
                 _origin(own, component, renaming)
-        fields = {"target": target, "source": source, "unmapped_value": unmapped_value}
-        for name, value in {**fields, "renaming": dict(renaming)}.items():
+        fields = {"target": target, "source": source, "renaming": dict(renaming)}
+        for name, value in {**fields, "unmapped_value": unmapped_value}.items():
             object.__setattr__(self, name, value)
 
     @cached_property
     def index(self) -> IntArray:
         """The index array, (S, A) int64."""
-        state = self.source.states.encode(
-            **read_components(self.target.states, self.source.states, self.renaming)
-        )
-        return pair_mapping(
-            self.target, self.source, state[:, None], self.actions[None, :], self.unmapped_value
-        ).index
+        state = source_points(self.target.states, self.source.states, self.renaming)[:, None]
+        target, source, unmapped_value = self.target, self.source, self.unmapped_value
+        return pair_mapping(target, source, state, self.actions, unmapped_value).index
 
     @cached_property
     def actions(self) -> IntArray:
         """The source's action for each of the target's, `MISSING` where none, (A,) int64."""
-        return self.source.actions.encode(
-            **read_components(self.target.actions, self.source.actions, self.renaming)
-        )
+        return source_points(self.target.actions, self.source.actions, self.renaming)
 
     def lookups(self) -> list[IntArray] | None:
         """Return how to compute a source state from a target state without arrays over all states.
@@ -133,13 +128,13 @@ def project(
     return ComponentMapping(target, source, renaming, unmapped_value)
 
 
-def read_components(target: Space, source: Space, renaming: Mapping[str, str]) -> Decoded:
-    """Return the source's components, each read at every point of the target's space."""
+def source_points(target: Space, source: Space, renaming: Mapping[str, str]) -> IntArray:
+    """Return the source's point for each of the target's, `MISSING` where there is none."""
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
         read[component.name] = _values_of(origin, component)[values[origin.name] - origin.low]
-    return read
+    return source.encode(**read)
 
 
 def describe_renaming(names: Sequence[str], renaming: Mapping[str, str]) -> str:

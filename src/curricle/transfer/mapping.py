@@ -11,7 +11,6 @@ from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded, frozen
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.transfer.coverage import Coverage
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -23,12 +22,56 @@ ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 
 
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of a mapping between tasks with numbered states.
+
+    Attributes
+    ----------
+    target_pairs : int
+        Pairs (s, a) of the target, s not terminal.
+    mapped, ended, unmapped : float
+        Shares of them that read a source pair, that fall on a terminal state of the source (value
+        0), and that have no counterpart. They sum to 1.
+    source_pairs : int
+        Pairs of the source, s not terminal.
+    never_used : int
+        Source pairs that no target pair reads.
+    most_readers : int
+        The largest number of target pairs that read one source pair.
+    mean_readers : float
+        The mean of that number over the source pairs that are read.
+
+    Examples
+    --------
+    >>> identity(GridWorld("S.T")).coverage().mapped
+    1.0
+    """
+
+    target_pairs: int
+    mapped: float
+    ended: float
+    unmapped: float
+    source_pairs: int
+    never_used: int
+    most_readers: int
+    mean_readers: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
+            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
+            f"{self.source_pairs:,} source pairs never used, the others read by "
+            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class StateActionMapping:
     """A mapping of target pairs (s, a) to source pairs, as an index array.
 
-    Build one with :func:`identity`, :func:`same_position`, :func:`project`,
-    :func:`relative_objects` or :func:`from_function`, or give the array.
+    Made by :func:`identity`, :func:`same_position`, :func:`project`, :func:`relative_objects` or
+    :func:`from_function`, or from the array itself.
 
     Parameters
     ----------
@@ -79,32 +122,23 @@ class StateActionMapping:
                 f"a mapping's entries must lie in 0..{n_pairs - 1}, or be UNMAPPED or ENDED: "
                 f"target state {s}, action {a} has {index[s, a]}"
             )
-        terminal = terminal_states(self.source)
-        bad = np.argwhere((index >= 0) & terminal[np.maximum(index, 0) // source.actions.size])
+        state = np.maximum(index, 0) // source.actions.size
+        bad = np.argwhere((index >= 0) & terminal_states(self.source)[state])
         if len(bad):
             s, a = bad[0]
             raise MappingError(
                 "a mapping must not point at a terminal source state, whose values are never "
                 f"learnt; use ENDED or UNMAPPED: target state {s}, action {a} points at source "
-                f"state {index[s, a] // source.actions.size}"
+                f"state {state[s, a]}"
             )
         object.__setattr__(self, "index", frozen(index))
 
     def read(
         self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
-        """Return phi(s, a) = scale Q_source(f(s, a)) + shift.
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift, (..., S', A') -> (..., S, A) float64.
 
         It is `shift` where ended and `unmapped_value` where unmapped.
-
-        Parameters
-        ----------
-        source_values : (..., S', A') float array
-        scale, shift : float
-
-        Returns
-        -------
-        (..., S, A) float64
         """
         q = np.asarray(source_values, dtype=np.float64)
         expected = (self.source.states.size, self.source.actions.size)
@@ -145,18 +179,10 @@ def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float, scale: float, shift: float
 ) -> FloatArray:
-    """Return what a target reads: the one place where scale, shift and unmapped pairs count.
+    """Return what a target reads: Q scaled and shifted, of ended pairs 0, of unmapped ones neither.
 
-    Scale and shift apply to mapped pairs and to ended ones, whose Q is 0; an unmapped pair keeps
-    its value.
-
-    Parameters
-    ----------
-    values : float array
-        Q of the source pairs that are read; entries that are not mapped are not looked at.
-    index : int array
-        `UNMAPPED`, `ENDED`, or at least 0 where mapped; it broadcasts against `values`.
-    unmapped_value, scale, shift : float
+    `values` are Q of the pairs read, only those with an `index` of at least 0 count; `index` may
+    also be `UNMAPPED` or `ENDED`, and broadcasts against `values`.
 
     Examples
     --------
@@ -177,7 +203,7 @@ def identity(task: Task) -> StateActionMapping:
     """
     generative_model(task)
     states, actions = np.arange(task.states.size), np.arange(task.actions.size)
-    return pair_mapping(task, task, states[:, None], actions[None, :], 0.0)
+    return pair_mapping(task, task, states[:, None], actions, 0.0)
 
 
 def same_position(
@@ -195,7 +221,7 @@ def same_position(
     """
     _check_mazes("same_position", target, source)
     state = source.states_at(target.cells[:, 0], target.cells[:, 1])
-    moves = np.arange(target.actions.size)[None, :]
+    moves = np.arange(target.actions.size)
     return pair_mapping(target, source, state[:, None], moves, unmapped_value)
 
 
@@ -225,7 +251,7 @@ def relative_objects(
         if all((n, r + down, c + right) in objects for n, r, c in source.objects):
             shifted = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
             state = np.where(state == MISSING, shifted, state)
-    moves = np.arange(target.actions.size)[None, :]
+    moves = np.arange(target.actions.size)
     return pair_mapping(target, source, state[:, None], moves, unmapped_value)
 
 

@@ -17,7 +17,7 @@ from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task, tables
-from curricle.transfer.component_mapping import read_components
+from curricle.transfer.component_mapping import source_points
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,11 +69,6 @@ def find_projections(
     unmapped_value : float
         Of the mappings.
 
-    Returns
-    -------
-    tuple of Projection
-        All assignments, by error.
-
     Raises
     ------
     SettingError
@@ -92,10 +87,8 @@ def find_projections(
     """
     if pairs < 1:
         raise SettingError(f"pairs must be at least 1: got {pairs}")
-    components = [("states", name) for name in source.states.names]
-    components += [("actions", name) for name in source.actions.names]
-    candidates = [getattr(target, kind).names for kind, _ in components]
-    number = prod(len(names) for names in candidates)
+    spaces = (target.states, source.states), (target.actions, source.actions)
+    number = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
     if number > MAX_ASSIGNMENTS:
         raise MappingError(
             f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
@@ -106,19 +99,15 @@ def find_projections(
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
     projections = []
-    for names in product(*candidates):
-        assigned: dict[str, dict[str, str]] = {"states": {}, "actions": {}}
-        for (kind, component), name in zip(components, names, strict=True):
-            assigned[kind][component] = name
-        state = source.states.encode(
-            **read_components(target.states, source.states, assigned["states"])
-        )
-        action = source.actions.encode(
-            **read_components(target.actions, source.actions, assigned["actions"])
-        )
+    choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
+    for state_names, action_names in product(*choices):
+        states = dict(zip(source.states.names, state_names, strict=True))
+        actions = dict(zip(source.actions.names, action_names, strict=True))
+        state = source_points(target.states, source.states, states)
+        action = source_points(target.actions, source.actions, actions)
         error = _prediction_error(mdp, source_mdp, state, action, drawn)
-        mapping = pair_mapping(target, source, state[:, None], action[None, :], unmapped_value)
-        projections.append(Projection(**assigned, error=error, mapping=mapping))
+        mapping = pair_mapping(target, source, state[:, None], action, unmapped_value)
+        projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
 
 

@@ -1,5 +1,6 @@
 """Mappings f(s, a) of observations: functions on batches, with the same rules as index mappings."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,16 +8,53 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector.utils import batch_space, iterate
 
 from curricle.checks import instance, number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
-from curricle.transfer.coverage import ObservationCoverage
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, transferred
 from curricle.transfer.value_sources import ValueSource, no_actions
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ObservationCoverage:
+    """Coverage of a mapping of observations, over a sample of them.
+
+    Attributes
+    ----------
+    observations : int
+        Size of the sample.
+    mapped, ended, unmapped : float
+        Shares of its pairs (s, a); they sum to 1.
+    outside : float
+        Share of the mapped observations whose counterpart lies outside the source's observation
+        space, where the source's values are extrapolated; NaN where nothing is mapped, or the
+        source has numbered states.
+
+    Examples
+    --------
+    >>> print(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.0))
+    75.0% of the pairs of 200 observations mapped, 0.0% at the source's end, 25.0% unmapped; ...
+    """
+
+    observations: int
+    mapped: float
+    ended: float
+    unmapped: float
+    outside: float
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.mapped:.1%} of the pairs of {self.observations:,} observations mapped, "
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
+        )
+        if math.isnan(self.outside):
+            return text
+        return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +136,9 @@ class ObservationMapping:
     @property
     def _source_actions(self) -> int | None:
         """The number of the source's actions; None where they are not numbered."""
-        if is_observation_task(self.source):
-            return self.source.n_actions  # type: ignore[no-any-return]
-        return int(self.source.actions.size)
+        source = self.source
+        n: int | None = source.n_actions if is_observation_task(source) else source.actions.size
+        return n
 
     def pairs(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
@@ -115,29 +153,26 @@ class ObservationMapping:
             raise no_actions(values)
         counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
-        column = None
         if callable(self.actions):
             table = self._actions(observations, n)
-            read, missing = np.maximum(table, 0), table == UNMAPPED
-            any_missing = bool(missing.any())
+            q = values.q(counterparts, np.maximum(table, 0))
+            phi = self._transferred("Q", q, status, scale, shift)
         else:
-            distinct, column, missing, any_missing = self._fixed_actions
-            read = distinct[None].repeat(n, axis=0)
-        phi = self._transferred("Q", values.q(counterparts, read), status, scale, shift)
-        if column is not None:
-            phi = phi.take(column, axis=1)
-        return np.where(missing, self.unmapped_value, phi) if any_missing else phi
+            table, distinct, column = self._fixed_actions
+            q = values.q(counterparts, distinct.repeat(n, axis=0))
+            phi = self._transferred("Q", q, status, scale, shift).take(column, axis=1)
+        missing = table == UNMAPPED
+        return np.where(missing, self.unmapped_value, phi) if missing.any() else phi
 
     @cached_property
-    def _fixed_actions(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_], bool]:
-        """The source actions to read, each once; the column of each target action; those missing.
+    def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The source's action for each of the target's; those to read, (1, n); their columns.
 
-        Many of a target's joint actions read one action of the source.
+        Each is read once: many of a target's joint actions read one action of the source.
         """
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
-        missing = table == UNMAPPED
-        return distinct, column, missing, bool(missing.any())
+        return table, distinct[None], column
 
     def states(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
@@ -157,8 +192,6 @@ class ObservationMapping:
             index = np.where(self._actions(observations, n) == UNMAPPED, UNMAPPED, index)
         outside = float("nan")
         if is_observation_task(self.source) and mapped.any():
-            from gymnasium.vector.utils import batch_space, iterate
-
             space = self.source.observations
             inside = [space.contains(one) for one in iterate(batch_space(space, n), counterparts)]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))

@@ -1,8 +1,10 @@
-"""Rollouts of tasks with observations: episodes side by side, one call of the policy a step."""
+"""Rollouts of observation tasks, side by side with one call of the policy a step; targets."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,48 +14,36 @@ from gymnasium.vector.utils import concatenate, create_empty_array
 from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.draws import splitmix64_number, stream_start
-from curricle.tasks.observation_task import ObservationTask, batch_size
+from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
 from curricle.tasks.spaces import frozen
 from curricle.transfer.observation_potential import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 Policy = Callable[[Any], tuple[Any, Any]]
 """n stacked observations -> n actions, and the predicted value of each."""
+OBSERVATION_ROLLOUTS = 50
+"""Episodes of which returns are the mean, unless another number is given."""
+COVERAGE_EPISODES = 20
+"""Episodes whose observations are the sample for a mapping's coverage."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationEpisode:
-    """One episode of T steps.
+    """One episode of T steps."""
 
-    Attributes
-    ----------
-    rewards, predicted : (T,) float64
-        The latter as the policy returned it.
-    terminated : bool
-        Whether it reached an end, instead of being truncated.
-    last_observation : observation
-    observations : list of T observations
-        Those in which an action was taken.
-    """
-
-    rewards: FloatArray
-    predicted: FloatArray
-    terminated: bool
+    rewards: FloatArray  # (T,)
+    predicted: FloatArray  # (T,) as the policy returned it
+    terminated: bool  # rather than truncated
     last_observation: Any
-    observations: list[Any]
+    observations: list[Any]  # T of them: those in which an action was taken
 
 
 class Environments:
-    """Environments of a task in which a policy is rolled out side by side.
+    """As many environments of a task as `episodes`, in which a policy is rolled out side by side.
 
-    Parameters
-    ----------
-    task : ObservationTask
-    episodes : int
-        How many, E.
-    max_steps : int
-        Steps after which an episode is truncated in any case.
+    Each episode is truncated after `max_steps` in any case.
 
     Examples
     --------
@@ -130,25 +120,7 @@ def greedy_episodes(
     seed: int = 0,
     stream: str = "greedy_rollouts",
 ) -> list[ObservationEpisode]:
-    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t).
-
-    Parameters
-    ----------
-    potential : ObservationPotential
-        With action values.
-    episodes, seed, stream
-        As in :func:`greedy_rollouts`.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> from curricle.transfer import FunctionValues
-    >>> car = observation_task("MountainCar-v0")
-    >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
-    >>> episode, = greedy_episodes(ObservationPotential.of(car, along), episodes=1)
-    >>> episode.terminated, len(episode.observations) == len(episode.predicted)
-    (True, True)
-    """
+    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t)."""
 
     def policy(observations: Any) -> tuple[Any, Any]:
         phi = potential.pairs(observations)
@@ -161,14 +133,7 @@ def greedy_episodes(
 def random_episodes(
     task: ObservationTask, *, episodes: int, seed: int = 0
 ) -> list[ObservationEpisode]:
-    """Return episodes of a policy that samples its actions from the task's space.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> [e.terminated for e in random_episodes(observation_task("CartPole-v1"), episodes=2)]
-    [True, True]
-    """
+    """Return episodes of a policy that samples its actions from the task's space."""
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
     space.seed(splitmix64_number(start) >> 33)
 
@@ -182,11 +147,8 @@ def random_episodes(
 def _episodes(
     task: ObservationTask, policy: Policy, episodes: int, start: int
 ) -> list[ObservationEpisode]:
-    episodes, max_steps = rollout_size(task, episodes)
-    environments = Environments(task, episodes, max_steps)
-    found = environments.rollouts(policy, start)
-    environments.close()
-    return found
+    with closing(Environments(task, *rollout_size(task, episodes))) as environments:
+        return environments.rollouts(policy, start)
 
 
 def greedy_observation_rollouts(
@@ -198,8 +160,7 @@ def greedy_observation_rollouts(
 ) -> GreedyRollouts:
     """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 
-    ``states`` and ``actions`` are empty, as states are not numbered. The parameters are those of
-    :func:`greedy_episodes`.
+    ``states`` and ``actions`` are empty, as states are not numbered.
 
     Examples
     --------
@@ -243,3 +204,59 @@ def _returns_to_go(
         return return_to_go, np.zeros(n), np.zeros(n)
     value = float(potential.v(stacked(task, [episode.last_observation]))[0])
     return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationTarget:
+    """A target whose optimum is unknown; as :class:`Target` is for tasks with tables.
+
+    Its `evaluation` is by rollouts.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> cart, summed = observation_task("CartPole-v1"), GreedyEvaluation(discounted=False)
+    >>> target = target_of(cart, summed, episodes=20)
+    >>> 15 < target.random_return < 30, target.optimum
+    (True, nan)
+    """
+
+    task: ObservationTask
+    evaluation: GreedyEvaluation
+    solution: None = None
+    typical_reward: float = float("nan")
+    optimum: float = float("nan")
+
+    @cached_property
+    def random_return(self) -> float:
+        """The mean return of the random policy."""
+        found = random_episodes(self.task, episodes=self.episodes)
+        return mean_episode_return(found, self.evaluation.discount(self.task.discount))
+
+    @property
+    def episodes(self) -> int:
+        """Episodes of which returns are the mean."""
+        return self.evaluation.episodes or OBSERVATION_ROLLOUTS
+
+    def observations(self, potential: ObservationPotential) -> Any:
+        """Return stacked observations of greedy rollouts, of random ones without action values."""
+        if potential.of_actions:
+            found = greedy_episodes(potential, episodes=COVERAGE_EPISODES)
+        else:
+            found = random_episodes(self.task, episodes=COVERAGE_EPISODES)
+        return stacked(self.task, [row for episode in found for row in episode.observations])
+
+
+def target_of(
+    task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
+) -> Target | ObservationTarget:
+    """Return a task of either kind as a target.
+
+    Where returns are not exact, they are the mean of `episodes` rollouts: by default 1000, or 50 of
+    a task with observations.
+    """
+    if not is_observation_task(task):
+        return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
+    given = GreedyEvaluation() if evaluation is None else evaluation
+    number = OBSERVATION_ROLLOUTS if episodes is None else episodes
+    return ObservationTarget(task, replace(given, method="rollouts", episodes=number))

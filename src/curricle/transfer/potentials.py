@@ -1,6 +1,7 @@
 """Potentials of transfers: looked up in the sources while learning, or as an array."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.edges import Transfer
 from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states, transferred
 
+IntArray = npt.NDArray[np.int64]
 COMPILED_AGGREGATES: dict[Aggregate, int] = {
     minimum: MINIMUM,
     maximum: MAXIMUM,
@@ -29,9 +31,9 @@ def combined_potential(
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
 ) -> MappedPotential | StateActionPotential:
-    """Return the aggregated potential of transfers, as an array where it cannot be looked up.
+    """Return the aggregated potential of N transfers, as an array where it cannot be looked up.
 
-    The arguments are those of :func:`mapped_potential`.
+    `source_values` are N (S', A') float arrays.
 
     Examples
     --------
@@ -55,65 +57,45 @@ def mapped_potential(
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
 ) -> MappedPotential | None:
-    """Return the aggregated potential of transfers, looked up while learning; None if it cannot be.
+    """Return the aggregated potential, looked up while learning; None if it cannot be.
 
     It can where all mappings go by component names between whole boxes and the aggregate is one of
     the library's own.
-
-    Parameters
-    ----------
-    task : Task
-        The target.
-    transfers : sequence of N Transfer
-    source_values : sequence of N (S', A') float arrays
-    function : callable
-
-    Examples
-    --------
-    >>> from curricle import Pursuit, project
-    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
-    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_2"))
-    >>> phi = mapped_potential(hunt, [edge], [np.full((81, 5), -2.0)], minimum)
-    >>> float(phi.values[1, 0])
-    -2.0
     """
-    lookups = [
-        t.mapping.lookups() if isinstance(t.mapping, ComponentMapping) else None for t in transfers
-    ]
+    found = [t.mapping.lookups() for t in transfers if isinstance(t.mapping, ComponentMapping)]
+    offsets = [one for one in found if one is not None]
     # By identity: an aggregate may be any object that can be called, also one without a hash.
     combine = next((code for known, code in COMPILED_AGGREGATES.items() if known is function), None)
-    if combine is None or any(found is None for found in lookups):
+    if combine is None or len(offsets) < len(transfers):
         return None
-    values, strides = list[npt.NDArray[np.float64]](), list[npt.NDArray[np.int64]]()
-    first, unmapped_row, strides_at, actions = [], [], [], []
-    for transfer, given, found in zip(transfers, source_values, lookups, strict=True):
-        assert found is not None
-        assert isinstance(transfer.mapping, ComponentMapping)
-        table, action = _padded_table(transfer, given), transfer.mapping.actions
-        n_states, width = table.shape
-        first.append(sum(part.size for part in values))
-        unmapped_row.append(first[-1] + (n_states - 1) * width)
-        values.append(table)
+    tables = [_padded_table(edge, q) for edge, q in zip(transfers, source_values, strict=True)]
+    actions, strides = list[IntArray](), list[IntArray]()
+    for edge, table, of_components in zip(transfers, tables, offsets, strict=True):
+        width, action = table.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
-        strides_at.append(list[int]())
-        for stride in reversed(found):
-            strides_at[-1].append(sum(len(part) for part in strides))
-            strides.append(np.where(stride == MISSING, -1, stride * width))
+        strides += [np.where(one == MISSING, -1, one * width) for one in reversed(of_components)]
+    first = _starts(tables)
     states = generative_model(task).states
     sizes = [part.size for part in reversed(states.components)]
     lookup = ValueLookup(
-        values=frozen(np.concatenate([part.ravel() for part in values])),
-        first=frozen(np.array(first)),
-        unmapped_row=frozen(np.array(unmapped_row)),
+        values=frozen(np.concatenate([table.ravel() for table in tables])),
+        first=frozen(first),
+        unmapped_row=frozen(first + [table.size - table.shape[1] for table in tables]),
         size=frozen(np.array(sizes, np.uint64)),
         inverse=frozen(np.array([inverse_of(n, states.size) for n in sizes], np.uint64)),
-        strides_at=frozen(np.array(strides_at)),
+        strides_at=frozen(_starts(strides).reshape(len(transfers), -1)),
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
         combine=combine,
         initial=0.0,
     )
     return MappedPotential(task, lookup)
+
+
+def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
+    """Return where each array begins when they are put one after the other."""
+    ends: IntArray = np.cumsum([array.size for array in arrays])
+    return np.concatenate([[0], ends[:-1]])
 
 
 def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -1,7 +1,4 @@
-"""How a potential compares with the values of its target.
-
-With Q* where the target can be solved; else with the returns of the potential's own greedy policy.
-"""
+"""How a potential compares with Q* of its target, or with the returns of its own greedy policy."""
 
 from dataclasses import dataclass
 
@@ -20,8 +17,7 @@ from curricle.planning.target import Target
 from curricle.tasks.reachability import reachable_states
 from curricle.tasks.task import Task, tables
 from curricle.transfer.observation_potential import ObservationPotential
-from curricle.transfer.observation_rollouts import greedy_observation_rollouts
-from curricle.transfer.observation_target import ObservationTarget
+from curricle.transfer.observation_rollouts import ObservationTarget, greedy_observation_rollouts
 
 FloatArray = npt.NDArray[np.float64]
 MAX_RANKED = 200_000
@@ -74,10 +70,10 @@ class PotentialQuality:
     excess: float
     mean_absolute_value: float
     rank: float
-    greedy_agreement: float
-    largest_underestimate: float
-    most_underestimated_state: int
-    exact: bool
+    greedy_agreement: float = NAN
+    largest_underestimate: float = NAN
+    most_underestimated_state: int = -1
+    exact: bool = False
 
 
 def potential_quality(
@@ -129,10 +125,9 @@ def _of_observations(
     potential: ObservationPotential, target: ObservationTarget, seed: int
 ) -> PotentialQuality:
     if not potential.of_actions:
-        return PotentialQuality(NAN, NAN, NAN, NAN, NAN, NAN, NAN, -1, exact=False)
-    rollouts = greedy_observation_rollouts(
-        potential, episodes=target.episodes, seed=seed, stream=STREAM
-    )
+        return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
+    episodes = target.episodes
+    rollouts = greedy_observation_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
     first = np.cumsum(rollouts.lengths) - rollouts.lengths
     discounted = target.evaluation.discounted
     returns = rollouts.return_to_go[first] if discounted else rollouts.returns
@@ -148,10 +143,6 @@ def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> Potential
         excess=float((rollouts.predicted - return_to_go).mean()),
         mean_absolute_value=float(abs(return_to_go).mean()),
         rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
-        greedy_agreement=NAN,
-        largest_underestimate=NAN,
-        most_underestimated_state=-1,
-        exact=False,
     )
 
 
@@ -160,14 +151,8 @@ def _largest_underestimate(
 ) -> tuple[float, int]:
     """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
     mdp = tables(task)
-    visited = reachable_states(
-        mdp.start,
-        mdp.terminal,
-        mdp.outcome_row,
-        mdp.probability,
-        mdp.next_state,
-        solution.optimal,
-    )
+    transitions = mdp.outcome_row, mdp.probability, mdp.next_state
+    visited = reachable_states(mdp.start, mdp.terminal, *transitions, solution.optimal)
     below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
     below[~visited | mdp.terminal] = 0.0
     state = int(below.argmax())
