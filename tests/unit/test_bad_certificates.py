@@ -100,7 +100,7 @@ BAD = {
             steps=5_000),
     ),
     "starts for other walks": (
-        SettingError, r"starts must have shape \(2,\)",
+        SettingError, "starts must be as many as episodes, 2: got 1",
         lambda: random_rollouts(MAZE, episodes=2, length=1, starts=np.array([0])),
     ),
     "random rollouts of no steps": (
