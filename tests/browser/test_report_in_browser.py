@@ -1,13 +1,14 @@
 """The page of a study in a browser: by mouse and keyboard, on a phone, on paper, offline."""
 
 import shutil
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.report.page import StudyRecord, study_page
+from curricle.learning.record import Snapshots
+from curricle.report.page import study_page
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
@@ -41,7 +42,7 @@ def kept_snapshots(task, budget, name, phi=None):
         ).values[0]
         for n in steps[1:]
     ]
-    return SimpleNamespace(seed=0, steps=steps, values=np.array([first, *later], dtype=np.float32))
+    return Snapshots(0, steps, np.array([first, *later], dtype=np.float32))
 
 
 def page_of(title, plan):
@@ -50,17 +51,14 @@ def page_of(title, plan):
     target = plan.target
     scratch = cr.Curriculum({target: plan.tasks[target]}, budget=comparison.total)
     results = {"scratch": scratch.train(3), f"{title} arm": plan.train(3)}
-    snapshots = {
-        (arm, node): kept_snapshots(
-            result[node].task,
-            int(result[node].steps_used[0]),
-            node,
-            (result.potentials[node] or [None])[0],
-        )
-        for arm, result in results.items()
-        for node in result.nodes
-    }
-    return study_page(StudyRecord(title, comparison, results, snapshots))
+    for arm, result in results.items():
+        nodes = {}
+        for name, node in result.nodes.items():
+            phi = (result.potentials[name] or [None])[0]
+            kept = kept_snapshots(node.task, int(node.steps_used[0]), name, phi)
+            nodes[name] = replace(node, snapshots=kept)
+        results[arm] = replace(result, nodes=nodes)
+    return study_page(title, comparison, results)
 
 
 def hunt():
@@ -194,7 +192,7 @@ def test_the_script_draws_what_the_page_was_written_with(visit, name):
         page.select_option("#which", key)
         for place in range(3):
             set_moment(page, place)
-            still = f'.still[data-key="{key}"] .frames figure:nth-child({place + 1})'
+            still = f'.still[data-key="{key}"] .moments figure:nth-child({place + 1})'
             assert drawn(page, "#map svg") == drawn(page, f"{still} svg")
             step = page.text_content(f"{still} figcaption").removeprefix("step ")
             assert page.text_content("#moment-words").startswith(f"Step {step} of ")
@@ -361,7 +359,7 @@ def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
     page.emulate_media(media="print")
     assert visible(page, ".curves") == [True, True]
     assert visible(page, ".still") == [True] * 3
-    assert visible(page, ".still .frames svg") == [True] * 9
+    assert visible(page, ".still .moments svg") == [True] * 9
     assert visible(page, ".live, nav, .switch") == [False] * 3
     assert visible(page, "button, input, select") == [False] * 7
 
@@ -373,7 +371,7 @@ def test_without_scripts_all_is_there(visit):
     for i in range(3):
         still = page.locator(".still").nth(i)
         assert still.is_visible()
-        assert still.locator(".frames svg").count() == 3
+        assert still.locator(".moments svg").count() == 3
         assert still.locator(".episode").count() == 2
     page.get_by_label("No: weak transfer").check()
     assert page.locator(".curves.weak").is_visible()

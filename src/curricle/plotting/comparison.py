@@ -142,6 +142,6 @@ def _words(comparison: Comparison) -> str:
     return (
         f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
         "return; circle, where the first seed begins the target. Middle: final is the mean over "
-        "the last tenth of the checkpoints. Right: the gain is the mean height of the left curve "
-        f"above that of scratch{sure}.{' Dashed and greyer: controls.' * controls}"
+        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
+        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
     )

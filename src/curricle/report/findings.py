@@ -11,15 +11,15 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
 MEASURES = {
-    "strong_gain": ("gain", "mean height of the curve above that of scratch, in return"),
+    "strong_gain": ("gain", "mean return over all steps, above that of scratch"),
     "asymptotic_gain": ("asymptotic gain", "return at the end of all steps, above that of scratch"),
     "probability_of_improvement": (
         "P(improvement)",
         "probability that a run has a higher mean return than a run from scratch",
     ),
     "strong_steps_saved": ("steps saved", "steps to the threshold, fewer than from scratch"),
-    "return": ("mean return", "interquartile mean over seeds of the mean height of the curve"),
-    "weak_gain": ("gain", "mean height of the curve above that of scratch, over target steps"),
+    "return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
+    "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
     "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
     "weak_steps_saved": ("steps saved", "target steps to the threshold, fewer than from scratch"),
 }

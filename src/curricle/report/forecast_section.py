@@ -79,72 +79,74 @@ def forecast_sections(
 def _section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
 ) -> ForecastSection:
-    curriculum = results[arms[0]].curriculum
-    target = curriculum.target
-    if is_observation_task(curriculum.tasks[target]):
-        return _observed_section(arms, results, target)
-    space = generative_model(curriculum.tasks[target])
-    pairs = space.states.size * space.actions.size
-    left_out, found = list[str](), None
+    target = results[arms[0]].curriculum.target
+    if is_observation_task(results[arms[0]].curriculum.tasks[target]):
+        seeds, certified, left_out = _observed_extent(arms, results, target)
+    else:
+        seeds, certified, left_out = _extent(arms, results, target, n_groups)
+    found = _forecast(arms, results, target, seeds) if seeds else None
     certificates: dict[str, tuple[tuple[str, ...], Certificate]] = {}
-    seeds = min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(results[arms[0]][target].seeds))
+    for arm in arms if certified else ():
+        certificate = _certified(results[arm], target)
+        alike, _ = certificates.get(str(certificate), ((), certificate))
+        certificates[str(certificate)] = (*alike, arm), certificate
+    return ForecastSection(
+        arms=arms,
+        forecast=found,
+        used=_used(found, arms, results, target),
+        measured={arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms},
+        certificates=tuple(certificates.values()),
+        left_out=tuple(left_out),
+    )
+
+
+def _extent(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
+) -> tuple[int, bool, list[str]]:
+    """Return the seeds of the forecast, whether to certify, and what is left out and why."""
+    first = results[arms[0]]
+    space = generative_model(first.curriculum.tasks[target])
+    pairs = space.states.size * space.actions.size
     kept = all(
         isinstance(results[arm][t.source].values, np.ndarray)
         for arm in arms
         for t in results[arm].curriculum.in_edges(target)
     )
+    seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
+    certified = kept and pairs <= LARGEST_CERTIFIED
     why = f"{target} has {pairs:,} state-action pairs"
     if not kept:
         why = "the sources' values were not kept in dense tables"
     elif n_groups > 1:
         why += f" and there are {n_groups} graphs"
-    if kept and seeds:
-        found = _forecast(arms, results, target, seeds)
-    else:
+    left_out = []
+    if not seeds:
         left_out.append(
             f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
         )
-    if kept and pairs <= LARGEST_CERTIFIED:
-        for arm in arms:
-            certificate = _certified(results[arm], target)
-            alike, _ = certificates.get(str(certificate), ((), certificate))
-            certificates[str(certificate)] = (*alike, arm), certificate
-    else:
+    if not certified:
         left_out.append(
-            f"Certificates are left out, because {why}: curricle.certify(task, potential) gives "
-            "them."
+            f"Certificates are left out, because {why}: curricle.certify(task, shaping) gives them."
         )
-    used = _used(found, arms, results, target)
-    measured, kinds = _measured(arms, results, target), tuple(certificates.values())
-    return ForecastSection(arms, found, used, measured, kinds, tuple(left_out))
+    return seeds, certified, left_out
 
 
-def _observed_section(
-    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], target: str
-) -> ForecastSection:
-    """Return the section of a target seen through observations, for the first seed."""
+def _observed_extent(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+) -> tuple[int, bool, list[str]]:
+    """Return the same of a target seen through observations: one seed, and no certificates."""
     left_out = [
         f"Certificates are left out, because {target} is seen through observations: they need "
         "numbered states."
     ]
-    first, found = results[arms[0]], None
-    if all(first[t.source].values is not None for t in first.curriculum.in_edges(target)):
-        found = _forecast(arms, results, target, 1)
-    else:
+    first = results[arms[0]]
+    readable = all(first[t.source].values is not None for t in first.curriculum.in_edges(target))
+    if not readable:
         left_out.append(
             "The forecast is left out, because the sources' values were not kept, or their "
             "networks cannot be read here: pip install curricle[deep]."
         )
-    used = _used(found, arms, results, target)
-    measured = _measured(arms, results, target)
-    return ForecastSection(arms, found, used, measured, (), tuple(left_out))
-
-
-def _measured(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
-) -> dict[str, float]:
-    """Return the greedy return at the first target step, by arm."""
-    return {arm: float(results[arm][target].greedy_return[:, 0].mean()) for arm in arms}
+    return int(readable), False, left_out
 
 
 def _forecast(

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -135,7 +136,7 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     results : dict of str to CurriculumResult
         Of each arm; the scratch baseline has no graph.
     reasons : dict of (str, str) to sequence of str
-        Why the training of an arm's task ended, for each seed; by default its budget was spent.
+        From :func:`reasons_by_task`.
 
     Examples
     --------
@@ -145,7 +146,8 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     >>> plan = Curriculum(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> graph, = graphs({"corner first": plan.train()}, {})
+    >>> results = {"corner first": plan.train()}
+    >>> graph, = graphs(results, reasons_by_task(results, {}))
     >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
     (['corner', 'maze'], '1,000 steps', 'budget spent')
     """
@@ -171,34 +173,29 @@ def _alike(one: Curriculum, other: Curriculum) -> bool:
 
 
 def _same_transfer(one: Transfer, other: Transfer) -> bool:
-    for name in ("source", "target", "scale", "shift", "calibration"):
-        if getattr(one, name) != getattr(other, name):
-            return False
-    if one.mapping is other.mapping:
-        return True
-    if isinstance(one.mapping, ComponentMapping) or isinstance(other.mapping, ComponentMapping):
-        return repr(one.mapping) == repr(other.mapping)
-    if isinstance(one.mapping, ObservationMapping) or isinstance(other.mapping, ObservationMapping):
-        return _parts(one.mapping) == _parts(other.mapping)
-    return np.array_equal(one.mapping.index, other.mapping.index)
+    names = ("source", "target", "scale", "shift", "calibration")
+    if any(getattr(one, name) != getattr(other, name) for name in names):
+        return False
+    return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
 
 
 def _parts(mapping: Any) -> tuple[Any, ...]:
-    """Return the parts that define a mapping of observations; none of other mappings."""
-    if not isinstance(mapping, ObservationMapping):
-        return ()
-    actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
-    return mapping.observations, actions, mapping.status, mapping.unmapped_value
+    """Return what tells a mapping from others."""
+    if isinstance(mapping, ComponentMapping):
+        return (repr(mapping),)
+    if isinstance(mapping, ObservationMapping):
+        actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
+        return mapping.observations, actions, mapping.status, mapping.unmapped_value
+    return mapping.index.shape, mapping.index.tobytes()
 
 
 def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons) -> Graph:
     curriculum = results[arms[0]].curriculum
-    curves = {}
-    for name in curriculum.order:
-        compared = [
-            arm for arm in (*arms, SCRATCH) if arm in results and name in results[arm].nodes
-        ]
-        curves[name] = _curves({arm: results[arm][name] for arm in compared})
+    compared = {arm: results[arm].nodes for arm in (*arms, SCRATCH) if arm in results}
+    curves = {
+        name: _curves({arm: nodes[name] for arm, nodes in compared.items() if name in nodes})
+        for name in curriculum.order
+    }
     heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in curves.items()}
     corners, width, height = _layout(curriculum, heights)
     cards = tuple(
@@ -209,7 +206,7 @@ def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons
             heights[name],
             curves[name],
             _steps([results[arm][name] for arm in arms]),
-            _ended(name, arms, results, reasons),
+            _ended([reasons[arm, name] for arm in arms]),
         )
         for name in curriculum.order
     )
@@ -370,20 +367,21 @@ def _steps(trained: Sequence[LearningResult]) -> str:
     return f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps"
 
 
-def _ended(
-    name: str, arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons
-) -> str:
+def _ended(reasons: Sequence[Sequence[str]]) -> str:
     """Return why trainings of a task ended, the most frequent reason first."""
-    counts = Counter[str]()
-    for arm in arms:
-        counts.update(reasons.get((arm, name)) or default_reasons(results[arm], name))
+    counts = Counter(chain.from_iterable(reasons))
     if len(counts) == 1:
         return next(iter(counts))
     return "; ".join(f"{reason} ({n} of {counts.total()})" for reason, n in counts.most_common())
 
 
-def default_reasons(result: CurriculumResult, name: str) -> tuple[str, ...]:
-    """Return why each seed's training of a task ended where no stopping rule decided it."""
-    by_episodes = isinstance(result.curriculum.setting("budget", name), Episodes)
-    spent = "all episodes done" if by_episodes else "budget spent"
-    return tuple("memory full" if full else spent for full in result[name].out_of_memory)
+def reasons_by_task(results: Mapping[str, CurriculumResult], decided: Reasons) -> Reasons:
+    """Return why every training ended: as a stopping rule decided, or else by its budget."""
+    reasons = dict[tuple[str, str], Sequence[str]]()
+    for arm, result in results.items():
+        for name, node in result.nodes.items():
+            by_episodes = isinstance(result.curriculum.setting("budget", name), Episodes)
+            spent = "all episodes done" if by_episodes else "budget spent"
+            default = ["memory full" if full else spent for full in node.out_of_memory]
+            reasons[arm, name] = decided.get((arm, name)) or default
+    return reasons

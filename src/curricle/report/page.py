@@ -3,8 +3,7 @@
 import base64
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -13,11 +12,11 @@ from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, CurriculumResult
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.plotting.styles import ArmStyle, arm_styles, shades_of
+from curricle.plotting.styles import arm_styles, shades_of
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
-from curricle.report.graph import Reasons, default_reasons, graphs
-from curricle.report.replay import Replay, SnapshotsByTask, replays
+from curricle.report.graph import Reasons, graphs, reasons_by_task
+from curricle.report.replay import Replay, replays
 from curricle.report.svg import inline_svg
 from curricle.report.templates import asset, render
 from curricle.statistics.curves import SCRATCH
@@ -26,34 +25,14 @@ WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Size of the curves on a desktop and on a phone, in inches."""
 
 
-@dataclass(frozen=True, eq=False)
-class StudyRecord:
-    """The contents of a study's page.
-
-    Attributes
-    ----------
-    name : str
-    comparison : Comparison
-    results : dict of str to CurriculumResult
-        Arm -> its training; the scratch baseline is a curriculum of one task. Controls may be left
-        out.
-    snapshots : dict of (str, str) to Snapshots
-        (arm, task) -> the values of one seed during training.
-    decisions : dict of (str, str) to sequence of str
-        (arm, task) -> for each seed why its training ended; by default its budget was spent.
-    environment : dict of str to str
-        Versions, command and the like.
-    """
-
-    name: str
-    comparison: Comparison
-    results: Mapping[str, CurriculumResult]
-    snapshots: SnapshotsByTask = field(default_factory=dict)
-    decisions: Reasons = field(default_factory=dict)
-    environment: Mapping[str, str] = field(default_factory=dict)
-
-
-def study_page(study: StudyRecord) -> str:
+def study_page(
+    name: str,
+    comparison: Comparison,
+    results: Mapping[str, CurriculumResult],
+    *,
+    decisions: Reasons | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> str:
     """Return a study as one self-contained HTML page.
 
     It holds the findings, the curriculum graph, learning curves for weak and strong transfer, all
@@ -62,7 +41,16 @@ def study_page(study: StudyRecord) -> str:
 
     Parameters
     ----------
-    study : StudyRecord
+    name : str
+        Of the study.
+    comparison : Comparison
+    results : dict of str to CurriculumResult
+        Arm -> its training; the scratch baseline is a curriculum of one task. Controls may be left
+        out.
+    decisions : dict of (str, str) to sequence of str, optional
+        (arm, task) -> for each seed why its training ended; by default its budget was spent.
+    environment : dict of str to str, optional
+        Versions, command and the like.
 
     Returns
     -------
@@ -84,39 +72,39 @@ def study_page(study: StudyRecord) -> str:
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
     ...     budget={"corner": 100, "maze": 500})
-    >>> study = StudyRecord("A <small> maze", compare(plan, seeds=2), {"transfer": plan.train(2)})
-    >>> page = study_page(study)
+    >>> page = study_page("A <small> maze", compare(plan, seeds=2), {"transfer": plan.train(2)})
     >>> "<h1>A &lt;small&gt; maze</h1>" in page, "https:" in page
     (True, False)
     """
-    comparison = study.comparison
     if len(comparison.arms) < 2:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
-    found, drawn = findings(comparison), graphs(study.results, study.decisions)
-    shown, not_shown = replays(study.results, study.snapshots)
+    reasons = reasons_by_task(results, decisions or {})
+    found, drawn = findings(comparison), graphs(results, reasons)
+    shown, not_shown = replays(results)
     script = asset("study.js")
     return render(
         "study.html",
-        study=study,
+        name=name,
         comparison=comparison,
+        environment=environment or {},
         headline=headline(comparison),
         too_few=too_few(comparison),
         findings=found,
         forest=forest(found),
-        styles={arm: _CssStyle.of(style) for arm, style in arm_styles(comparison).items()},
+        styles=arm_styles(comparison),
         graphs=drawn,
+        with_scratch=SCRATCH in results,
         curves=_curves(comparison),
         table=table(comparison),
         measures=MEASURES,
         weak=WEAK,
-        sections=forecast_sections(study.results, [graph.arms for graph in drawn if graph.edges]),
+        sections=forecast_sections(results, [graph.arms for graph in drawn if graph.edges]),
         replays=shown,
         menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
         first=_first(shown, comparison.target),
         not_shown=not_shown,
-        settings=_settings(study.results),
-        reasons=_reasons(study),
-        scratch=SCRATCH,
+        settings=_shared(_settings(results)),
+        reasons=_shared((*place, Counter(words).most_common()) for place, words in reasons.items()),
         style=Markup(asset("study.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
@@ -125,20 +113,6 @@ def study_page(study: StudyRecord) -> str:
             "palettes": {one.palette: shades_of(one.palette) for one in shown},
         },
     )
-
-
-@dataclass(frozen=True)
-class _CssStyle:
-    """The style of an arm as CSS and SVG attributes."""
-
-    colour: str
-    dashes: str
-    control: bool
-
-    @classmethod
-    def of(cls, one: ArmStyle) -> "_CssStyle":
-        dashes = "" if one.dashes == "-" else " ".join(f"{2 * part:g}" for part in one.dashes[1])
-        return cls(one.colour, dashes, one.control)
 
 
 def _first(shown: Sequence[Replay], target: str) -> str:
@@ -161,20 +135,15 @@ def _curves(comparison: Comparison) -> dict[str, dict[str, Markup]]:
     return axes
 
 
-def _settings(
-    results: Mapping[str, CurriculumResult],
-) -> list[tuple[tuple[str, ...], str, dict[str, str]]]:
-    """Return the settings of each task: arms that share them, task, name -> text."""
-    found: dict[str, tuple[list[str], str, dict[str, str]]] = {}
+def _settings(results: Mapping[str, CurriculumResult]) -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Yield arm, task, and the settings of its training, name -> text."""
     for arm, result in results.items():
         for task in result.curriculum.order:
             words = {"task": repr(result.curriculum.tasks[task])}
             for name in SETTINGS:
-                if name in OF_TARGETS and not result.curriculum.in_edges(task):
-                    continue
-                words[name] = _setting_text(result.curriculum.setting(name, task))
-            found.setdefault(repr((task, words)), ([], task, words))[0].append(arm)
-    return [(tuple(arms), task, words) for arms, task, words in found.values()]
+                if name not in OF_TARGETS or result.curriculum.in_edges(task):
+                    words[name] = _setting_text(result.curriculum.setting(name, task))
+            yield arm, task, words
 
 
 def _setting_text(value: Any) -> str:
@@ -186,12 +155,9 @@ def _setting_text(value: Any) -> str:
     return getattr(value, "__name__", None) or (value if isinstance(value, str) else repr(value))
 
 
-def _reasons(study: StudyRecord) -> list[tuple[tuple[str, ...], str, list[tuple[str, int]]]]:
-    """Return why trainings ended: arms, task, and each reason with its number of seeds."""
-    found: dict[str, tuple[list[str], str, list[tuple[str, int]]]] = {}
-    for arm, result in study.results.items():
-        for task in result.nodes:
-            reasons = study.decisions.get((arm, task)) or default_reasons(result, task)
-            counts = Counter(reasons).most_common()
-            found.setdefault(repr((task, counts)), ([], task, counts))[0].append(arm)
-    return [(tuple(arms), task, counts) for arms, task, counts in found.values()]
+def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
+    """Return rows of arm, task and content; those of equal task and content become one."""
+    found: dict[str, tuple[list[str], str, Any]] = {}
+    for arm, task, content in rows:
+        found.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
+    return list(found.values())

@@ -26,37 +26,35 @@ from curricle.tasks.task import Task, generative_model, has_tables, same_task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Written = tuple[tuple[int, int, str], ...]
+CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""
-SnapshotsByTask = Mapping[tuple[str, str], Snapshots]
-"""(arm, task) -> snapshots."""
 
-MOST_FRAMES = 48
+MOST_MOMENTS = 48
 """Moments of one training at most."""
 MOST_CELLS = 16_000
 """Cells of all replays together; each is printed at three moments, under four megabytes."""
-MOST_CELL_FRAMES = 400_000
+MOST_CELL_MOMENTS = 400_000
 """Cells times moments of all replays together: a megabyte and a half."""
 LEVELS = 2**16
-"""Values are rounded to so many levels between the lowest and the highest."""
+"""Levels between the lowest and the highest value to which values are rounded."""
 LONGEST_WORD = 9
 """Letters of an action's name up to which it is written into a cell."""
 LONGEST_EPISODE = 200
 """Steps of an episode that are shown."""
 APART = 0.2
-"""Distance of pieces from the middle of a cell, where there are several."""
+"""Distance of markers from the middle of a cell, where there are several."""
 LARGEST_TABLE = 20_000_000
 """Pairs (S x A) of a task up to which its episodes are shown."""
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class ShownEpisode:
     """One greedy episode of n steps on a grid.
 
     Attributes
     ----------
-    cells : (n + 1, pieces) int64
-        Where each piece is, as ``row * columns + column``.
+    cells : (n + 1, markers) int64
+        Where each marker is, as ``row * columns + column``.
     columns : int
     returns : (n + 1,) float64
         Return so far.
@@ -76,35 +74,35 @@ class Episode:
         return f"{how} after {n} step{'s' * (n != 1)}, return {rounded(self.returns[-1])}"
 
     @cached_property
-    def places(self) -> FloatArray:
-        """Column and row of each piece, (n + 1, pieces, 2); several stand apart within a cell."""
-        pieces = self.cells.shape[1]
-        turn = 2 * np.pi * np.arange(pieces) / pieces
-        aside = APART * (pieces > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
+    def points(self) -> FloatArray:
+        """Where each marker is drawn, (n + 1, markers, 2); several stand apart within a cell."""
+        markers = self.cells.shape[1]
+        turn = 2 * np.pi * np.arange(markers) / markers
+        aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
         corner = np.stack([self.cells % self.columns, self.cells // self.columns], axis=-1)
         return np.asarray((corner + 0.5 + aside).round(2))
 
-    def trail(self, piece: int) -> str:
-        """Return the points of a piece's way."""
-        return " ".join(f"{x:g},{y:g}" for x, y in self.places[:, piece])
+    def trail(self, marker: int) -> str:
+        """Return the points of a marker's path."""
+        return " ".join(f"{x:g},{y:g}" for x, y in self.points[:, marker])
 
-    def start(self, piece: int) -> str:
-        """Return where a piece starts, as a CSS translation."""
-        x, y = self.places[0, piece]
+    def start(self, marker: int) -> str:
+        """Return where a marker starts, as a CSS translation."""
+        x, y = self.points[0, marker]
         return f"{x:g}px, {y:g}px"
 
     def data(self) -> dict[str, Any]:
         """Return it for the script of the page."""
         return {
-            "places": self.places.reshape(len(self.cells), -1).tolist(),
+            "places": self.points.reshape(len(self.cells), -1).tolist(),
             "returns": [rounded(value) for value in self.returns],
             "words": self.words,
         }
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One moment, ready to be drawn.
+class Moment:
+    """One moment of training, ready to be drawn.
 
     Attributes
     ----------
@@ -122,13 +120,13 @@ class Frame:
     step: int
     heat: tuple[tuple[str, str], ...]
     choice: str
-    texts: Written
-    numbers: Written
+    texts: CellTexts
+    numbers: CellTexts
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Values and greedy choices of one seed at F moments of training, in the n cells of a view.
+    """Values and greedy choices of one seed at M moments of training, in the n cells of a view.
 
     Attributes
     ----------
@@ -139,18 +137,18 @@ class Replay:
         Those that trained it alike.
     view : GridView
     seed : int
-    steps : (F,) int64
+    steps : (M,) int64
     cells : tuple of (int, int)
         Column and row of each of the n states that are not terminal.
-    levels : (F, n) uint16
+    levels : (M, n) uint16
         max_a Q(s, a), from `low` (0) to `high` (65,535).
-    choices : (F, n) int64
+    choices : (M, n) int64
         Numbers of `marks`.
     marks : tuple of str
         How choices are drawn.
     low, high : float
         Return.
-    episodes : dict of str to Episode
+    episodes : dict of str to ShownEpisode
         "before" and "after"; empty where episodes cannot be shown.
     """
 
@@ -166,7 +164,7 @@ class Replay:
     marks: tuple[str, ...]
     low: float
     high: float
-    episodes: Mapping[str, Episode]
+    episodes: Mapping[str, ShownEpisode]
 
     @cached_property
     def grid(self) -> GridDrawing:
@@ -190,19 +188,18 @@ class Replay:
             return None
         return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
 
-    def frame(self, place: int) -> Frame:
+    def moment(self, place: int) -> Moment:
         """Return one moment; negative places count from the end."""
         shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
         marks = self._placed(self.marks[number] for number in self.choices[place])
-        numbers: Written = ()
-        middle = 0.5
+        numbers, middle = CellTexts(), 0.5
         if self.digits is not None:
             values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
             numbers = self._placed(minus(f"{value:z.{self.digits}f}") for value in values)
             middle = 0.4
         cells = np.array(self.cells)
         paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
-        return Frame(
+        return Moment(
             step=int(self.steps[place]),
             heat=tuple(
                 (colour, squares(cells[shade == one].tolist()))
@@ -214,7 +211,7 @@ class Replay:
             numbers=numbers,
         )
 
-    def _placed(self, words: Iterable[str]) -> Written:
+    def _placed(self, words: Iterable[str]) -> CellTexts:
         return tuple((x, y, word) for (x, y), word in zip(self.cells, words, strict=True))
 
     def data(self) -> dict[str, Any]:
@@ -235,9 +232,9 @@ class Replay:
 
 
 def replays(
-    results: Mapping[str, CurriculumResult], snapshots: SnapshotsByTask
+    results: Mapping[str, CurriculumResult],
 ) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
-    """Return the replays, task by task with the last first, and the tasks that cannot be shown.
+    """Return the replays of all snapshots, the last task first, and the tasks too large to show.
 
     Arms whose snapshots of a task are equal share a replay.
 
@@ -245,24 +242,21 @@ def replays(
     ----------
     results : dict of str to CurriculumResult
         Of each arm.
-    snapshots : dict of (str, str) to Snapshots
-        (arm, task) -> values during training.
 
     Examples
     --------
-    >>> from types import SimpleNamespace
+    >>> from dataclasses import replace
     >>> from curricle import Curriculum, GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> result = Curriculum({"maze": maze}, budget=100).train()
+    >>> result = Curriculum({"maze": GridWorld("S.T")}, budget=100).train()
     >>> values = np.zeros((2, 3, 4))
     >>> values[1, :2, 1] = 1.0
-    >>> kept = SimpleNamespace(seed=0, steps=np.array([0, 100]), values=values)
-    >>> (found,), left_out = replays({"scratch": result}, {("scratch", "maze"): kept})
+    >>> node = replace(result["maze"], snapshots=Snapshots(0, np.array([0, 100]), values))
+    >>> (found,), left_out = replays({"scratch": replace(result, nodes={"maze": node})})
     >>> found.task, found.steps, found.episodes["after"].words
     ('maze', array([  0, 100]), 'terminated after 2 steps, return 196')
     """
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
-    for name, task, arms in reversed(_tasks(results, snapshots)):
+    for name, task, arms in reversed(_tasks(results)):
         view = GridView.for_replay(task)
         size = 0 if view is None else len(arms) * view.states.size
         if view is None or cells + size > MOST_CELLS:
@@ -270,41 +264,30 @@ def replays(
         else:
             shown.append((name, view, arms))
             cells += size
-    most = max(3, min(MOST_FRAMES, MOST_CELL_FRAMES // max(1, cells)))
+    most = max(3, min(MOST_MOMENTS, MOST_CELL_MOMENTS // max(1, cells)))
     found = list[Replay]()
     for name, view, arms in shown:
-        alike: dict[Any, list[str]] = {}
+        alike: dict[Any, tuple[Any, list[str]]] = {}
         for arm in arms:
-            kept = snapshots[arm, name]
-            alike.setdefault((kept.seed, kept.steps.tobytes(), kept.values.tobytes()), []).append(
-                arm
-            )
-        for same in alike.values():
-            evaluation = results[same[0]].curriculum.setting("evaluation", name)
-            kept = snapshots[same[0], name]
+            kept: Any = results[arm][name].snapshots
+            same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
+            alike.setdefault(same, (kept, []))[1].append(arm)
+        for kept, owners in alike.values():
+            evaluation = results[owners[0]].curriculum.setting("evaluation", name)
             episodes = before_and_after(kept, view, discounted=evaluation.discounted)
-            named = f"r{len(found)}", name, tuple(same)
+            named = f"r{len(found)}", name, tuple(owners)
             found.append(Replay(*named, view, **_values(kept, view, most), episodes=episodes))
     return tuple(found), tuple(left_out)
 
 
 def before_and_after(
     snapshots: Snapshots, view: GridView, *, discounted: bool, seed: int = 0
-) -> dict[str, Episode]:
+) -> dict[str, ShownEpisode]:
     """Return an episode of the first greedy policy ("before") and one of the last ("after").
 
-    Both have the same start and random stream; ties are broken uniformly. Empty where the task has
-    no tables or too large ones, or where a state is not in the view.
-
-    Parameters
-    ----------
-    snapshots : Snapshots
-    view : GridView
-        Of its task.
-    discounted : bool
-        Whether returns are.
-    seed : int
-        Of the random stream.
+    Both have the same start and random stream; ties are broken uniformly; returns may be
+    `discounted`. Empty where the task has no tables or too large ones, or where a state is not in
+    the view.
     """
     generative = generative_model(view.task)
     pairs = generative.states.size * generative.actions.size
@@ -319,7 +302,7 @@ def before_and_after(
         cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
-        episodes[name] = Episode(cells, view.shape[1], returns, path.terminated)
+        episodes[name] = ShownEpisode(cells, view.shape[1], returns, path.terminated)
     shown = all((episode.cells >= 0).all() for episode in episodes.values())
     return episodes if shown else {}
 
@@ -350,15 +333,13 @@ def _options(view: GridView) -> IntArray:
     return np.arange(n_actions) if view.directions is None else view.directions
 
 
-def _tasks(
-    results: Mapping[str, CurriculumResult], snapshots: SnapshotsByTask
-) -> list[tuple[str, Task, list[str]]]:
+def _tasks(results: Mapping[str, CurriculumResult]) -> list[tuple[str, Task, list[str]]]:
     """Return each task with snapshots and its arms, sources first; equal names need not be one."""
     depths, found = dict[str, int](), list[tuple[str, Task, list[str]]]()
     for arm, result in results.items():
         for depth, name in enumerate(result.curriculum.order):
             depths[name] = max(depth, depths.get(name, 0))
-            if (arm, name) not in snapshots:
+            if name not in result.nodes or result[name].snapshots is None:
                 continue
             task = result.curriculum.tasks[name]
             same = (arms for other, one, arms in found if other == name and same_task(one, task))

@@ -6,7 +6,7 @@ from curricle.curriculum.curriculum import CurriculumResult
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
 from curricle.files import write_whole
-from curricle.report.page import StudyRecord, study_page
+from curricle.report.page import study_page
 from curricle.study.results import StudyResults
 from curricle.study.units import seed_ranges
 
@@ -27,16 +27,16 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
     """
     study = StudyResults(folder)
     path = Path(out) if out is not None else study.store.path / "report.html"
-    page = study_page(study_record(study)).encode()
+    page = _page(study)
     try:
-        write_whole(path, page)
+        write_whole(path, page.encode())
     except OSError as error:
         raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
     return path
 
 
-def study_record(study: StudyResults) -> StudyRecord:
-    """Return the contents of a study's page, with the values of sources that are read only."""
+def _page(study: StudyResults) -> str:
+    """Return the page of a stored study; of all values only those of its sources are read."""
     results = {}
     for arm, curriculum in study.arms.curricula.items():
         read = {transfer.source for transfer in curriculum.transfers}
@@ -46,15 +46,11 @@ def study_record(study: StudyResults) -> StudyRecord:
         }
         results[arm] = CurriculumResult(curriculum, nodes, {})
     places = [(arm, name) for arm, found in results.items() for name in found.nodes]
-    snapshots = {(arm, name): results[arm][name].snapshots for arm, name in places}
     last = study.store.runs()[-1]
-    return StudyRecord(
-        name=study.config.name,
-        comparison=study.comparison,
-        results=results,
-        snapshots={
-            place: snapshots for place, snapshots in snapshots.items() if snapshots is not None
-        },
+    return study_page(
+        study.config.name,
+        study.comparison,
+        results,
         decisions={
             place: [words[-1] for words in study.decisions(*place).values()] for place in places
         },

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.styles import STYLE
-from curricle.tasks.gridworld import GridWorld
 
 _REFERENCE = re.compile(r"#([\w-]+)")
 _DRAWN = ("d", "transform", "x", "y", "width", "height")
@@ -106,6 +105,7 @@ class GridDrawing:
 
     Examples
     --------
+    >>> from curricle import GridWorld
     >>> drawn = GridDrawing.of(GridView.of(GridWorld("S.T")))
     >>> drawn.objects, drawn.ended
     ((('T', '#f2c14e', 2, 0, True),), 'M2 0h1v1h-1z')
@@ -126,8 +126,8 @@ class GridDrawing:
         (top, left), (rows, columns) = view.origin, view.shape
         across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
         down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
-        cells, maze = shifted(view, view.cells), view.task
-        states = () if view.is_map else view.states.tolist()
+        cells = shifted(view, view.cells)
+        numbered = () if view.is_map else zip(cells, view.states.tolist(), strict=True)
         return cls(
             columns=columns,
             rows=rows,
@@ -135,11 +135,11 @@ class GridDrawing:
             walls=squares(shifted(view, view.walls)),
             ended=squares(shifted(view, view.cells[view.ended])),
             objects=tuple(
-                (LETTERS[name], TINTS[name], column - left, row - top, name in maze.ends)
-                for name, row, column in (maze.objects if isinstance(maze, GridWorld) else ())
+                (LETTERS[name], TINTS[name], column - left, row - top, name in view.task.ends)
+                for name, row, column in view.objects
             ),
             letters=tuple((x, c - left, r - top) for (r, c), x in view.stacked_letters.items()),
-            labels=tuple((x, y, str(n)) for (x, y), n in zip(cells, states, strict=False)),
+            labels=tuple((x, y, str(n)) for (x, y), n in numbered),
         )
 
 

@@ -1,13 +1,10 @@
 """Studies that the tests of the report read."""
 
-from dataclasses import replace
-
 import pytest
 
 import curricle as cr
-from curricle.report.page import study_page
 
-from .studies import ODD, chain_plan, hunt_plan, maze_plan, record
+from .studies import ODD, chain_plan, hunt_plan, maze_plan, page_of, record
 
 
 @pytest.fixture(scope="package")
@@ -24,13 +21,14 @@ def maze():
 @pytest.fixture(scope="package")
 def odd():
     study = record(ODD, {f"{ODD} arm": chain_plan()}, 2)
-    reasons = {(f"{ODD} arm", f"{ODD} short"): (f"{ODD} reason", "budget spent")}
-    return replace(study, decisions=reasons, environment={f"{ODD} key": f"{ODD} value"})
+    study.decisions = {(f"{ODD} arm", f"{ODD} short"): (f"{ODD} reason", "budget spent")}
+    study.environment = {f"{ODD} key": f"{ODD} value"}
+    return study
 
 
 @pytest.fixture(scope="package")
 def pages(pursuit, maze, odd):
-    return {"pursuit": study_page(pursuit), "maze": study_page(maze), "odd": study_page(odd)}
+    return {"pursuit": page_of(pursuit), "maze": page_of(maze), "odd": page_of(odd)}
 
 
 @pytest.fixture(params=["pursuit", "maze", "odd"])

@@ -1,12 +1,14 @@
 """Small studies for the tests of the report, and a strict reader of its page."""
 
+from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import numpy as np
 
 import curricle as cr
-from curricle.report.page import StudyRecord
+from curricle.learning.record import Snapshots
+from curricle.report.page import study_page
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $x^2$ </script>"
@@ -33,24 +35,43 @@ def kept_snapshots(result, name, moments=5):
         ).values[0]
         for n in steps[1:]
     ]
-    return SimpleNamespace(seed=0, steps=steps, values=np.array(values, dtype=np.float32))
+    return Snapshots(0, steps, np.array(values, dtype=np.float32))
+
+
+def with_snapshots(result, **kept):
+    """A result with the snapshots of some tasks."""
+    shown = {name: replace(result[name], snapshots=one) for name, one in kept.items()}
+    return replace(result, nodes={**result.nodes, **shown})
+
+
+def page_of(study):
+    return study_page(
+        study.name,
+        study.comparison,
+        study.results,
+        decisions=study.decisions,
+        environment=study.environment,
+    )
 
 
 def record(name, plans, seeds, **settings):
-    """A study as the store holds it: comparison, training results, snapshots."""
+    """A study as the store holds it: comparison and training results with snapshots."""
     comparison = cr.compare(plans, seeds=seeds, **settings)
     first = next(iter(plans.values()))
     target = first.target
     scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
     results = {"scratch": scratch.train(seeds)}
     results |= {arm: plan.train(seeds) for arm, plan in plans.items()}
-    snapshots = {
-        (arm, node): kept_snapshots(result, node)
-        for arm, result in results.items()
-        for node in result.nodes
-    }
-    environment = {"curricle": "0.1.0", "command": "curricle run study.toml <now>"}
-    return StudyRecord(name, comparison, results, snapshots, {}, environment)
+    for arm, result in results.items():
+        kept = {node: kept_snapshots(result, node) for node in result.nodes}
+        results[arm] = with_snapshots(result, **kept)
+    return SimpleNamespace(
+        name=name,
+        comparison=comparison,
+        results=results,
+        decisions={},
+        environment={"curricle": "0.1.0", "command": "curricle run study.toml <now>"},
+    )
 
 
 def hunt_plan(aggregate, **transfer):

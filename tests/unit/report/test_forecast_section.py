@@ -7,9 +7,8 @@ import pytest
 import curricle as cr
 from curricle.report import forecast_section
 from curricle.report.forecast_section import forecast_sections
-from curricle.report.page import study_page
 
-from .studies import Reader, hunt_plan
+from .studies import Reader, hunt_plan, page_of
 
 
 def test_the_forecast_stands_next_to_the_measured_start(pursuit):
@@ -28,7 +27,7 @@ def test_the_forecast_stands_next_to_the_measured_start(pursuit):
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
     monkeypatch.setattr(forecast_section, "EFFORT", 10)
     monkeypatch.setattr(forecast_section, "LARGEST_CERTIFIED", 10)
-    words = Reader(study_page(pursuit)).words
+    words = Reader(page_of(pursuit)).words
     why = f"because hunt has {729 * 25:,} state-action pairs"
     assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in words
     assert "Certificates are left out" in words

@@ -1,13 +1,17 @@
 """The curriculum graph of a page."""
 
 import curricle as cr
-from curricle.report.graph import CARD, graphs
+from curricle.report.graph import CARD, graphs, reasons_by_task
 
 from .studies import ODD, hunt_plan
 
 
+def graphs_of(results, decided=None):
+    return graphs(results, reasons_by_task(results, decided or {}))
+
+
 def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
-    (graph,) = graphs(pursuit.results, {})
+    (graph,) = graphs_of(pursuit.results)
     assert graph.arms == ("min", "mean")
     assert [card.name for card in graph.cards] == ["chase", "hunt"]
     assert [curve.arms for curve in graph.cards[0].curves] == [("min", "mean")]
@@ -22,12 +26,12 @@ def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
         "mean: hunt uses the mean of its transfers.",
     )
     # Both corners are called "corner", and are not one task.
-    assert [graph.arms for graph in graphs(maze.results, {})] == [("2x2",), ("3x3",)]
+    assert [graph.arms for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
 
 
 def test_a_scaled_transfer_makes_another_graph(pursuit):
     scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
-    found = graphs({**pursuit.results, "scaled": scaled}, {})
+    found = graphs_of({**pursuit.results, "scaled": scaled})
     assert [graph.arms for graph in found] == [("min", "mean"), ("scaled",)]
     assert all("scaled by 2" in words for words in found[1].edges[0].words)
 
@@ -38,7 +42,7 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     pairs = [("a", "c"), ("b", "c"), ("c", "d"), ("a", "d")]
     edges = [cr.Transfer(*pair, cr.transfer.identity(maze)) for pair in pairs]
     result = cr.Curriculum(tasks, edges, budget=100).train()
-    (graph,) = graphs({"both": result}, {})
+    (graph,) = graphs_of({"both": result})
     top = {card.name: card.top for card in graph.cards}
     for edge in graph.edges:
         assert top[edge.source] < top[edge.target]
@@ -56,5 +60,5 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
 
 
 def test_reasons_are_counted(odd):
-    card = graphs(odd.results, odd.decisions)[0].cards[0]
+    card = graphs_of(odd.results, odd.decisions)[0].cards[0]
     assert card.reason == f"{ODD} reason (1 of 2); budget spent (1 of 2)"

@@ -12,10 +12,10 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.report.page import StudyRecord, study_page
+from curricle.report.page import study_page
 from curricle.report.svg import inline_svg
 
-from .studies import ODD, Reader, maze_plan
+from .studies import ODD, Reader, maze_plan, page_of
 
 
 def test_the_page_is_balanced_and_its_references_resolve(page):
@@ -66,7 +66,7 @@ def test_names_are_text_wherever_they_stand(pages):
 
 def test_the_page_is_small_and_the_same_every_time(pages, maze):
     assert max(len(page.encode()) for page in pages.values()) < 500_000
-    assert study_page(maze) == pages["maze"]
+    assert page_of(maze) == pages["maze"]
 
 
 def test_the_sections_stand_in_their_order(page):
@@ -122,8 +122,9 @@ def test_svg_of_two_figures_share_no_identifier(pursuit):
 
 def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     plan = maze_plan(2)
-    study = StudyRecord("alone", cr.compare({"mean": plan}, seeds=1), {"mean": plan.train(1)})
-    found = Reader(study_page(study))
+    found = Reader(
+        study_page("alone", cr.compare({"mean": plan}, seeds=1), {"mean": plan.train(1)})
+    )
     assert found.problems == []
     assert "One seed allows neither intervals nor tests." in found.words
     assert "This study kept no snapshots" in found.words
@@ -132,8 +133,7 @@ def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
 
 def test_an_arm_without_transfers_has_no_forecast(maze):
     plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
-    study = StudyRecord("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)})
-    found = Reader(study_page(study))
+    found = Reader(study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)}))
     assert found.problems == []
     assert "No curriculum is shown to differ" in found.words
     assert "predicted start" not in found.words
@@ -141,6 +141,5 @@ def test_an_arm_without_transfers_has_no_forecast(maze):
 
 def test_a_study_of_scratch_alone_is_refused(maze):
     comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
-    study = StudyRecord("alone", comparison, {"scratch": maze.results["scratch"]})
     with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
-        study_page(study)
+        study_page("alone", comparison, {"scratch": maze.results["scratch"]})

@@ -2,26 +2,26 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
+from curricle.learning.record import Snapshots
 from curricle.planning.solution import greedy_policy
 from curricle.plotting.grid_view import GridView
 from curricle.report import replay as replay_module
 from curricle.report.replay import LEVELS, before_and_after, greedy_choices, mark_of, replays
 from curricle.report.svg import GridDrawing
 
-from .studies import chain
+from .studies import chain, with_snapshots
 
 
 def replay_of(shot, task):
     """The replay of a task's snapshots."""
     result = cr.Curriculum({"task": task}, budget=10).train()
-    ((found,), _) = replays({"scratch": result}, {("scratch", "task"): shot})
+    ((found,), _) = replays({"scratch": with_snapshots(result, task=shot)})
     return found
 
 
@@ -77,8 +77,8 @@ def test_a_map_of_too_many_cells_is_not_shown():
     assert GridView.for_replay(wide) is None
     result = cr.Curriculum({"wide": wide}, budget=10).train()
     shape = (2, wide.states.size, 4)
-    short = SimpleNamespace(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
-    assert replays({"scratch": result}, {("scratch", "wide"): short}) == ((), ("wide",))
+    short = Snapshots(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
+    assert replays({"scratch": with_snapshots(result, wide=short)}) == ((), ("wide",))
 
 
 def test_walls_and_ends_cover_what_is_no_state(maze):
@@ -97,7 +97,7 @@ def test_walls_and_ends_cover_what_is_no_state(maze):
 def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
     maze = cr.GridWorld(["S..", "..T"])
     values = np.random.default_rng(seed).normal(0, size, (4, 6, 4)).astype(np.float32)
-    shot = SimpleNamespace(seed=0, steps=np.arange(4) * 10, values=values)
+    shot = Snapshots(seed=0, steps=np.arange(4) * 10, values=values)
     found = replay_of(shot, maze)
     read = found.low + (found.high - found.low) * found.levels / (LEVELS - 1)
     best = values[:, :5].max(axis=-1)
@@ -107,30 +107,30 @@ def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
         assert found.marks[number] == mark_of(found.view, row)
 
 
-def test_frames_are_thinned_but_the_ends_are_kept(monkeypatch):
+def test_moments_are_thinned_but_the_ends_are_kept(monkeypatch):
     maze = cr.GridWorld("S.T")
-    shot = SimpleNamespace(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
-    monkeypatch.setattr(replay_module, "MOST_FRAMES", 7)
+    shot = Snapshots(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
+    monkeypatch.setattr(replay_module, "MOST_MOMENTS", 7)
     found = replay_of(shot, maze)
     assert len(found.steps) == 7
     assert found.steps[[0, -1]].tolist() == [0, 199]
 
 
-def test_many_cells_get_fewer_frames(maze, monkeypatch):
-    monkeypatch.setattr(replay_module, "MOST_CELL_FRAMES", 1)
-    found, _ = replays(maze.results, maze.snapshots)
+def test_many_cells_get_fewer_moments(maze, monkeypatch):
+    monkeypatch.setattr(replay_module, "MOST_CELL_MOMENTS", 1)
+    found, _ = replays(maze.results)
     assert {len(replay.steps) for replay in found} == {3}
 
 
-def test_a_page_has_room_for_so_many_cells_and_targets_come_first(maze, monkeypatch):
+def test_a_page_holds_a_number_of_cells_and_targets_come_first(maze, monkeypatch):
     monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
-    found, left_out = replays(maze.results, maze.snapshots)
+    found, left_out = replays(maze.results)
     assert {replay.task for replay in found} == {"maze"}
     assert left_out == ("corner",)
 
 
 def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
-    found, left_out = replays(pursuit.results, pursuit.snapshots)
+    found, left_out = replays(pursuit.results)
     assert [(replay.task, replay.arms) for replay in found] == [
         ("hunt", ("scratch",)),
         ("hunt", ("min",)),
@@ -138,13 +138,13 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
         ("chase", ("min", "mean")),
     ]
     assert left_out == ()
-    found, _ = replays(maze.results, maze.snapshots)
+    found, _ = replays(maze.results)
     assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
 
 
 def test_both_episodes_start_alike_and_earn_what_the_task_pays(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
-    shot = pursuit.snapshots["min", "hunt"]
+    shot = pursuit.results["min"]["hunt"].snapshots
     before, after = before_and_after(shot, GridView.for_replay(hunt), discounted=True).values()
     assert (before.cells[0] == after.cells[0]).all()
     followed = cr.planning.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
@@ -159,7 +159,7 @@ def test_tasks_without_tables_have_no_episodes(pursuit, monkeypatch):
     monkeypatch.setattr("curricle.report.replay.LARGEST_TABLE", 10)
     assert (
         before_and_after(
-            pursuit.snapshots["min", "hunt"], GridView.for_replay(hunt), discounted=True
+            pursuit.results["min"]["hunt"].snapshots, GridView.for_replay(hunt), discounted=True
         )
         == {}
     )
@@ -170,5 +170,5 @@ def test_a_state_off_the_strip_has_no_episode():
     values = np.zeros((2, 80, 2), np.float32)
     values[:, :, 1] = 1
     far = replace(long, start=np.eye(80)[70])
-    shot = SimpleNamespace(seed=0, steps=np.array([0, 9]), values=values)
+    shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
     assert before_and_after(shot, GridView.for_replay(far), discounted=True) == {}

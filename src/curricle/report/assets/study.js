@@ -92,7 +92,7 @@ document.addEventListener("DOMContentLoaded", () => {
     replay = replays[which.value];
     levels = unpacked(replay.levels);
     still = document.querySelector(`.still[data-key="${which.value}"]`);
-    const svg = still.querySelector(".frames figure:last-child svg").cloneNode(true);
+    const svg = still.querySelector(".moments figure:last-child svg").cloneNode(true);
     const heat = svg.querySelector(".heat");
     heat.replaceChildren(...palettes[replay.palette].map((colour) => {
       const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
