@@ -66,13 +66,13 @@ def complaints(tmp_path, monkeypatch):
             "size = 3\npred",
             "capture = 'al'\npred",
             "line 9: tasks.chase.capture must be 'all', 'any', 'as_published' or a number of "
-            "predators: got 'al'",
+            "predators: got 'al', did you mean 'all'?",
         ),
         (
             "size = 3\npred",
             "prey = 'uniforn'\npred",
             "line 9: tasks.chase.prey must be 'uniform', rows of probabilities, or a function as "
-            "module:function: got 'uniforn'",
+            "module:function: got 'uniforn', did you mean 'uniform'?",
         ),
         (
             'type = "pursuit"\nsize = 3\npred',
