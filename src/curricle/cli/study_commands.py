@@ -97,7 +97,7 @@ def merge(
     parts: Annotated[list[Path], typer.Argument(help="Folders of the parts.", show_default=False)],
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
-    from curricle.study.shards import merge as merged
+    from curricle.study import merge as merged
 
     results = merged(out, parts)
     typer.echo(f"{len(results.store.units())} units of {len(parts)} folders in {out}")

@@ -15,9 +15,8 @@ from curricle.report.graph import mapping_words
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, costs
-from curricle.study.shards import units_to_do
 from curricle.study.store import STUDY, StudyStore
-from curricle.study.stored_sources import finished
+from curricle.study.units import units_of
 from curricle.transfer.edges import transfer_names
 
 
@@ -31,7 +30,7 @@ def print_preview(study: StudyConfig) -> None:
     for lines, names in alike.items():
         print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
     print()
-    _print_cost(costs(arms, study.seeds, study.seeds_per_unit))
+    _print_cost(costs(study, arms))
     try:
         study.check_networks()
     except ImportError as error:
@@ -114,8 +113,9 @@ def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
 def units_left(study: StudyConfig, path: Path, shard: tuple[int, int]) -> Iterator[str]:
     """Yield the units that a run into a folder would train, and how many it holds already."""
     arms = Arms.of(study)
-    stored = StudyStore(path).units() if (path / STUDY).exists() else []
-    left = units_to_do(study, arms, finished(stored), shard)
+    there = (path / STUDY).exists()
+    stored = StudyStore(path).units() if there else []
+    left = units_of(study, arms, StudyStore(path).finished() if there else {}, shard)
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"

@@ -9,6 +9,7 @@ import gymnasium as gym
 from curricle.curriculum.node import Node
 from curricle.planning.rollouts import random_rollouts
 from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 
@@ -52,14 +53,14 @@ class Cost:
     table_bytes: int
 
 
-def costs(arms: Arms, seeds: tuple[int, ...], seeds_per_unit: int) -> list[Cost]:
+def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
     """Return the cost of each task of each arm, those shared by arms once.
 
     The speed of a task is measured by random rollouts; that of networks is a guess.
     """
     paces: dict[int, float] = {}
     found: dict[tuple[str, str], list[int]] = {}
-    for unit in units_of(arms, seeds, seeds_per_unit, {}):
+    for unit in units_of(study, arms, {}):
         found.setdefault((unit.arm, unit.task), []).extend(unit.seeds)
     each = []
     for (arm, name), members in found.items():
