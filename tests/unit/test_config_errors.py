@@ -1,4 +1,4 @@
-"""What is wrong with a study file is said in sentences: file, line, table, key, what was meant."""
+"""Mistakes in a study file are sentences: file, line, key path, rule, value, what was meant."""
 
 import tomllib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a study will take, told beforehand."""
+"""The estimate of what a study costs."""
 
 import pytest
 

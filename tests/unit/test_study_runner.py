@@ -196,9 +196,9 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
     )
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
-        ("calibrated", "easy"),  # not taught, unlike in the other arms
+        ("calibrated", "easy"),  # without a source, unlike in the other arms
         ("calibrated", "maze"),
-        ("chain", "corner"),  # the same in the arm "state", whose maze alone is taught otherwise
+        ("chain", "corner"),  # the same in the arm "state", whose maze alone is learnt otherwise
         ("chain", "easy"),
         ("chain", "maze"),
         ("scratch", "maze"),
@@ -211,9 +211,9 @@ def test_direct_is_the_target_learnt_by_itself(study_file, finished):
     study = StudyResults(finished)
     found = study.result("scratch", "maze", values=True)
     task = read_study(study_file).curriculum("chain").tasks["maze"]
-    frames = study.config.snapshots
+    snapshots = study.config.snapshots
     learnt = cr.learn(
-        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=frames
+        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
     )
     assert_equal(found, learnt)
     np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)

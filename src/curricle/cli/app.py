@@ -52,10 +52,10 @@ def _refuse_renamed_flags() -> None:
     """Exit with the new name where the command line has a flag's old name."""
     flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
     if flags not in ([], ["--help"]):
-        from curricle.study.config.renamed_keys import renamed_flag
+        from curricle.study.config.renamed_keys import FLAG, RENAMED
 
         for flag in flags:
-            if new := renamed_flag(flag):
+            if new := RENAMED.get((FLAG, flag)):
                 typer.echo(f"curricle: {flag} was renamed: write {new}", err=True)
                 sys.exit(2)
 

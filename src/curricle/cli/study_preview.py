@@ -49,15 +49,12 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         else:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
-        yield f"  {name}: {task}; {learner}; {_budget(node.budget)}"
+        steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
+        yield f"  {name}: {task}; {learner}; {steps}"
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = "" if node.deep else f"; {edge.mapping.coverage()}"
             yield f"    {label}: {mapping_words(edge)}{cover}"
-
-
-def _budget(budget: object) -> str:
-    return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
 
 
 def _print_cost(each: list[Cost]) -> None:
@@ -113,10 +110,9 @@ def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
 def units_left(study: StudyConfig, path: Path, shard: tuple[int, int]) -> Iterator[str]:
     """Yield the units that a run into a folder would train, and how many it holds already."""
     arms = Arms.of(study)
-    there = (path / STUDY).exists()
-    stored = StudyStore(path).units() if there else []
-    left = units_of(study, arms, StudyStore(path).finished() if there else {}, shard)
+    store = StudyStore(path) if (path / STUDY).exists() else None
+    left = units_of(study, arms, store.finished() if store else {}, shard)
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
-    yield f"{len(left)} units to do, {len(stored)} done, in {path}"
+    yield f"{len(left)} units to do, {len(store.units()) if store else 0} done, in {path}"

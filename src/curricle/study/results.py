@@ -78,8 +78,8 @@ class StudyResults:
         ----------
         arm, task : str
         values : bool
-            Whether the learnt values are read too; they may be large. Networks are rebuilt, which
-            needs Stable-Baselines3.
+            Whether to read the learnt values too, which may be large. Rebuilding networks needs
+            Stable-Baselines3.
 
         Raises
         ------

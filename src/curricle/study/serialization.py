@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +18,9 @@ from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-PLAIN = (
-    "steps",
-    "training_return",
-    "greedy_return",
-    "guard_share",
-    "episodes",
-    "steps_used",
-    "episodes_used",
-    "out_of_memory",
-)
+OTHERS = ("task", "learner", "seeds", "values", "snapshots")
+PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
+"""The arrays of a result by seed, and ``steps``."""
 RUN, VALUES, SNAPSHOTS = "run.npz", "values.npz", "snapshots.npz"
 CURVES, DECISIONS = "curves.parquet", "decisions.parquet"
 """The files of a unit."""

@@ -340,7 +340,7 @@ def write_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise StoreError(
             f"results cannot be written to {path} ({error.strerror}): what was stored before is "
-            "whole; run again with --resume when there is room"
+            "whole; run again with --resume when there is space"
         ) from error
 
 

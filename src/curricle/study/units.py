@@ -122,11 +122,11 @@ def train_unit(given: UnitInput) -> UnitResult:
         workers=1,
         saves=given.checkpoints,
     )
-    retrained, fitted = found.retrained.get(unit.task), found.calibrations.get(unit.task, ())
-    extra = np.zeros(len(unit.seeds), np.int64) if retrained is None else retrained.extra
-    arrays = arrays_of(found[unit.task])
-    arrays |= {"source_steps": found.source_steps(unit.task), "retraining_steps": extra}
-    if fitted:
+    result = found[unit.task]
+    arrays = arrays_of(result)
+    arrays["source_steps"] = found.source_steps(unit.task)
+    arrays["retraining_steps"] = found.sources[unit.task].steps_used - result.steps_used
+    if fitted := found.calibrations.get(unit.task):
         parts = ("scale", "shift", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
     return UnitResult(arrays, _decisions(found, unit))

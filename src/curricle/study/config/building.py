@@ -19,14 +19,8 @@ Refuse = Callable[[KeyPath], AbstractContextManager[None]]
 class CurriculumBuilder:
     """Builds the curriculum of an arm.
 
-    Parameters
-    ----------
-    arm : ArmTables
-    folder : Path
-        Of the modules with the study's own functions.
-    made : dict
-        The tasks and mappings made so far, which arms share; more are added.
-    refuse : callable
+    `folder` has the modules with the study's own functions; `made` the tasks and mappings so far,
+    which arms share.
     """
 
     def __init__(self, arm: ArmTables, folder: Path, made: dict[str, Any], refuse: Refuse):

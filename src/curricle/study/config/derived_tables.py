@@ -120,10 +120,8 @@ def annotated(hint: Any) -> Any:
         if Schedule in members:
             return Rate | None if NoneType in members else Rate
         tables = [table_of(one) for one in members if _is_dataclass(one)]
-        if tables and bool in members:
-            return flag_or(tables[0])
-        if tables and NoneType in members:
-            return flag_or(tables[0], None)
+        if tables and (bool in members or NoneType in members):
+            return flag_or(tables[0], False if bool in members else None)
         others = [annotated(one) for one in members if not _is_dataclass(one)]
         return Union[*tables, *others]
     if get_origin(hint) is tuple:
@@ -135,7 +133,7 @@ def _is_dataclass(hint: Any) -> bool:
     return is_dataclass(hint)
 
 
-def flag_or(table: type[Table], off: Any = False) -> Any:
+def flag_or(table: type[Table], off: Any) -> Any:
     """Return the type of what is false (`off`), true (a table of defaults) or a table."""
 
     def flag(value: Any) -> Any:
@@ -174,7 +172,7 @@ def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    """Return a piece of a docstring on one line, without markup."""
+    """Return a part of a docstring on one line, without markup."""
     return " ".join(re.sub(r":\w+:`~?([^`]*)`|`+([^`]*)`+", r"\1\2", text).split())
 
 

@@ -26,8 +26,8 @@ Raw = dict[str, Any]
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
     """Return a table with another's entries over its own.
 
-    Tables go into tables key by key and anything else takes the place of what was there. A table
-    that becomes another type keeps what every type has. Transfers, a list, are reached by number.
+    Tables are merged key by key; any other value replaces the old one. A table that becomes another
+    type keeps the keys that every type has. Transfers, a list, are given by number.
 
     Examples
     --------
@@ -74,12 +74,7 @@ def _in_episodes(budget: Raw) -> bool:
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
 
-    The value is read as TOML, or else taken as text.
-
-    Raises
-    ------
-    ConfigError
-        When it is no assignment.
+    The value is read as TOML, or else taken as text. ConfigError says that it is no assignment.
 
     Examples
     --------
@@ -123,14 +118,9 @@ def dotted(key: str) -> tuple[str, ...]:
 
 
 def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
-    """Return a curriculum in which each task has all its settings.
+    """Return the curriculum of an arm, or of the study as it is, each task with all its settings.
 
-    Parameters
-    ----------
-    study : dict
-        As read; any part may be malformed, and then stays so.
-    patch : dict, optional
-        The arm, if it is not the study as it is.
+    Any part may be malformed, and then stays so.
     """
     base = {key: value for key, value in study.items() if key in ("tasks", "transfers", *SETTINGS)}
     changes = table(patch)

@@ -50,7 +50,7 @@ table, or a key with a value."""
 
 
 def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the path of each old key in a study as read, and what is to be said of it."""
+    """Yield the path of each old key in a study as read, and the sentence about it."""
     tables: list[tuple[KeyPath, Any, tuple[str, ...]]] = [((), study, (STUDY, SETTING))]
     for name, task in table(study.get("tasks")).items():
         tables.append((("tasks", name), task, (TASK, SETTING)))
@@ -68,14 +68,3 @@ def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
                 found[path] = new  # a row with a value comes after that of its key
         for at, new in found.items():
             yield (*place, *at), f"was renamed: write {new}"
-
-
-def renamed_flag(flag: str) -> str | None:
-    """Return the name that a flag of the command has now; None if it never had another.
-
-    Examples
-    --------
-    >>> renamed_flag("--node")
-    '--task'
-    """
-    return RENAMED.get((FLAG, flag))

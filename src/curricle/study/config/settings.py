@@ -27,9 +27,8 @@ from curricle.study.config.tables import (
     Choice,
     Table,
     Whole,
-    meant,
+    not_one_of,
     only,
-    shown,
     tagged,
     whole_number,
     word,
@@ -116,8 +115,7 @@ StorageTable = table_of(
 def _shaping(value: Any) -> Any:
     by_name = {one.__name__: one for one in SHAPINGS}
     if not isinstance(value, str) or value not in by_name:
-        names = f"must be one of {', '.join(by_name)}"
-        raise wrong(f"{names}: got {shown(value)}{meant(value, by_name)}")
+        raise wrong(not_one_of(value, by_name))
     return by_name[value]()
 
 

@@ -49,12 +49,11 @@ class StudyConfig(RunTable):
     def from_data(
         cls, data: Mapping[str, Any], folder: Path, positions: Positions | None = None
     ) -> Self:
-        """Return the configuration that plain data describe.
+        """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
         Parameters
         ----------
         data : dict
-            As :meth:`to_data` returns it.
         folder : Path
             Of the modules with the study's own functions.
         positions : Positions, optional
@@ -63,7 +62,6 @@ class StudyConfig(RunTable):
         Raises
         ------
         pydantic.ValidationError
-            When the data are malformed.
         """
         config = cls.model_validate(dict(data), context={"folder": folder})
         config._folder = folder
@@ -100,13 +98,7 @@ class StudyConfig(RunTable):
         return self._built(*self.arms)
 
     def curriculum(self, arm: str) -> Curriculum:
-        """Return the curriculum of one arm.
-
-        Raises
-        ------
-        ConfigError
-            When there is no such arm, or naming all in it that cannot be built.
-        """
+        """Return the curriculum of one arm; ConfigError as in :attr:`curricula`."""
         if arm not in self.arms:
             raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
         return self._built(arm)[arm]

@@ -99,6 +99,11 @@ def meant(word: Any, known: Iterable[str]) -> str:
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
 
+def not_one_of(value: Any, known: Collection[str]) -> str:
+    """Return that a value must be one of the known words."""
+    return f"must be one of {', '.join(known)}: got {shown(value)}{meant(value, known)}"
+
+
 def unknown(word: Any, known: Collection[str]) -> str:
     """Return that a word is unknown, with the closest known word or else all of them.
 
@@ -244,8 +249,7 @@ def tagged(
             raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
         name = value.get("type", default)
         if not isinstance(name, str) or name not in by_name:
-            valid = f"must be one of {', '.join(by_name)}"
-            raise wrong_at((("type",), f"{valid}: got {shown(name)}{meant(name, by_name)}"))
+            raise wrong_at((("type",), not_one_of(name, by_name)))
         return by_name[name]
 
     return Choice(tables, choose, simple, simple_type)

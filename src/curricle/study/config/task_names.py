@@ -32,10 +32,10 @@ class NameGraph(NamedTuple):
 
     @property
     def learnt(self) -> list[str]:
-        """The tasks that are learnt: all but those that only lend a crop their drawing."""
+        """The tasks that are learnt: all but mazes that are there only to be cropped."""
         named = {name for edge in self.edges for name in edge}
-        lend = set(self.parts.values())
-        return [name for name in self.parts if name in named or name not in lend]
+        cropped = set(self.parts.values())
+        return [name for name in self.parts if name in named or name not in cropped]
 
     @property
     def targets(self) -> list[str]:

@@ -89,9 +89,9 @@ class _TransferTable(ObjectTable):
         return self
 
     def misfits(self, *, deep: bool) -> Iterator[tuple[str, str]]:
-        """Yield the keys that do not go with a target seen through observations, or with another.
+        """Yield the keys that do not suit the target, each with what is wrong about it.
 
-        Each with what is wrong about it.
+        A target that is `deep` is seen through observations.
         """
         if not deep:
             for key in OF_OBSERVATIONS:
@@ -110,14 +110,7 @@ class _TransferTable(ObjectTable):
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
     def mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
-        """Return the mapping f.
-
-        Parameters
-        ----------
-        target, source : Task
-        folder : Path
-            The study file's, with the modules of a user's own functions.
-        """
+        """Return the mapping f; `folder` has the modules of the user's own functions."""
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)
