@@ -135,8 +135,8 @@ MUTATIONS = [
     Mutation(
         "a stream shared between seeds",
         "learning/training.py",
-        "[stream_start(seed, stream) for seed in seeds]",
-        "[stream_start(seeds[0], stream) for _ in seeds]",
+        "[stream_start(one.seed, stream) for one in each]",
+        "[stream_start(each[0].seed, stream) for _ in each]",
         (
             "tests/unit/test_published_mistakes.py::test_equal_seeds_agree_and_different_seeds_differ",
         ),
@@ -213,8 +213,8 @@ MUTATIONS = [
     Mutation(
         "a snapshot of the wrong step",
         "learning/general_loop.py",
-        "record.frame_at[i] == checkpoint:",
-        "record.frame_at[i] == checkpoint + 1:",
+        "record.snapshot_at[i] == checkpoint:",
+        "record.snapshot_at[i] == checkpoint + 1:",
         ("tests/unit/test_stopping_rules.py::test_films_hold_the_policy_at_their_steps",),
     ),
 ]

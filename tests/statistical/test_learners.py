@@ -53,7 +53,7 @@ def _units(counter, out):
 def chosen(values, learner, *, seed=0, step=0):
     """Return the actions the compiled `choose` takes on these values."""
     row, out = np.array([values], dtype=np.float64), np.zeros(DRAWS, dtype=np.int64)
-    _choose_often(row, learner.rule().exploration, step, np.uint64(seed), out)
+    _choose_often(row, learner.kernel().exploration, step, np.uint64(seed), out)
     return out
 
 

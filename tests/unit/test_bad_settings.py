@@ -131,7 +131,7 @@ SETTINGS = {
     ),
     "a guard without a potential": (
         lambda: ask(shaping=cr.QInitialisation(guard=cr.Guard())),
-        "a guard needs a potential to watch",
+        "a guard needs a potential: got a shaping without one",
     ),
     "a guard of SARSA": (
         lambda: learn(LINE, SARSA(), 10, shaping=cr.QInitialisation(PHI, guard=cr.Guard())),
@@ -167,7 +167,10 @@ POTENTIALS = {
         r"phi must be finite: entry \(1, 2\) is nan",
     ),
     "state infinite": (lambda: StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
-    "frames without steps": (lambda: StatePotential(LINE, np.ones((2, 3))), r"2 frames: got \[0\]"),
+    "frames without steps": (
+        lambda: StatePotential(LINE, np.ones((2, 3))),
+        r"2 potentials: got \[0\]",
+    ),
     "frames late": (
         lambda: StatePotential(LINE, np.ones(3), frame_steps=[1]),
         r"from 0.*got \[1\]",

@@ -329,7 +329,7 @@ def test_calibrate_of_a_transfer_is_a_bool_or_settings():
 def test_a_budget_must_exceed_its_warm_up(budget, n):
     warm_up = WarmUp(np.array([30, 40, 60]), np.zeros(3))
     with pytest.raises(
-        cr.errors.SettingError, match=r"must exceed what was spent|one warm-up a seed"
+        cr.errors.SettingError, match=r"must exceed what was used|one warm-up a seed"
     ):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
 

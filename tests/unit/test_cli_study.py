@@ -262,7 +262,7 @@ def interruptible():
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
     file = tmp_path / "long.toml"
-    # Units of ten minutes each, after a quick one of each source.
+    # Units that nobody would wait for: ten minutes each, after a quick one of each source.
     text = study_file.read_text().partition("[arms.chain]")[0]
     file.write_text(f"scratch = false\n{text}")
     command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
@@ -270,7 +270,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     with subprocess.Popen(
         [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as running:
-        told = [running.stderr.readline() for _ in range(4)]  # both sources of both units
+        told = [running.stderr.readline() for _ in range(4)]  # both sources of both blocks
         running.send_signal(signal.SIGINT)
         told += running.stderr.readlines()
     assert running.returncode == 130
@@ -316,7 +316,7 @@ def test_decisions_are_sentences(curricle, refused, finished):
     lines = out.splitlines()
     assert code == 0
     assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
-    assert lines[0] == "scratch: maze, seed 0: ends; its budget is spent: 1,500 steps, " + (
+    assert lines[0] == "scratch: maze, seed 0: ends; all steps used: 1,500 steps, " + (
         f"{StudyResults(finished).result('scratch', 'maze').episodes_used[0]} episodes"
     )
     code, out, _ = curricle(

@@ -17,7 +17,7 @@ from curricle import (
     learn,
 )
 from curricle.errors import SettingError
-from curricle.learning.stopping import opens
+from curricle.learning.stopping import stops
 
 MAZE = GridWorld(["S...", "..P.", "...T"])
 LEARNERS = [
@@ -58,7 +58,7 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
     )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
-        found = opens(rule.kernel(), np.array(greedy), checkpoint, step)
+        found = stops(rule.kernel(), np.array(greedy), checkpoint, step)
         # Sums in another order may differ in the last digit, but not these: all values are short.
         assert found == oracle(rule, greedy, checkpoint, step)
 
@@ -110,7 +110,7 @@ def test_min_and_max_steps_bound_a_rule():
     told = never.decisions(result.steps, result.greedy_return[0])
     assert str(told[-1]).startswith("ends; greedy")
     assert "1,000 of at most 1,000 steps used" in str(told[-1])
-    assert str(told[1]).startswith("stays; too few evaluations for a value over 5")
+    assert str(told[1]).startswith("goes on; too few evaluations for a value over 5")
     assert "at least 600 steps first" in str(easy.decisions([0, 100], [0.0, 0.0])[-1])
 
 

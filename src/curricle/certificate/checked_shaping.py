@@ -11,7 +11,7 @@ from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
-from curricle.learning.shaping import Claim, DecayingAdvice, Shaping
+from curricle.learning.shaping import Claim, Shaping
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
@@ -43,6 +43,7 @@ class ShapingReward:
 
     claim: ClassVar[Claim] = "added_rewards"
     name: ClassVar[str] = "ShapingReward"
+    last_weight: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -81,10 +82,7 @@ class CheckedShaping:
     @property
     def last_weight(self) -> float:
         """The weight of the potential in the long run."""
-        for weighted in (self.shaping, self.potential):
-            if isinstance(weighted, DecayingAdvice | StatePotential):
-                return float(weighted.weight.last)
-        return 1.0
+        return self.shaping.last_weight
 
     def last_values(self) -> FloatArray:
         """Return the weighted potential in the long run, (S,) or (S, A)."""

@@ -17,7 +17,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from curricle.cli.commands import COMMANDS
+from curricle.cli import paper_command, results_commands, study_commands
 
 
 class _Commands(TyperGroup):
@@ -44,7 +44,22 @@ app = typer.Typer(
 )
 
 
-for command in COMMANDS:
+@app.callback()
+def _root() -> None:
+    """Curriculum learning by potential-based reward shaping."""
+
+
+for command in (
+    paper_command.paper,
+    study_commands.new,
+    study_commands.check,
+    study_commands.run,
+    study_commands.merge,
+    study_commands.schema,
+    results_commands.show,
+    results_commands.report,
+    results_commands.compare,
+):
     app.command()(command)
 
 
@@ -52,10 +67,10 @@ def _refuse_renamed_flags() -> None:
     """Exit with the new name where the command line has a flag's old name."""
     flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
     if flags not in ([], ["--help"]):
-        from curricle.study.config.renamed_keys import FLAG, RENAMED
+        from curricle.study.config.renamed_keys import renamed_flag
 
         for flag in flags:
-            if new := RENAMED.get((FLAG, flag)):
+            if new := renamed_flag(flag):
                 typer.echo(f"curricle: {flag} was renamed: write {new}", err=True)
                 sys.exit(2)
 

@@ -16,8 +16,8 @@ from curricle.checks import instance, one_of, whole_number
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import seed_tuple
 from curricle.learning.result import LearningResult
+from curricle.learning.seeds import seed_tuple
 from curricle.planning.solution import Solution, right_choices, solve
 from curricle.statistics.intervals import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP

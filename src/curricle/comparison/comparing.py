@@ -25,8 +25,9 @@ from curricle.comparison.controls import (
 from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, seed_tuple, spacing
+from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.result import LearningResult
+from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import StoppingRule
 from curricle.planning.target import Target
 from curricle.statistics.curves import SCRATCH

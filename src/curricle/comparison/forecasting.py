@@ -11,8 +11,7 @@ from curricle.checks import instance, one_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.errors import CurriculumError
-from curricle.learning.budget import seed_tuple
-from curricle.learning.threads import over_seeds, threads_for
+from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total

@@ -22,9 +22,10 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
-from curricle.learning.budget import Budget, seed_tuple
+from curricle.learning.budget import Budget
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.result import LearningResult
+from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import Decision
 from curricle.learning.storage import Storage

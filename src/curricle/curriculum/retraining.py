@@ -162,7 +162,7 @@ def _one_retrained(
         left = node.most_steps - spent - step
         if left == 0:
             break
-        after, then = unwatched, "stays, with no retraining left"
+        after, then = unwatched, "goes on without retraining"
         if turn <= retrain.times and (charged is None or left > cost):
             tables = {
                 name: _trained_on(nodes[name], values[0], result.seeds, retrain.steps, turn)

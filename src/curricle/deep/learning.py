@@ -10,12 +10,12 @@ import numpy.typing as npt
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError
-from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
-from curricle.learning.record import WarmUp, warm_ups
+from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
+from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingRule
-from curricle.learning.training import charges, one_a_seed
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
@@ -93,16 +93,21 @@ def learn_deep(
     learner = DeepLearner() if learner is None else learner
     instance("a task for a deep learner", task, ObservationTask, SettingError)
     instance("learner", learner, DeepLearner, SettingError)
-    numbers = seed_tuple(seeds)
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     longest = longest_run(task.longest, budget, eval_freq)
     learner.algorithm_class()
-    each_shaping = _shapings(task, learner, shaping, len(numbers))
-    spent = charges(charged, len(numbers), steps)
-    warmed_up = warm_ups(warm_up, spent, steps, episodes)
+    each = seed_settings(
+        seeds,
+        learner,
+        (steps, episodes),
+        lambda one: _of_observations(task, one),
+        shaping=shaping,
+        warm_up=warm_up,
+        charged=charged,
+    )
     stopping = NEVER_STOPS
     if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
@@ -114,27 +119,21 @@ def learn_deep(
 
     run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, stopping, stream)
     outcomes = []
-    for k, seed in enumerate(numbers):
-        place = None if saves is None else Path(saves) / f"seed-{seed}.checkpoint"
-        outcomes.append(run.train(seed, each_shaping[k], warmed_up[k], spent[k], place))
+    for one in each:
+        place = None if saves is None else Path(saves) / f"seed-{one.seed}.checkpoint"
+        outcomes.append(run.train(*one, place))
         if progress is not None:
-            progress(seed)
+            progress(one.seed)
+    numbers = tuple(one.seed for one in each)
     values = tuple(outcome.values for outcome in outcomes)
     return learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
 
 
-def _shapings(
-    task: ObservationTask, learner: DeepLearner, given: Any, n_seeds: int
-) -> list[Shaping | None]:
-    """Return the shaping of each seed, its potential one of the task's observations."""
-    return [
-        one if one is None or one.potential is None else _of_observations(task, one)
-        for one in one_a_seed(learner, given, n_seeds)
-    ]
-
-
 def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:
+    """Return the shaping with a potential of the task's observations."""
     potential = shaping.potential
+    if potential is None:
+        return shaping
     if not isinstance(potential, ObservationPotential):
         potential = ObservationPotential.of(task, potential)
     if potential.task != task:

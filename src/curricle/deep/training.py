@@ -16,7 +16,7 @@ from curricle.errors import SettingError
 from curricle.learning.record import NO_WARM_UP, Record, WarmUp
 from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import StoppingKernel, opens
+from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -105,10 +105,7 @@ class Progress:
     @classmethod
     def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
         """Return what is recorded at the start."""
-        size = run.longest // run.eval_freq + 1
-        returns, greedy, guard_share = np.full((3, size), np.nan)
-        no_frames = np.zeros(0, np.int64), np.zeros((0, 0, 0), np.float32)
-        record = Record(returns, greedy, guard_share, np.zeros(size, np.int64), *no_frames)
+        record = Record.empty(run.longest // run.eval_freq + 1)
         spent = warm_up.write(record, run.eval_freq)
         since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
         first = -(-spent.steps // run.eval_freq)
@@ -188,7 +185,7 @@ class Recorder(BaseCallback):
             record.training_return[here] = np.mean(progress.returns)
             progress.returns.clear()
         progress.checkpoint += 1
-        return bool(opens(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
+        return bool(stops(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
 
     def end(self) -> None:
         """Mark the run as over."""

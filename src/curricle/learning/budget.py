@@ -1,10 +1,6 @@
-"""Budgets: steps, episodes or a stopping rule; checkpoints and seeds."""
+"""Budgets: steps, episodes or a stopping rule; their checkpoints."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
@@ -16,7 +12,11 @@ MOST_CHECKPOINTS = 10_000_000
 
 @dataclass(frozen=True)
 class Episodes:
-    """A budget in episodes, where a bare number means steps.
+    """A budget in episodes; a bare number means steps.
+
+    Parameters
+    ----------
+    number : int
 
     Raises
     ------
@@ -79,17 +79,14 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
     return steps
 
 
-def seed_tuple(seeds: Any) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError.
+def ended_by(budget: Budget, out_of_memory: bool) -> str:
+    """Return what ended a run that no stopping rule ended, in fixed words.
 
     Examples
     --------
-    >>> seed_tuple(3), seed_tuple([7, 11])
-    ((0, 1, 2), (7, 11))
+    >>> ended_by(Episodes(10), False)
+    'all episodes done'
     """
-    if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
-        return tuple(range(whole_number("seeds", seeds, 1, SettingError)))
-    numbers = tuple(whole_number("each of seeds", s, 0, SettingError) for s in seeds)
-    if not numbers or len(set(numbers)) != len(numbers):
-        raise SettingError(f"seeds must be different, at least one: got {seeds}")
-    return numbers
+    if out_of_memory:
+        return "memory full"
+    return "all episodes done" if isinstance(budget, Episodes) else "all steps used"

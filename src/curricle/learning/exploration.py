@@ -27,8 +27,11 @@ class Softmax(NamedTuple):
     inverse_temperature: Constant | Schedule
 
 
-class Rule(NamedTuple):
-    """A learner's settings. Exploration and schedules are types: a loop holds no code of others."""
+class LearnerKernel(NamedTuple):
+    """A learner as compiled loops read it.
+
+    Exploration and schedules are types, so that a loop is compiled with the code of its own alone.
+    """
 
     update: int
     learning_rate: Constant | Schedule | ByVisits

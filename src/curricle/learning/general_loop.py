@@ -1,10 +1,9 @@
 """The general learning loop: all update rules and all shapings, one function for each equation.
 
-The functions trust their input; :func:`curricle.learn`, which calls them, validates. Q-learning
-on unshaped rewards has a faster loop of its own in ``q_learning.py``, guarded learning one in
-``guard.py``. The loop is compiled once for all rules and shapings: with bodies chosen by type it
-would be compiled anew for each of their combinations, and compiling takes far longer than the few
-comparisons that a step of the loop makes.
+:func:`curricle.learn` validates the arguments. Q-learning on unshaped rewards has a faster loop of
+its own in ``q_learning.py``, guarded learning one in ``guard.py``. This loop is compiled once for
+all rules and shapings: with bodies chosen by type it would be compiled anew for each combination,
+and compiling takes far longer than the few comparisons that a step of the loop makes.
 """
 
 from typing import Any, NamedTuple
@@ -33,10 +32,10 @@ Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
 class ShapingKernel(NamedTuple):
     """What a :class:`Shaping` adds while learning, as compiled loops read it."""
 
-    way: int
+    kind: int
     weight: Schedule
-    frame_steps: npt.NDArray[np.int64]  # (M,) the step from which each frame holds
-    state_values: FloatArray  # (M, S) Phi(s) of each frame
+    steps: npt.NDArray[np.int64]  # (M,) the step from which each state potential holds
+    state_values: FloatArray  # (M, S) Phi(s)
     pair_values: FloatArray  # (S, A) phi(s, a)
 
 
@@ -46,7 +45,7 @@ class Acting(NamedTuple):
     q: npt.NDArray[np.floating[Any]]  # (1 or 2, S, A)
     advice: FloatArray  # (S, A) phi, or (0, A)
     weight: float
-    values: FloatArray  # (1, A) room
+    values: FloatArray  # (1, A) work space
 
 
 @acting_rows.body(Acting)
@@ -71,9 +70,9 @@ def _acting_greedy(view, state, bits):
 
 @inlined
 def state_potential(shaping, state, step):
-    """Return w(t) Phi(s, t), the frame of the potential in force at `step`."""
-    frame = first_above(shaping.frame_steps, step) - np.uint64(1)
-    return at(shaping.weight, step) * shaping.state_values[frame, state]
+    """Return w(t) Phi(s, t), of the potential that holds at `step`."""
+    current = first_above(shaping.steps, step) - np.uint64(1)
+    return at(shaping.weight, step) * shaping.state_values[current, state]
 
 
 # -- update rules: the target of Q(s, a) where the episode goes on from s' -----------------------
@@ -140,7 +139,7 @@ def state_shaping_reward(shaping, discount, next_state, terminated, step, here):
 def look_back_reward(shaping, discount, state, action, terminated, before):
     """Return F = phi(s, a) - phi(s before, a before) / gamma, and phi(s, a).
 
-    Wiewiora, Cottrell, Elkan 2003. With the last step of an episode the term of its end is due,
+    Wiewiora, Cottrell, Elkan 2003. The last step of an episode also gets the term of its end,
     gamma (0 - phi(s, a) / gamma), so that phi(s, a) cancels.
     """
     here = shaping.pair_values[state, action]
@@ -152,11 +151,11 @@ def look_back_reward(shaping, discount, state, action, terminated, before):
 @inlined
 def shaping_reward(shaping, discount, state, action, next_state, terminated, step, carried):
     """Return what shaping adds to the reward of a step, and what it carries to the next step."""
-    if shaping.way == STATE:
+    if shaping.kind == STATE:
         return state_shaping_reward(shaping, discount, next_state, terminated, step, carried)
-    if shaping.way == LOOK_BACK:
+    if shaping.kind == LOOK_BACK:
         return look_back_reward(shaping, discount, state, action, terminated, carried)
-    if shaping.way == BONUS:
+    if shaping.kind == BONUS:
         return shaping.pair_values[state, action], 0.0
     return 0.0, 0.0
 
@@ -167,12 +166,12 @@ def shaping_reward(shaping, discount, state, action, next_state, terminated, ste
 @inlined
 def keep_snapshot(record, checkpoint, q, other):
     """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
-    for i in range(record.frame_at.shape[0]):
-        if record.frame_at[i] == checkpoint:
+    for i in range(record.snapshot_at.shape[0]):
+        if record.snapshot_at[i] == checkpoint:
             for state in range(q.shape[0]):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[state, action] + other[state, action])
-                    record.frames[i, state, action] = mean
+                    record.snapshots[i, state, action] = mean
 
 
 @inlined
@@ -194,7 +193,7 @@ def write_checkpoint(record, checkpoint, so_far, q, other, stopping):
 def warm_up_checkpoints(record, step, eval_freq, value):
     """Return the first checkpoint from `step` on; those before get the value of step 0.
 
-    The value comes as a number: evaluating here too would compile the evaluation a second time.
+    `value` is a number: evaluating here too would compile the evaluation a second time.
     """
     checkpoint = 0
     while checkpoint * eval_freq < step:
@@ -212,20 +211,20 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     """
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
-    advice = phi[: phi.shape[0] if shaping.way == ADVICE else 0]
+    advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
     n_actions = q.shape[2]
     values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
-    room = np.empty((1, n_actions))
+    row = np.empty((1, n_actions))
     step, episodes, ended, ended_return = done
-    first = Acting(q, advice, at(weight, step), room)
+    first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:
         if step == checkpoint * eval_freq:
-            view = Acting(q, advice, at(weight, step), room)
-            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, view)
+            acting = Acting(q, advice, at(weight, step), row)
+            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
             if write_checkpoint(
                 record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
             ):
@@ -237,10 +236,10 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             state = first_state(model, splitmix64(counter))
             counter += STRIDE
             length, episode_return, carried = 0, 0.0, 0.0
-            if shaping.way == STATE:
+            if shaping.kind == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
-            acting_values(Acting(q, advice, at(weight, step), room), state, values)
+            acting_values(Acting(q, advice, at(weight, step), row), state, values)
             action, bits, counter = choose(rule.exploration, values, step, counter)
         next_state, target, terminated = transition(model, state, action, bits)
         step, length, episode_return = step + 1, length + 1, episode_return + target
@@ -255,7 +254,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
             coin, counter = splitmix64(counter), counter + STRIDE
             table = np.int64(coin & np.uint64(1))
         if not terminated:
-            acting_values(Acting(q, advice, at(weight, step), room), next_state, next_values)
+            acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
                 next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
             target = td_target(

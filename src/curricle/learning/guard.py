@@ -3,9 +3,9 @@
 Values that are too high correct themselves, since greedy actions try those pairs. Values that are
 too low do not: those pairs are avoided, and only a learner without the potential tries them.
 
-The loop is not the general one. It updates two tables with each step, evaluates the one that is
-ahead, and chooses who acts after each episode. Folded into the general loop, these would make
-every other learning carry a second table and three more branches, and compile longer.
+The loop is not the general one: it updates two tables with each step, evaluates the one that is
+ahead, and chooses which one acts after each episode. In the general loop, all other learning would
+need a second table and three more branches, and would take longer to compile.
 """
 
 from dataclasses import dataclass
@@ -33,30 +33,29 @@ from curricle.tasks.overloads import inlined
 FEWEST = 5
 """Episodes of each learner before they are compared."""
 FADING = 0.999
-"""What an episode leaves of the account of who acted how much."""
+"""Factor, per episode, of the steps counted for each learner."""
 
 
 @dataclass(frozen=True)
 class Guard:
     """Reduces the influence of a potential where it does harm, and keeps the optimum.
 
-    Two Q-learners share one experience: one starts as phi, the other as if there were none. Both
-    learn from every step; in each episode one of them acts. The one whose last episodes returned
-    more is evaluated, and its values are returned; where it is ahead by `standard_errors`, its
-    share of the steps grows from episode to episode. Each is Q-learning on plain rewards from
-    initial values of its own, so both converge to Q* under the usual conditions, whatever phi is
-    and however the shares move: nothing has to be corrected when the shares change.
+    Two Q-learners learn from the same steps: one starts at phi, the other without it. In each
+    episode one of them acts. The one whose last episodes returned more is evaluated, and its values
+    are returned; where it is ahead by `standard_errors`, its share of the steps grows from episode
+    to episode. Each is Q-learning on plain rewards from its own initial values, so both converge to
+    Q* under the usual conditions, for any phi and any shares.
 
     Parameters
     ----------
     share : float
-        Share of the steps that phi's learner gets at first, in (0, 1).
+        Share of the steps in which phi's learner acts at first, in (0, 1).
     min_share : float
-        Share that either keeps, in (0, 0.5].
+        Share that each learner keeps, in (0, 0.5].
     pace : float
-        Part of the way to its largest share that the better one gains an episode, in (0, 1].
+        Part of the way to its largest share that the better one gains an episode, in [0, 1].
     standard_errors : float
-        Standard errors by which it has to be better.
+        Standard errors by which the mean return of the better one has to be higher.
     memory : int
         Episodes over which returns are averaged, exponentially.
 
@@ -111,23 +110,23 @@ class GuardKernel(NamedTuple):
 
 
 @inlined
-def remember(mean, variance, episodes, learner, returned, forgetting):
-    """Take one more return into a learner's running mean and variance."""
+def add_return(mean, variance, episodes, learner, returned, forgetting):
+    """Update a learner's running mean and variance with one more return."""
     part = max(forgetting, 1.0 / (episodes[learner] + 1.0))
-    surprise = returned - mean[learner]
-    mean[learner] += part * surprise
-    variance[learner] = (1.0 - part) * (variance[learner] + part * surprise * surprise)
+    deviation = returned - mean[learner]
+    mean[learner] += part * deviation
+    variance[learner] = (1.0 - part) * (variance[learner] + part * deviation * deviation)
     episodes[learner] += 1.0
 
 
 @inlined
-def judged(guard, mean, variance, episodes, ahead, share):
+def compare_learners(guard, mean, variance, episodes, ahead, share):
     """Return which learner is ahead and the share of phi's, after an episode."""
     if min(episodes[0], episodes[1]) < FEWEST:
         return ahead, share
-    gap, errors = mean[1] - mean[0], guard.standard_errors
-    ahead = 1 if gap >= 0.0 else 0
-    if gap * gap > errors * errors * (variance[0] + variance[1]) * guard.forgetting:
+    gain, errors = mean[1] - mean[0], guard.standard_errors
+    ahead = 1 if gain >= 0.0 else 0
+    if gain * gain > errors * errors * (variance[0] + variance[1]) * guard.forgetting:
         goal = 1.0 - guard.min_share if ahead == 1 else guard.min_share
         share += guard.pace * (goal - share)
     return ahead, share
@@ -136,18 +135,18 @@ def judged(guard, mean, variance, episodes, ahead, share):
 def train_guarded(
     model, horizon, rule, guard, q, evaluation, stream, done, budget, eval_freq, record
 ):
-    """Learn in place on `q` (2, S, A), the second one started as phi; fill `record`.
+    """Learn in place on `q` (2, S, A), the second one started at phi; fill `record`.
 
     Return steps and episodes done and which table is ahead. The other arguments are those of
-    ``kernels.train``.
+    ``general_loop.train``.
     """
     discount, limit = horizon
-    values, room = np.empty((1, q.shape[2])), np.empty((1, q.shape[2]))
+    values, row = np.empty((1, q.shape[2])), np.empty((1, q.shape[2]))
     none = np.empty((0, q.shape[2]))
     mean, variance, seen, acted = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
     ahead, share, acting = 1, guard.share, 1
     step, episodes, ended, ended_return = done
-    view = Acting(q[1:], none, 0.0, room)
+    view = Acting(q[1:], none, 0.0, row)
     value = greedy_return(evaluation, model, view) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
     record.guard_share[:checkpoint] = share
@@ -155,7 +154,7 @@ def train_guarded(
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
     while True:
         if step == checkpoint * eval_freq:
-            value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, room))
+            value = greedy_return(evaluation, model, Acting(q[ahead : ahead + 1], none, 0.0, row))
             record.guard_share[checkpoint] = share
             so_far = step, episodes, ended, ended_return, value
             if write_checkpoint(record, checkpoint, so_far, q[ahead], q[ahead], budget.stopping):
@@ -166,7 +165,7 @@ def train_guarded(
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return = 0, 0.0
-        acting_values(Acting(q[acting : acting + 1], none, 0.0, room), state, values)
+        acting_values(Acting(q[acting : acting + 1], none, 0.0, row), state, values)
         action, bits, counter = choose(rule.exploration, values, step, counter)
         next_state, reward, terminated = transition(model, state, action, bits)
         rate = rate_of(rule.learning_rate, state, action, step)
@@ -180,8 +179,8 @@ def train_guarded(
         state, fresh = next_state, terminated or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
-            remember(mean, variance, seen, acting, episode_return, guard.forgetting)
-            ahead, share = judged(guard, mean, variance, seen, ahead, share)
+            add_return(mean, variance, seen, acting, episode_return, guard.forgetting)
+            ahead, share = compare_learners(guard, mean, variance, seen, ahead, share)
             acted[acting] += length
             acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
             acted *= FADING

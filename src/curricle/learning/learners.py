@@ -1,4 +1,4 @@
-"""The learners: which update, how fast, how they explore. Values that :func:`learn` runs."""
+"""The learners: an update rule, a learning rate and an exploration, for :func:`learn`."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -8,7 +8,7 @@ import numpy as np
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import general_loop
-from curricle.learning.exploration import EpsilonGreedy, Rule, Softmax
+from curricle.learning.exploration import EpsilonGreedy, LearnerKernel, Softmax
 from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
 
 
@@ -56,18 +56,18 @@ class Learner:
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
         number("initial_value", self.initial_value, SettingError)
-        self.rule()
+        self.kernel()
 
-    def rule(self, rows: int = 1, n_actions: int = 1) -> Rule:
-        """Return the learner as the compiled loops read it, for tables of so many rows."""
-        rate: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
-        if rate.shape == HARMONIC:
-            rate = ByVisits(rate, np.zeros((rows, n_actions), dtype=np.int64))
+    def kernel(self, rows: int = 1, n_actions: int = 1) -> LearnerKernel:
+        """Return the learner as compiled loops read it, for tables of so many rows."""
+        given: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
+        by_visits = given.shape == HARMONIC
+        rate = ByVisits(given, np.zeros((rows, n_actions), np.int64)) if by_visits else given.kernel
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
-            return Rule(self.update, rate.kernel, Softmax(beta.kernel))
+            return LearnerKernel(self.update, rate, Softmax(beta.kernel))
         epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
-        return Rule(self.update, rate.kernel, EpsilonGreedy(epsilon.kernel))
+        return LearnerKernel(self.update, rate, EpsilonGreedy(epsilon.kernel))
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,8 @@ class QLearning(Learner):
 @dataclass(frozen=True)
 class SARSA(Learner):
     """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next.
+
+    Rummery, Niranjan 1994.
 
     Examples
     --------
@@ -111,7 +113,7 @@ class ExpectedSARSA(Learner):
 
 @dataclass(frozen=True)
 class DoubleQLearning(Learner):
-    """Two tables, a coin choosing which learns from the other's value (van Hasselt 2010).
+    """Two tables; a coin chooses which one is updated from the other's value (van Hasselt 2010).
 
     It acts on, and reports, the mean of both.
 

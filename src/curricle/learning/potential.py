@@ -1,7 +1,7 @@
-"""Potentials: what a state, or a state-action pair, is taken to be worth before learning.
+"""Potentials: estimates of the values of states, or of state-action pairs, before learning.
 
-Both kinds are zero in terminal states by construction (Grzes 2017): shaping that pays for the
-terminal itself changes the optimal policy. The discount is the task's; there is no second one.
+They are 0 in terminal states by construction (Grzes 2017): a terminal potential would change the
+optimal policy. The discount is the task's; there is no second one.
 """
 
 from dataclasses import dataclass, replace
@@ -32,11 +32,11 @@ class StatePotential:
     task : Task
         The task to be shaped.
     values : (S,) or (M, S) float array
-        Phi, or M frames of it. Values at terminal states are replaced by 0.
+        Phi, or M of them in turn. Values at terminal states are replaced by 0.
     frame_steps : (M,) int array, optional
-        The step of learning from which each frame holds; the first must be 0.
+        The step of learning from which each holds; the first must be 0.
     weight : float or Schedule
-        Factor w(t), so that Phi(s, t) = w(t) * frame(t)[s].
+        Factor w(t) of the values that hold at step t.
 
     Raises
     ------
@@ -67,25 +67,26 @@ class StatePotential:
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
                 f"{values.shape}"
             )
-        values = _zero_at_end(generative.terminal, values.reshape(-1, n_states))
         steps = np.array(self.frame_steps, dtype=np.int64)
+        values = values.reshape(-1, n_states)
         if steps.shape != (len(values),) or steps[0] != 0 or (np.diff(steps) <= 0).any():
             raise PotentialError(
-                f"frame_steps must rise from 0, one for each of the {len(values)} frames: got "
+                f"frame_steps must rise from 0, one for each of the {len(values)} potentials: got "
                 f"{steps.tolist()}"
             )
-        _freeze(self, values=values, frame_steps=steps)
+        object.__setattr__(self, "values", _zero_at_ends(generative.terminal, values))
+        object.__setattr__(self, "frame_steps", frozen(steps))
         object.__setattr__(self, "weight", schedule(self.weight))
 
     def at(self, step: int = 0) -> FloatArray:
         """Return Phi(s, t), (S,) float64, after `step` steps of learning."""
-        frame = int(np.searchsorted(self.frame_steps, step, side="right")) - 1
-        return np.asarray(self.weight(step) * self.values[frame])
+        current = int(np.searchsorted(self.frame_steps, step, side="right")) - 1
+        return np.asarray(self.weight(step) * self.values[current])
 
     def shaping_reward(
         self, state: npt.ArrayLike, next_state: npt.ArrayLike, *, step: int = 0
     ) -> FloatArray:
-        """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, of the shape of the states."""
+        """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, in the shape of the states."""
         discount = generative_model(self.task).discount
         here, there = np.asarray(state), np.asarray(next_state)
         return np.asarray(discount * self.at(step + 1)[there] - self.at(step)[here])
@@ -130,11 +131,11 @@ class StateActionPotential:
                 f"a state-action potential must have shape {shape}: got {values.shape}"
             )
         ends = None if generative.terminal is None else generative.terminal[:, None]
-        _freeze(self, values=_zero_at_end(ends, values))
+        object.__setattr__(self, "values", _zero_at_ends(ends, values))
 
     @property
     def highest(self) -> float:
-        """The highest promise, max phi(s, a)."""
+        """The maximum of phi(s, a)."""
         return float(self.values.max())
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
@@ -161,10 +162,10 @@ class StateActionPotential:
 
 @dataclass(frozen=True, eq=False)
 class MappedPotential:
-    """phi(s, a) read from its sources' values whenever a state asks for it; never an array.
+    """phi(s, a) computed from the sources' values one state at a time, without an array.
 
-    What :class:`Curriculum` makes of transfers whose mappings go by name (:func:`project`) and
-    an aggregate of the library's own. It enters learning as initialisation and look-ahead do.
+    :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
+    aggregate of the library's own.
 
     Parameters
     ----------
@@ -191,7 +192,7 @@ class MappedPotential:
 
     @cached_property
     def values(self) -> FloatArray:
-        """Phi as an array after all, (S, A) float64; 0 at terminal states."""
+        """phi(s, a) as an array, (S, A) float64, computed at first use; 0 at terminal states."""
         generative = generative_model(self.task)
         phi = np.empty((generative.states.size, generative.actions.size))
         read_table(self.lookup, phi)
@@ -200,9 +201,9 @@ class MappedPotential:
         return frozen(phi)
 
     def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
-        """Return phi(s, a) of n states, (n, A) float64, reading no others.
+        """Return phi(s, a) of n states, (n, A) float64, computing no others.
 
-        Ends of the task are not told apart: what the sources say of them is returned.
+        Terminal states are not set to 0: they get what the sources' values give.
         """
         phi = np.empty((len(states), generative_model(self.task).actions.size))
         read_rows(self.lookup, np.asarray(states, np.int64), phi)
@@ -210,9 +211,8 @@ class MappedPotential:
 
     @property
     def highest(self) -> float:
-        """A bound of the highest promise, max phi(s, a); the array is not made for it."""
-        parts = len(self.lookup.first) if self.lookup.combine == TOTAL else 1
-        return float(parts * self.lookup.values.max())
+        """An upper bound of max phi(s, a), without the array."""
+        return float(self._terms * self.lookup.values.max())
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
         """Return scale phi(s, a) + shift for a scale above 0; it keeps the optimum."""
@@ -220,9 +220,13 @@ class MappedPotential:
             raise PotentialError(
                 f"a potential read on the fly can be scaled by positive numbers only: got {scale}"
             )
-        parts = len(self.lookup.first) if self.lookup.combine == TOTAL else 1
-        values = frozen(scale * self.lookup.values + shift / parts)
+        values = frozen(scale * self.lookup.values + shift / self._terms)
         return MappedPotential(self.task, self.lookup._replace(values=values))
+
+    @property
+    def _terms(self) -> int:
+        """The number of source values that add up to one of phi."""
+        return len(self.lookup.first) if self.lookup.combine == TOTAL else 1
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""
@@ -232,21 +236,16 @@ class MappedPotential:
 Potential = StatePotential | StateActionPotential | MappedPotential
 
 
-def _zero_at_end(ends: Any, values: FloatArray) -> FloatArray:
-    """Return the values with 0 in terminal states, where these are known."""
-    return values.copy() if ends is None else np.where(ends, 0.0, values)
+def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
+    """Return the values with 0 in terminal states, where these are known; read-only."""
+    return frozen(values.copy() if ends is None else np.where(ends, 0.0, values))
 
 
 def finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a potential's values as float64, or raise PotentialError naming one that is not."""
+    """Return a copy of values as float64, or raise PotentialError if one is not finite."""
     values = numbers(name, given, PotentialError)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         place = tuple(int(i) for i in bad[0])
         raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
     return values
-
-
-def _freeze(owner: object, **arrays: npt.NDArray[Any]) -> None:
-    for name, array in arrays.items():
-        object.__setattr__(owner, name, frozen(array))

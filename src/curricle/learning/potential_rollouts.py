@@ -1,7 +1,6 @@
-"""Greedy rollouts of a potential: its predictions beside the returns that episodes had.
+"""Greedy rollouts of a potential: what it predicts at each step, and the return that follows.
 
-phi(s, a) is compared with the return that followed before anything is learnt: to calibrate the
-potential, or to forecast where learning will start.
+They calibrate a potential, or forecast where learning will start, before anything is learnt.
 """
 
 from dataclasses import dataclass
@@ -14,13 +13,7 @@ from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
-from curricle.planning.greedy import (
-    Values,
-    acting_row,
-    acting_rows,
-    best_of,
-    greedy_actions,
-)
+from curricle.planning.greedy import Values, acting_row, acting_rows, best_of, greedy_actions
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.simulator import GreedyPolicy, simulate
 from curricle.tasks.draws import stream_start
@@ -37,7 +30,7 @@ MOST_STEPS = 50_000_000
 
 
 class LookedUp(NamedTuple):
-    """The view of a potential that is looked up in its sources' values."""
+    """The values of a potential that is looked up in its sources' values."""
 
     lookup: ValueLookup
     row: FloatArray  # (A,) work space
@@ -59,7 +52,7 @@ def _greedy_looked_up(view, state, bits):
 
 @dataclass(frozen=True, eq=False)
 class GreedyRollouts:
-    """E greedy episodes of n steps in all, with the potential's prediction at each step.
+    """E greedy episodes with n steps in all, and what the potential predicts at each step.
 
     Attributes
     ----------
@@ -69,13 +62,13 @@ class GreedyRollouts:
     return_to_go : (n,) float64
         The discounted rewards from step t to the end of its episode.
     bootstrap_discount : (n,) float64
-        gamma^(steps to the end) where the episode was cut off and would have gone on, else 0.
+        gamma^(steps to the end) where the episode was truncated, 0 where it terminated.
     bootstrapped_value : (n,) float64
-        max_a phi(s, a) of the state the episode was cut off in; 0 where it ended.
+        max_a phi(s, a) of the state in which the episode was truncated, 0 where it terminated.
     lengths : (E,) int64
         Steps of each episode.
     ended : (E,) bool
-        Whether it reached an end, instead of being cut off.
+        Whether it terminated.
     returns : (E,) float64
         Its sum of rewards, undiscounted.
     one_reward : bool
@@ -103,8 +96,8 @@ def greedy_rollouts(
     ----------
     potential : StateActionPotential or MappedPotential
     episodes : int
-        How many, E. Each is cut off at the task's time limit, or, without one, where a reward is
-        discounted by less than 1e-9.
+        How many, E. Each is truncated at the task's time limit or, without one, where rewards are
+        discounted by a factor below 1e-9.
     seed, stream : int, str
         Of the random stream, as in :func:`learn`.
 
@@ -125,18 +118,14 @@ def greedy_rollouts(
     task = generative_model(potential.task)
     episodes, horizon = rollout_size(potential.task, episodes)
     start, view = stream_start(seed, stream), acting_view(potential)
+    draws = np.array([start], dtype=np.uint64)
     with open_model(task.model, start) as model:
-        steps, ends = simulate(
-            model,
-            GreedyPolicy(view),
-            np.array([start], dtype=np.uint64),
-            episodes=episodes,
-            limit=horizon,
-        )
-    n, first = len(steps.states), np.cumsum(ends.lengths) - ends.lengths
-    predicted, outlook = np.empty(n), (np.empty(n), np.empty(n), np.empty(n))
-    compiled(_predict, False)(view, task.discount, steps, ends, predicted, outlook)
-    return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, outlook)
+        policy = GreedyPolicy(view)
+        steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
+    first = np.cumsum(ends.lengths) - ends.lengths
+    predicted, *following = np.empty((4, len(steps.states)))
+    compiled(_predict, False)(view, task.discount, steps, ends, predicted, tuple(following))
+    return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, following)
     return GreedyRollouts(
         states=frozen(steps.states),
         actions=frozen(steps.actions),
@@ -152,7 +141,7 @@ def greedy_rollouts(
 
 
 def rollout_size(task: Any, episodes: int) -> tuple[int, int]:
-    """Return the episodes and the steps of each at most; SettingError if these may be too many."""
+    """Return the episodes, checked, and the most steps of each; SettingError if too many."""
     episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
     horizon = GreedyEvaluation().horizon(task)
     if episodes * horizon > MOST_STEPS:
@@ -166,9 +155,9 @@ def rollout_size(task: Any, episodes: int) -> tuple[int, int]:
 def greedy_start(
     potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
 ) -> float:
-    """Return the expected return of a potential's greedy policy: where learning on it starts.
+    """Return the expected return of a potential's greedy policy.
 
-    :func:`learn` records the same number at step 0 when its Q starts as phi, for the same seed and
+    :func:`learn` records the same number at step 0 when its Q starts at phi, for the same seed and
     stream.
 
     Examples
@@ -183,16 +172,16 @@ def greedy_start(
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:
-    """Return the view of a potential for compiled loops."""
+    """Return a potential as compiled loops read it."""
     if isinstance(potential, MappedPotential):
         n_actions = generative_model(potential.task).actions.size
         return LookedUp(potential.lookup, np.empty(n_actions), np.empty((1, n_actions)))
     return Values(potential.values)
 
 
-def _predict(view, discount, steps, ends, predicted, outlook):
+def _predict(view, discount, steps, ends, predicted, following):
     """Fill in phi of each step and what followed it; arrays as in :class:`GreedyRollouts`."""
-    return_to_go, bootstrap_discount, bootstrapped_value = outlook
+    return_to_go, bootstrap_discount, bootstrapped_value = following
     row, first = np.empty((1, view.values.shape[1])), 0
     for episode in range(ends.lengths.shape[0]):
         last = first + ends.lengths[episode]

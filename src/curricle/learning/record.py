@@ -1,13 +1,11 @@
-"""What a run writes down: curves, snapshots, and the warm-up that came before learning."""
+"""What a run records: curves, snapshots, and the warm-up that came before learning."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.errors import SettingError
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
 
@@ -42,19 +40,29 @@ class Snapshots:
     values: npt.NDArray[np.float32]
 
 
+class Record(NamedTuple):
+    """What a run records, one entry a checkpoint."""
+
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    greedy_return: FloatArray  # (T,)
+    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
+    episodes: npt.NDArray[np.int64]  # (T,)
+    snapshot_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
+    snapshots: npt.NDArray[np.float32]  # (M, S, A)
+
+    @classmethod
+    def empty(cls, checkpoints: int, snapshots: int = 0, shape: tuple[int, int] = (0, 0)) -> Self:
+        """Return the record to be filled, with up to so many snapshots of tables of a shape."""
+        returns, greedy, guard_share = np.full((3, checkpoints), np.nan)
+        kept = snapshot_checkpoints(snapshots, checkpoints, max(1, shape[0] * shape[1]))
+        tables = np.zeros((len(kept), *shape), np.float32)
+        return cls(returns, greedy, guard_share, np.zeros(checkpoints, np.int64), kept, tables)
+
+
 def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> npt.NDArray[np.int64]:
-    """Return the checkpoints whose values are kept, (M,) int64: none if fewer than two may be.
+    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit.
 
     They lie quadratically, so that as many fall into the first quarter as into the rest.
-
-    Parameters
-    ----------
-    snapshots : int
-        At most so many.
-    checkpoints : int
-        T.
-    pairs : int
-        S x A of the task.
 
     Examples
     --------
@@ -66,17 +74,6 @@ def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> npt.ND
         return np.zeros(0, np.int64)
     place = np.linspace(0.0, 1.0, allowed) ** 2 * (checkpoints - 1)
     return np.unique(place.astype(np.int64))
-
-
-class Record(NamedTuple):
-    """What a run writes down, one entry a checkpoint."""
-
-    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
-    greedy_return: FloatArray  # (T,)
-    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
-    episodes: npt.NDArray[np.int64]  # (T,)
-    frame_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
-    frames: npt.NDArray[np.float32]  # (M, S, A)
 
 
 class Bounds(NamedTuple):
@@ -96,8 +93,8 @@ def is_spent(bounds, step, episodes):
 # -- the warm-up ---------------------------------------------------------------------------------
 
 
-class Spent(NamedTuple):
-    """What a seed spent of its budget before learning, for the compiled loops."""
+class Used(NamedTuple):
+    """What a seed used of its budget before learning, for compiled loops."""
 
     steps: int
     episodes: int
@@ -130,33 +127,16 @@ class WarmUp:
         """Steps in all."""
         return int(self.lengths.sum())
 
-    def write(self, record: Record, eval_freq: int) -> Spent:
+    def write(self, record: Record, eval_freq: int) -> Used:
         """Fill the checkpoints before its end; return what the next one still lacks."""
         ends = np.cumsum(self.lengths)
         checkpoint = -(-ends // eval_freq)
         n = int(checkpoint.max(initial=0))
         ended = np.bincount(checkpoint, minlength=n + 1)
-        earned = np.bincount(checkpoint, self.returns, minlength=n + 1)
+        total = np.bincount(checkpoint, self.returns, minlength=n + 1)
         record.episodes[:n] = np.cumsum(ended)[:n]
-        np.divide(earned[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
-        return Spent(self.steps, len(ends), int(ended[n]), float(earned[n]))
+        np.divide(total[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
+        return Used(self.steps, len(ends), int(ended[n]), float(total[n]))
 
 
 NO_WARM_UP = WarmUp(np.zeros(0, np.int64), np.zeros(0))
-
-
-def warm_ups(
-    warm_up: Sequence[WarmUp] | None, charged: Sequence[int], steps: int, episodes: int
-) -> Sequence[WarmUp]:
-    """Return the warm-up of each seed, checked against what is left of the budget."""
-    if warm_up is None:
-        return [NO_WARM_UP] * len(charged)
-    if len(warm_up) != len(charged):
-        raise SettingError(f"one warm-up a seed means {len(charged)} of them: got {len(warm_up)}")
-    for k, one in enumerate(warm_up):
-        if one.steps >= steps - charged[k] or len(one.lengths) >= episodes:
-            raise SettingError(
-                "a budget must exceed what was spent on it before learning: the warm-up of seed "
-                f"number {k} took {one.steps:,} steps in {len(one.lengths):,} episodes"
-            )
-    return warm_up

@@ -1,7 +1,8 @@
-"""What learning leaves: curves, values, what was spent; for K seeds."""
+"""The result of learning: curves, values and totals of K seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from curricle.tasks.task import Task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+HELD = ("greedy_return", "guard_share", "episodes")
+"""Curves whose last value is repeated after a seed's end."""
+TOTALS = ("steps_used", "episodes_used", "out_of_memory")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +32,9 @@ class LearningResult:
     seeds : tuple of int
         K of them.
     values : (K, S, A) float64 or float32
-        The values each seed's policy ends up acting on, in the task's own rewards: Q, plus
-        what shaping had taken off it (phi, or Phi(s)). What a transfer hands on. From sparse
-        tables K :class:`SparseValues`; None if the :class:`Storage` keeps none.
+        The values that each seed's policy acts on in the end, in the task's own rewards: Q, plus
+        what shaping had taken off it (phi, or Phi(s)). They are what a transfer passes on. From
+        sparse tables K :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -39,17 +43,17 @@ class LearningResult:
     guard_share : (K, T) float64
         Share of the steps that a guarded potential's learner got (:class:`Guard`); NaN without.
     greedy_return : (K, T) float64
-        Expected return of the greedy policy (:class:`GreedyEvaluation`). After a seed's budget
-        of episodes is spent its last value stands.
+        Expected return of the greedy policy (:class:`GreedyEvaluation`). Checkpoints after a seed's
+        end repeat its last value.
     episodes : (K, T) int64
         Episodes ended by each checkpoint.
     steps_used, episodes_used : (K,) int64
-        What each seed spent in all.
+        Totals of each seed.
     out_of_memory : (K,) bool
-        Whether a sparse table was full before the budget was spent. The run then ended at the
+        Whether a sparse table was full before the budget was used up. The run then ended at the
         step that needed another row.
     snapshots : Snapshots or None
-        Tables of the first seed on the way, if asked for.
+        Values of the first seed on the way, if asked for.
 
     Examples
     --------
@@ -85,47 +89,44 @@ def learning_result(
     learner: Learner,
     seeds: tuple[int, ...],
     values: Any,
-    done: list[Outcome],
+    done: Sequence[Outcome],
     eval_freq: int,
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
     n = max(outcome.steps for outcome in done) // eval_freq + 1
-    training = np.stack([outcome.record.training_return[:n] for outcome in done])
-    greedy = np.stack([outcome.record.greedy_return[:n] for outcome in done])
-    episodes = np.stack([outcome.record.episodes[:n] for outcome in done])
-    guard_share = np.stack([outcome.record.guard_share[:n] for outcome in done])
+    curves = {
+        name: np.stack([getattr(outcome.record, name)[:n] for outcome in done])
+        for name in ("training_return", *HELD)
+    }
     for k, outcome in enumerate(done):
         last = outcome.steps // eval_freq
-        for held in (greedy, episodes, guard_share):
-            held[k, last + 1 :] = held[k, last]
+        for name in HELD:
+            curves[name][k, last + 1 :] = curves[name][k, last]
     return LearningResult(
         task=task,
         learner=learner,
         seeds=seeds,
         values=frozen(values) if isinstance(values, np.ndarray) else values,
         steps=frozen(np.arange(n) * eval_freq),
-        training_return=frozen(training),
-        greedy_return=frozen(greedy),
-        episodes=frozen(episodes),
         steps_used=frozen(np.array([outcome.steps for outcome in done])),
         episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
-        guard_share=frozen(guard_share),
-        snapshots=_film(seeds[0], done[0], None if values is None else values[0], eval_freq),
+        snapshots=_snapshots(seeds[0], done[0], None if values is None else values[0], eval_freq),
+        **{name: frozen(curve) for name, curve in curves.items()},
     )
 
 
-def _film(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots | None:
-    """Return what was kept of a seed's tables, the last of them included; None if nothing was."""
+def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots | None:
+    """Return the snapshots of a seed, the last values included; None if there are none."""
     record = outcome.record
-    if not len(record.frame_at):
+    if not len(record.snapshot_at):
         return None
-    shot = record.frame_at * eval_freq <= outcome.steps
-    steps, frames = record.frame_at[shot] * eval_freq, record.frames[shot]
+    taken = record.snapshot_at * eval_freq <= outcome.steps
+    steps, values = record.snapshot_at[taken] * eval_freq, record.snapshots[taken]
     if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
         steps = np.append(steps, outcome.steps)
-        frames = np.concatenate([frames, last[None].astype(np.float32)])
-    return Snapshots(seed, frozen(steps), frozen(frames))
+        values = np.concatenate([values, last[None].astype(np.float32)])
+    return Snapshots(seed, frozen(steps), frozen(values))
 
 
 def one_seed(result: LearningResult, k: int) -> LearningResult:
@@ -137,32 +138,17 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
     >>> one_seed(learn(GridWorld("S.T"), budget=100, seeds=3), 2).seeds
     (2,)
     """
-    rows = {
-        name: getattr(result, name)[k : k + 1]
-        for name in (
-            "training_return",
-            "greedy_return",
-            "episodes",
-            "guard_share",
-            "steps_used",
-            "episodes_used",
-            "out_of_memory",
-        )
-    }
-    values = None if result.values is None else result.values[k : k + 1]
+    each = ("seeds", "training_return", *HELD, *TOTALS)
     return replace(
         result,
-        seeds=result.seeds[k : k + 1],
-        values=values,
+        values=None if result.values is None else result.values[k : k + 1],
         snapshots=None if k else result.snapshots,
-        **rows,
+        **{name: getattr(result, name)[k : k + 1] for name in each},
     )
 
 
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     """Return the results of several groups of seeds as one, in the order of the seeds' numbers.
-
-    After a seed's end its last greedy return, episodes and trust stand, as within one result.
 
     Examples
     --------
@@ -171,45 +157,33 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     >>> joined_results(parts).seeds
     (2, 4)
     """
-    n = max(len(part.steps) for part in parts)
+    longest = max(parts, key=lambda part: len(part.steps))
     seeds = [seed for part in parts for seed in part.seeds]
     order = np.argsort(seeds)
 
-    def joined(name: str) -> Any:
-        each = [getattr(part, name) for part in parts]
-        if any(one is None for one in each):
-            return None
-        if not all(isinstance(one, np.ndarray) for one in each):
-            flat = [values for one in each for values in one]
-            return tuple(flat[k] for k in order)
-        return frozen(np.concatenate(each)[order])
+    def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
+        return frozen(np.concatenate(arrays)[order])
 
-    def held(name: str) -> Any:
-        rows = [
-            np.pad(getattr(part, name), ((0, 0), (0, n - len(part.steps))), mode="edge")
-            for part in parts
-        ]
-        return frozen(np.concatenate(rows)[order])
+    def padded(name: str, **how: Any) -> Any:
+        rows = [getattr(part, name) for part in parts]
+        n = len(longest.steps)
+        return joined([np.pad(row, ((0, 0), (0, n - row.shape[1])), **how) for row in rows])
 
-    def silent(name: str) -> FloatArray:
-        rows = np.full((len(seeds), n), np.nan)
-        first = 0
-        for part in parts:
-            rows[first : first + len(part.seeds), : len(part.steps)] = getattr(part, name)
-            first += len(part.seeds)
-        return frozen(rows[order])
-
+    values: Any = [part.values for part in parts]
+    if any(one is None for one in values):
+        values = None
+    elif all(isinstance(one, np.ndarray) for one in values):
+        values = joined(values)
+    else:
+        flat = list(chain.from_iterable(values))
+        values = tuple(flat[k] for k in order)
     snapshots = [part.snapshots for part in parts if part.snapshots is not None]
     return replace(
-        max(parts, key=lambda part: len(part.steps)),
+        longest,
         seeds=tuple(sorted(seeds)),
-        values=joined("values"),
-        training_return=silent("training_return"),
-        greedy_return=held("greedy_return"),
-        episodes=held("episodes"),
-        guard_share=held("guard_share"),
-        steps_used=joined("steps_used"),
-        episodes_used=joined("episodes_used"),
-        out_of_memory=joined("out_of_memory"),
-        snapshots=min(snapshots, key=lambda snapshots: snapshots.seed) if snapshots else None,
+        values=values,
+        training_return=padded("training_return", constant_values=np.nan),
+        snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
+        **{name: padded(name, mode="edge") for name in HELD},
+        **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},
     )

@@ -16,7 +16,16 @@ CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)
 class Schedule(NamedTuple):
     """A number as a function of the steps taken; build it with the functions of this module.
 
-    A harmonic learning rate counts the visits to its state-action pair instead of all steps.
+    A harmonic learning rate counts the updates of its state-action pair instead of all steps.
+
+    Attributes
+    ----------
+    shape : int
+        Constant, linear, exponential or harmonic.
+    first, last : float
+        The value at step 0, and the one that it tends to.
+    span : float
+        The scale of time, in steps (updates).
 
     Examples
     --------
@@ -31,7 +40,7 @@ class Schedule(NamedTuple):
     span: float
 
     def __call__(self, step: int) -> float:
-        """Return the value after `step` steps (visits)."""
+        """Return the value after `step` steps (updates)."""
         return float(_schedule_at(self, step))
 
     @property
@@ -43,51 +52,81 @@ class Schedule(NamedTuple):
 def constant(value: float) -> Schedule:
     """Return the schedule whose value is always `value`.
 
+    Parameters
+    ----------
+    value : float
+
     Examples
     --------
     >>> constant(0.1)(500)
     0.1
     """
-    always = _finite("a schedule", value)
+    always = number("a schedule", value, SettingError)
     return Schedule(CONSTANT, always, always, 1.0)
 
 
 def linear(first: float, last: float, *, steps: int) -> Schedule:
-    """Return the schedule that is linear from `first` to `last` over `steps` steps, then constant.
+    """Return the schedule that is linear from `first` to `last`, then constant.
+
+    Parameters
+    ----------
+    first, last : float
+    steps : int
+        Steps from one to the other.
 
     Examples
     --------
     >>> linear(1.0, 0.0, steps=100)(25)
     0.75
     """
-    return Schedule(LINEAR, _finite("first", first), _finite("last", last), _span("steps", steps))
+    return _checked(LINEAR, first, last, "steps", steps)
 
 
 def exponential(first: float, last: float = 0.0, *, half_life: float) -> Schedule:
-    """Return the schedule whose distance from `last` halves every `half_life` steps.
+    """Return the schedule ``last + (first - last) * 0.5 ** (n / half_life)``.
+
+    Parameters
+    ----------
+    first, last : float
+        The value at step 0, and its limit.
+    half_life : float
+        Steps in which the distance from `last` halves.
 
     Examples
     --------
     >>> exponential(1.0, half_life=10)(20)
     0.25
     """
-    span = _span("half_life", half_life)
-    return Schedule(EXPONENTIAL, _finite("first", first), _finite("last", last), span)
+    return _checked(EXPONENTIAL, first, last, "half_life", half_life)
 
 
 def harmonic(first: float = 1.0, last: float = 0.0, *, half: float = 1.0) -> Schedule:
-    """Return ``last + (first - last) / (1 + n / half)``; halfway after `half` steps or visits.
+    """Return the schedule ``last + (first - last) / (1 + n / half)``.
 
     As a learning rate `n` counts the updates of the pair, so that ``harmonic()`` is 1 / (n + 1),
     the sample mean, and the Robbins-Monro conditions hold.
+
+    Parameters
+    ----------
+    first, last : float
+        The value at step 0, and its limit.
+    half : float
+        Steps (updates) after which the value is halfway.
 
     Examples
     --------
     >>> harmonic()(3)
     0.25
     """
-    span = _span("half", half)
-    return Schedule(HARMONIC, _finite("first", first), _finite("last", last), span)
+    return _checked(HARMONIC, first, last, "half", half)
+
+
+def _checked(shape: int, first: float, last: float, name: str, span: float) -> Schedule:
+    """Return a schedule, or raise SettingError unless its numbers are finite and `span` > 0."""
+    if not number(name, span, SettingError) > 0:
+        raise SettingError(f"{name} must be positive: got {span}")
+    ends = number("first", first, SettingError), number("last", last, SettingError)
+    return Schedule(shape, *ends, float(span))
 
 
 def schedule(value: "float | Schedule") -> Schedule:
@@ -104,36 +143,24 @@ def within(name: str, value: "float | Schedule", low: float, high: float) -> Sch
     return value
 
 
-def _finite(name: str, value: float) -> float:
-    return number(name, value, SettingError)
+# -- in compiled code ----------------------------------------------------------------------------
 
 
-def _span(name: str, value: float) -> float:
-    if not number(name, value, SettingError) > 0:
-        raise SettingError(f"{name} must be positive: got {value}")
-    return float(value)
+class Constant(NamedTuple):
+    """A schedule that never changes."""
+
+    value: float
 
 
 class ByVisits(NamedTuple):
     """A learning rate that depends on the updates of each pair, not on all steps."""
 
-    schedule: "Schedule"
+    schedule: Schedule
     visits: npt.NDArray[np.int64]  # (rows, A)
-
-    @property
-    def kernel(self) -> "ByVisits":
-        """Itself, as it is."""
-        return self
-
-
-class Constant(NamedTuple):
-    """A schedule that never changes, for compiled loops."""
-
-    value: float
 
 
 def at(schedule, step):
-    """Return the value of a schedule after `step` steps, in compiled code."""
+    """Return the value of a schedule after `step` steps."""
 
 
 def rate_of(learning_rate, row, action, step):

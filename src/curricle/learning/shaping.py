@@ -1,10 +1,10 @@
-"""The ways a potential enters learning, one class each.
+"""Shapings: how a potential enters learning, one class for each way.
 
-A class says for which learners it makes sense (:meth:`Shaping.check`), which kind of potential it
+A class defines for which learners it is valid (:meth:`Shaping.check`), which kind of potential it
 takes (:meth:`Shaping.for_task`), whether Q starts at that potential, what compiled loops add to
 rewards or to the values acted on (:meth:`Shaping.kernel`), what has to be added to Q so that it is
 in the task's own rewards (:meth:`Shaping.offset`), and what :func:`certify` checks
-(``Shaping.claim``). A new way is a new class.
+(``Shaping.claim``).
 """
 
 from abc import ABC, abstractmethod
@@ -25,19 +25,19 @@ from curricle.learning.potential import (
     StateActionPotential,
     StatePotential,
 )
-from curricle.learning.schedules import Schedule, constant, schedule
+from curricle.learning.schedules import constant, schedule
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model, same_task
 
 FloatArray = npt.NDArray[np.float64]
 Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]
-"""What is claimed of a shaping in the long run, for :func:`certify` to check.
+"""What holds of a shaping in the long run, for :func:`certify` to check.
 
 - telescoping: rewards get gamma Phi(s') - Phi(s), so that Q becomes Q* - Phi;
 - fixed_point: Q + phi, or Q started at phi, becomes Q*;
 - one_way_in: rewards get phi(s, a) - phi(before) / gamma, and every state is entered with one phi;
 - added_values: the policy acts on Q* + w phi with the last weight w;
-- added_rewards: rewards get phi(s, a) or F(s, a, s'), and nothing is known of it.
+- added_rewards: rewards get phi(s, a) or F(s, a, s'), which need not be potential-based.
 """
 
 # Read-only like every potential: another kind of array would be another compilation.
@@ -49,8 +49,8 @@ NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)
 class Shaping(ABC):
     """How a potential enters learning; see the classes derived from it.
 
-    Each has a potential, which may be left out: then nothing is added. A :class:`Curriculum` takes
-    a shaping without one and fills in what the sources give.
+    Without a potential nothing is added. A :class:`Curriculum` takes a shaping without one and
+    fills in the one from its sources.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Shaping(ABC):
     starts_at_potential: ClassVar[bool] = False
     """Whether Q starts at the potential, so that learning itself is plain."""
     reads_values: ClassVar[bool] = True
-    """Whether it reads the potential's values, so that these can be calibrated or foreseen."""
+    """Whether it uses the potential's values, so that these can be calibrated or forecast."""
 
     @property
     @abstractmethod
@@ -73,8 +73,13 @@ class Shaping(ABC):
 
     @property
     def guard(self) -> Guard | None:
-        """What watches over the potential, if anything."""
+        """The guard against a harmful potential, if there is one."""
         return None
+
+    @property
+    def last_weight(self) -> float:
+        """The factor of the potential's values in the long run."""
+        return 1.0
 
     @property
     def name(self) -> str:
@@ -119,7 +124,7 @@ class Shaping(ABC):
 
     def kernel(self) -> ShapingKernel:
         """Return what compiled loops add; nothing where Q starts at the potential."""
-        return NOTHING_ADDED
+        return NOTHING_ADDED if self.potential is None else NOTHING_ADDED._replace(**self._added())
 
     def offset(self, step: int) -> Any:
         """Return what to add to Q, broadcast to (S, A), after `step` steps.
@@ -128,15 +133,19 @@ class Shaping(ABC):
         """
         return 0.0
 
+    def _added(self) -> dict[str, Any]:
+        """Return the fields of the kernel that differ from ``NOTHING_ADDED``."""
+        return {}
+
     def _taken(self, task: Task, given: Any) -> Potential:
-        """Return the potential as the shaping takes it: of pairs, unless a class says otherwise."""
+        """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
         if isinstance(given, StatePotential):
             raise SettingError(f"{self.name} takes a potential phi(s, a): got a StatePotential")
         return pair_potential(task, given)
 
 
 def pair_potential(task: Task, given: Any) -> StateActionPotential | MappedPotential:
-    """Return a potential of pairs as it is, an array as one."""
+    """Return a potential of pairs; it may be given as an array."""
     if isinstance(given, StateActionPotential | MappedPotential):
         return given
     return StateActionPotential(task, given)
@@ -144,7 +153,7 @@ def pair_potential(task: Task, given: Any) -> StateActionPotential | MappedPoten
 
 @dataclass(frozen=True)
 class _StartsAtPotential(Shaping):
-    """What Q-initialisation and look-ahead advice share: they are one computation."""
+    """Q-initialisation and look-ahead advice, which are the same computation."""
 
     potential: Any = field(default=None, repr=False)
     guard: Guard | None = None
@@ -158,7 +167,7 @@ class _StartsAtPotential(Shaping):
             instance(f"guard of {self.name}", self.guard, Guard, SettingError)
 
     def check(self, learner: Any) -> None:
-        """Raise SettingError unless this is valid for a learner; with a guard it is Q-learning."""
+        """Raise SettingError unless this is valid for a learner; a guard needs Q-learning."""
         super().check(learner)
         if self.guard is not None and not isinstance(learner, QLearning):
             raise SettingError(f"a guard needs the learner QLearning: got {type(learner).__name__}")
@@ -166,7 +175,7 @@ class _StartsAtPotential(Shaping):
 
 @dataclass(frozen=True)
 class QInitialisation(_StartsAtPotential):
-    """Q starts as phi(s, a); the same updates as look-ahead advice (Wiewiora 2003).
+    """Q starts at phi(s, a); the same updates as look-ahead advice (Wiewiora 2003).
 
     Parameters
     ----------
@@ -177,7 +186,7 @@ class QInitialisation(_StartsAtPotential):
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> phi = np.tile([0.0, 1.0, 0.0, 0.0], (3, 1))  # a hint: go east
+    >>> phi = np.tile([0.0, 1.0, 0.0, 0.0], (3, 1))  # to the east
     >>> learn(GridWorld("S.T"), budget=500, shaping=QInitialisation(phi)).greedy_return[0, 0]
     np.float64(196.01)
     """
@@ -187,8 +196,8 @@ class QInitialisation(_StartsAtPotential):
 class LookAheadAdvice(_StartsAtPotential):
     """Rewards get F = gamma phi(s', a*) - phi(s, a); the policy acts on Q + phi.
 
-    Carried out on Q + phi itself, which is the same save rounding: it is
-    :class:`QInitialisation` (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003).
+    It is computed as :class:`QInitialisation`, on Q + phi, which is the same but for rounding
+    (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003).
 
     Parameters
     ----------
@@ -208,7 +217,7 @@ class LookBackAdvice(Shaping):
     """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
 
     A target contains phi of the step before, averaged over all ways into a state, so the optimum
-    is sure to be kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
+    is certainly kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
 
     Parameters
     ----------
@@ -240,11 +249,8 @@ class LookBackAdvice(Shaping):
             )
         return super().for_task(task)
 
-    def kernel(self) -> ShapingKernel:
-        """Return phi(s, a)."""
-        if self.potential is None:
-            return NOTHING_ADDED
-        return NOTHING_ADDED._replace(way=LOOK_BACK, pair_values=self.potential.values)
+    def _added(self) -> dict[str, Any]:
+        return {"kind": LOOK_BACK, "pair_values": self.potential.values}
 
 
 @dataclass(frozen=True)
@@ -268,14 +274,20 @@ class StateShaping(Shaping):
     claim: ClassVar[Claim] = "telescoping"
     for_networks: ClassVar[bool] = True
 
-    def kernel(self) -> ShapingKernel:
-        """Return Phi(s, t)."""
+    @property
+    def last_weight(self) -> float:
+        """The last weight of the potential."""
         phi = self.potential
-        if phi is None:
-            return NOTHING_ADDED
-        return NOTHING_ADDED._replace(
-            way=STATE, weight=phi.weight, frame_steps=phi.frame_steps, state_values=phi.values
-        )
+        return float(phi.weight.last) if isinstance(phi, StatePotential) else 1.0
+
+    def _added(self) -> dict[str, Any]:
+        phi = self.potential
+        return {
+            "kind": STATE,
+            "weight": phi.weight,
+            "steps": phi.frame_steps,
+            "state_values": phi.values,
+        }
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
@@ -316,12 +328,13 @@ class DecayingAdvice(Shaping):
     def __post_init__(self) -> None:
         object.__setattr__(self, "weight", schedule(self.weight))
 
-    def kernel(self) -> ShapingKernel:
-        """Return phi(s, a) and its weight."""
-        if self.potential is None:
-            return NOTHING_ADDED
-        weight: Schedule = self.weight
-        return NOTHING_ADDED._replace(way=ADVICE, weight=weight, pair_values=self.potential.values)
+    @property
+    def last_weight(self) -> float:
+        """The last value of xi."""
+        return float(self.weight.last)
+
+    def _added(self) -> dict[str, Any]:
+        return {"kind": ADVICE, "weight": self.weight, "pair_values": self.potential.values}
 
     def offset(self, step: int) -> Any:
         """Return xi(t) phi(s, a), (S, A): the policy acts on the sum."""
@@ -330,9 +343,9 @@ class DecayingAdvice(Shaping):
 
 @dataclass(frozen=True)
 class RewardBonus(Shaping):
-    """Rewards get phi(s, a) outright.
+    """Rewards get phi(s, a) itself.
 
-    This is NOT potential-based: it can change the optimal policy, and is here to show reward
+    This is not potential-based and can change the optimal policy; it is here to show reward
     hacking.
 
     Parameters
@@ -349,8 +362,5 @@ class RewardBonus(Shaping):
 
     claim: ClassVar[Claim] = "added_rewards"
 
-    def kernel(self) -> ShapingKernel:
-        """Return phi(s, a)."""
-        if self.potential is None:
-            return NOTHING_ADDED
-        return NOTHING_ADDED._replace(way=BONUS, pair_values=self.potential.values)
+    def _added(self) -> dict[str, Any]:
+        return {"kind": BONUS, "pair_values": self.potential.values}

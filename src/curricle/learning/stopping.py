@@ -1,18 +1,18 @@
-"""When the training of a task stops: a rule applied at every checkpoint, with its reasons."""
+"""When the training of a task stops: a rule applied at every checkpoint, and its decisions."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba.extending import register_jitable
 
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
-from curricle.tasks.overloads import inlined
+from curricle.tasks.overloads import INLINED
 from curricle.tasks.task import Task
 
 
@@ -20,8 +20,8 @@ from curricle.tasks.task import Task
 class StoppingRule:
     """A budget that ends as soon as the greedy policy is good enough, or gets no better.
 
-    It is applied at each checkpoint after the first, by the last greedy evaluations of the seed
-    alone, so that each seed ends in its own time.
+    It is applied at each checkpoint after the first, and depends on the greedy evaluations of the
+    one seed alone: each seed ends in its own time.
 
     Parameters
     ----------
@@ -30,17 +30,16 @@ class StoppingRule:
     min_steps : int
         Steps before which it does not end.
     threshold : float, optional
-        Ends when each of the last evaluations returned at least this.
+        Ends when each of the last `patience` evaluations returned at least this.
     fraction : float, optional
         The same with worst + fraction (optimum - worst), in [0, 1], worst the uniform random
         policy's return. The task must be small enough to be solved.
     plateau : float, optional
-        Ends when the mean of the last evaluations exceeds the mean of as many before them by less
-        than this return.
+        Ends when the mean of the last `patience` evaluations exceeds the mean of as many before
+        them by less than this return.
     drop : float, optional
-        Ends, too, when each of the last evaluations lies more than this below the first.
+        Ends, too, when each of the last `patience` evaluations lies more than this below the first.
     patience : int
-        How many "the last" are.
     when : {"any", "all"}
         Whether one of threshold (or fraction) and plateau is enough, or both must hold.
 
@@ -97,19 +96,15 @@ class StoppingRule:
         one_of("when of a stopping rule", self.when, ("any", "all"), SettingError)
 
     def __str__(self) -> str:
-        n = self.patience
-        asked = [
-            words
-            for given, words in (
-                (self.threshold, f"a greedy return of {self.threshold}"),
-                (self.fraction, f"{self.fraction} of the way to the optimum"),
-                (self.plateau, f"a rise below {self.plateau}"),
-            )
-            if given is not None
-        ]
-        until = f", until {f' {_JOINED[self.when]} '.join(asked)} over {n} evaluations" * bool(
-            asked
-        )
+        conditions = {
+            f"a greedy return of {self.threshold}": self.threshold,
+            f"{self.fraction} of the way to the optimum": self.fraction,
+            f"a rise below {self.plateau}": self.plateau,
+        }
+        joint = " or " if self.when == "any" else " and "
+        until = joint.join(words for words, given in conditions.items() if given is not None)
+        if until:
+            until = f", until {until} over {self.patience} evaluations"
         least = f"{self.min_steps:,} to " if self.min_steps else ""
         return f"{least}{self.max_steps:,} steps{until}"
 
@@ -122,14 +117,12 @@ class StoppingRule:
             The return that a fraction stands for (:meth:`Target.level`).
         """
         value = self.threshold if self.fraction is None else level
-        return StoppingKernel(
-            self.min_steps,
-            self.patience,
-            math.nan if value is None else float(value),
-            math.nan if self.plateau is None else float(self.plateau),
-            math.nan if self.drop is None else float(self.drop),
-            self.when == "all",
+        level, plateau, drop = (
+            math.nan if given is None else float(given)
+            for given in (value, self.plateau, self.drop)
         )
+        every = self.when == "all"
+        return StoppingKernel(self.min_steps, self.patience, level, plateau, drop, every)
 
     def decisions(
         self,
@@ -149,23 +142,23 @@ class StoppingRule:
         level : float, optional
             The return that a fraction stands for.
         used : int, optional
-            Steps the seed spent in all; later checkpoints repeat its last value.
+            Steps that the seed took in all; later checkpoints repeat its last value.
         """
         kernel, greedy = self.kernel(level), np.asarray(greedy_return, dtype=np.float64)
         found = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
-            ends = bool(opens(kernel, greedy, checkpoint, step))
-            lowest, highest, rise = (float(part(kernel, greedy, checkpoint)) for part in _PARTS)
-            start = float(greedy[0])
-            found.append(Decision(self, kernel, step, ends, start, lowest, highest, rise))
-            if found[-1].ends or step >= self.max_steps:
+            ends = bool(stops(kernel, greedy, checkpoint, step))
+            last = kernel, greedy, checkpoint
+            lowest, highest = float(lowest_of_last(*last)), float(highest_of_last(*last))
+            rise = float(rise_of_last(*last))
+            found.append(
+                Decision(self, kernel, step, ends, float(greedy[0]), lowest, highest, rise)
+            )
+            if ends or step >= self.max_steps:
                 break
         return found
-
-
-_JOINED = {"any": "or", "all": "and"}
 
 
 class StoppingKernel(NamedTuple):
@@ -176,12 +169,16 @@ class StoppingKernel(NamedTuple):
     level: float
     plateau: float
     drop: float
-    both: bool
+    both: bool  # whether level and plateau must both be reached
 
 
 NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, False)
 
+plain_and_inlined: Any = register_jitable(**INLINED)
+"""Of a function for compiled loops that is called from Python too."""
 
+
+@plain_and_inlined
 def lowest_of_last(rule, greedy, checkpoint):
     """Return the lowest of the last evaluations up to a checkpoint; NaN if there are too few."""
     if checkpoint + 1 < rule.patience:
@@ -193,6 +190,7 @@ def lowest_of_last(rule, greedy, checkpoint):
     return lowest
 
 
+@plain_and_inlined
 def highest_of_last(rule, greedy, checkpoint):
     """Return the highest of the last evaluations after the first one; NaN if there are too few."""
     if checkpoint < rule.patience:
@@ -204,6 +202,7 @@ def highest_of_last(rule, greedy, checkpoint):
     return highest
 
 
+@plain_and_inlined
 def rise_of_last(rule, greedy, checkpoint):
     """Return the mean of the last evaluations less that of as many before; NaN if too few."""
     n = rule.patience
@@ -215,27 +214,19 @@ def rise_of_last(rule, greedy, checkpoint):
     return rise / n
 
 
-def _judge(lowest_of, highest_of, rise_of):
-    """Return the predicate of a rule, made of inlined or of plain functions."""
-
-    def opens(rule, greedy, checkpoint, step):
-        if step == 0 or step < rule.min_steps:
-            return False
-        if highest_of(rule, greedy, checkpoint) < greedy[0] - rule.drop:
-            return True
-        asks_level, asks_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
-        reached = asks_level and lowest_of(rule, greedy, checkpoint) >= rule.level
-        flat = asks_plateau and rise_of(rule, greedy, checkpoint) < rule.plateau
-        if rule.both and asks_level and asks_plateau:
-            return reached and flat
-        return reached or flat
-
-    return opens
-
-
-_PARTS = lowest_of_last, highest_of_last, rise_of_last
-opens = _judge(*_PARTS)
-stops = inlined(_judge(*map(inlined, _PARTS)))
+@plain_and_inlined
+def stops(rule, greedy, checkpoint, step):
+    """Return whether a rule ends a run at a checkpoint, given the greedy returns, (T,)."""
+    if step == 0 or step < rule.min_steps:
+        return False
+    if highest_of_last(rule, greedy, checkpoint) < greedy[0] - rule.drop:
+        return True
+    has_level, has_plateau = not np.isnan(rule.level), not np.isnan(rule.plateau)
+    reached = has_level and lowest_of_last(rule, greedy, checkpoint) >= rule.level
+    flat = has_plateau and rise_of_last(rule, greedy, checkpoint) < rule.plateau
+    if rule.both and has_level and has_plateau:
+        return reached and flat
+    return reached or flat
 
 
 @dataclass(frozen=True)
@@ -281,8 +272,22 @@ class Decision:
         return self.step >= self.rule.max_steps
 
     @property
-    def reasons(self) -> Sequence[str]:
-        """Each condition with the number it was held against."""
+    def criterion(self) -> str:
+        """What ended the run, in a few fixed words; "" where the run went on."""
+        if self.dropped:
+            return "return dropped"
+        if self.ends:
+            level = "threshold" if self.rule.fraction is None else "fraction of the optimum"
+            met = {
+                level: self.lowest >= self.kernel.level,
+                "plateau": self.rise < self.kernel.plateau,
+            }
+            return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
+        return "all steps used" if self.spent else ""
+
+    @property
+    def reasons(self) -> list[str]:
+        """Each condition with the numbers that it compared."""
         found, n = list[str](), self.rule.patience
         over = f"over {n} evaluation{'s' * (n > 1)}"
         if not math.isnan(self.kernel.level):
@@ -308,10 +313,9 @@ class Decision:
 
     def __str__(self) -> str:
         used = f"{self.step:,} of at most {self.rule.max_steps:,} steps used"
-        early = [f"at least {self.rule.min_steps:,} steps first"] * (
-            self.step < self.rule.min_steps
-        )
-        verdict = self.then or ("ends" if self.ends or self.spent else "stays")
+        too_early = self.step < self.rule.min_steps
+        early = [f"at least {self.rule.min_steps:,} steps first"] if too_early else []
+        verdict = self.then or ("ends" if self.ends or self.spent else "goes on")
         return "; ".join([verdict, *self.reasons, *early, used])
 
 

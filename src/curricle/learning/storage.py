@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
+from curricle.tasks.task import GenerativeModel
 
 UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
@@ -19,24 +20,24 @@ ROW_EXTRAS = 4 + 8 + 4 * 4
 
 @dataclass(frozen=True)
 class Storage:
-    """How the values that :func:`learn` fills are stored.
+    """How the values that :func:`learn` computes are stored.
 
     Neither the kind of table nor a memory limit that suffices changes a result.
 
     Parameters
     ----------
     kind : {"auto", "dense", "sparse"}
-        A row for every state, or for the states visited, filled from the potential at the first
-        visit. "auto" is dense where that fits the memory. Only Q-learning without shaping, or with
+        A row for every state, or for those visited, filled from the potential at the first visit.
+        "auto" is dense where that fits the memory limit. Only Q-learning without shaping, or with
         :class:`QInitialisation` or :class:`LookAheadAdvice`, can be sparse.
     dtype : {"float64", "float32"}
         Precision of the values, and of what plain Q-learning computes with.
     memory_limit : int or str, optional
         Bytes that all tables of a call of :func:`learn` may take, such as ``"4 GiB"``; half of the
-        machine's memory by default. A sparse run stops before a state that would not fit, and
-        returns what it has learnt (:attr:`LearningResult.out_of_memory`).
+        machine's memory by default. A sparse run stops before a state that would not fit; its
+        result has :attr:`LearningResult.out_of_memory` set.
     save_values : bool
-        Whether the result holds the values. Without them, memory is needed only for the seeds that
+        Whether the result has the values. Without them, memory is needed only for the seeds that
         are trained at the same time.
 
     Raises
@@ -63,7 +64,7 @@ class Storage:
 
     @property
     def limit(self) -> int:
-        """The memory that the tables may take, in bytes."""
+        """The memory limit in bytes."""
         if self.memory_limit is None:
             return _physical_memory() // 2
         if not isinstance(self.memory_limit, str):
@@ -84,6 +85,29 @@ class Storage:
     def rows_within(self, limit: int, n_actions: int) -> int:
         """Return how many rows of a sparse table fit."""
         return limit // ((n_actions + 1) * np.dtype(self.dtype).itemsize + ROW_EXTRAS)
+
+
+def rows_allowed(
+    storage: Storage, task: GenerativeModel, *, tables: int, seeds: int, steps: int
+) -> int:
+    """Return the rows a sparse table may have, or 0 if tables are dense.
+
+    `seeds` of them hold tables at the same time, each `tables` of them, and a run has up to `steps`
+    steps. Raises SettingError when dense tables that were asked for exceed the memory limit.
+    """
+    n_states, n_actions = task.states.size, task.actions.size
+    needed = seeds * storage.dense_bytes(n_states, n_actions, tables)
+    if storage.kind == "dense" or (storage.kind == "auto" and needed <= storage.limit):
+        if needed > storage.limit:
+            raise SettingError(
+                f"the values of {seeds} seeds must fit the memory_limit of the storage, "
+                f"{storage.limit / 1e9:.3g} GB: {n_states:,} states x {n_actions:,} actions in "
+                f"{storage.dtype} take {needed / 1e9:.3g} GB; see also dtype, save_values and kind"
+            )
+        return 0
+    fitting = storage.rows_within(storage.limit // seeds, n_actions)
+    # A step visits one state, and another when it starts an episode.
+    return max(1, min(fitting, n_states, 2 * steps + 1, 2**31 - 2))
 
 
 @dataclass(frozen=True, eq=False)

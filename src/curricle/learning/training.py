@@ -8,27 +8,20 @@ import numpy.typing as npt
 
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
-from curricle.learning.budget import Budget, limits, longest_run, seed_tuple, spacing
+from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import MappedPotential
-from curricle.learning.record import WarmUp, warm_ups
+from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
-from curricle.learning.run import (
-    Outcome,
-    Run,
-    rows_allowed,
-)
+from curricle.learning.run import Outcome, Run
+from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingRule, stopping_level
-from curricle.learning.storage import Storage
-from curricle.learning.threads import over_seeds, threads_for
+from curricle.learning.storage import Storage, rows_allowed
 from curricle.planning.greedy import TIED
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import stream_start
 from curricle.tasks.task import Task, generative_model
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
@@ -50,7 +43,7 @@ def learn(
     snapshots: int = 0,
     workers: int | None = None,
 ) -> LearningResult:
-    """Return what a learner learns in a task, for each of many seeds.
+    """Return the result of training a learner in a task, for each of many seeds.
 
     Parameters
     ----------
@@ -60,13 +53,13 @@ def learn(
     budget : int, Episodes or StoppingRule
         Steps (the last episode may be cut), episodes, or steps until learning is good enough.
     seeds : int or sequence of int
-        K means seeds 0 .. K-1. The result of a seed depends on nothing but the seed, the stream
-        and the other arguments; not on the other seeds or the number of workers.
+        K means seeds 0 .. K-1. The result of a seed does not depend on the other seeds or on
+        `workers`.
     shaping : Shaping or sequence of K Shaping, optional
         How a potential enters learning, one for all seeds or one for each:
         :class:`QInitialisation`, :class:`LookAheadAdvice`, :class:`LookBackAdvice`,
-        :class:`StateShaping`, :class:`DecayingAdvice` or :class:`RewardBonus`, which say what they
-        do. A potential given as an array is set to 0 in terminal states.
+        :class:`StateShaping`, :class:`DecayingAdvice` or :class:`RewardBonus`. A potential given as
+        an array is set to 0 in terminal states.
     eval_freq : int, optional
         Steps between checkpoints; by default a hundredth of a budget in steps, 100 for one in
         episodes.
@@ -77,11 +70,12 @@ def learn(
         Name of the random stream, so that several trainings of one seed draw independently.
     warm_up : sequence of K WarmUp, optional
         Episodes that each seed acted in the task already, as :func:`calibrate` does. They count
-        against the budget and stand at the start of the curves.
+        against the budget and are at the start of the curves.
     charged : sequence of K int, optional
-        Steps that each seed spent elsewhere, in sources say, on the account of this budget.
+        Steps of the budget that each seed used elsewhere, in sources say.
     snapshots : int
-        Value tables of the first seed to keep on the way (:class:`Snapshots`), at most; dense ones.
+        At most so many value tables of the first seed are kept on the way (:class:`Snapshots`);
+        dense ones only.
     workers : int, optional
         Threads over seeds; as many as there are processors by default. A live task has one.
 
@@ -92,7 +86,7 @@ def learn(
     Raises
     ------
     SettingError
-        When an argument makes no sense; nothing has run then.
+        When an argument is invalid, before anything runs.
 
     Examples
     --------
@@ -101,106 +95,75 @@ def learn(
     >>> result.values.shape, result.greedy_return[:, -1].round(2)
     ((2, 3, 4), array([196.01, 196.01]))
     """
-    learner = QLearning() if learner is None else learner
-    instance("learner", learner, Learner, SettingError)
+    learner = _given_or_default("learner", learner, Learner, QLearning)
+    evaluation = _given_or_default("evaluation", evaluation, GreedyEvaluation)
+    storage = _given_or_default("storage", storage, Storage)
     generative = generative_model(task)
     if generative.actions.size > MOST_ACTIONS:
         raise SettingError(
             f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
             f"{generative.actions.size:,}"
         )
-    seeds = seed_tuple(seeds)
-    steps, episodes = limits(budget)
+    most = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(generative.time_limit, budget, eval_freq)
-    each_shaping = [
-        None if one is None else one.for_task(task)
-        for one in one_a_seed(learner, shaping, len(seeds))
-    ]
-    spent = charges(charged, len(seeds), steps)
-    acted = warm_ups(warm_up, spent, steps, episodes)
-    evaluation = GreedyEvaluation() if evaluation is None else evaluation
-    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
-    storage = Storage() if storage is None else storage
-    instance("storage", storage, Storage, SettingError)
+    each = seed_settings(
+        seeds,
+        learner,
+        most,
+        lambda one: one.for_task(task),
+        shaping=shaping,
+        warm_up=warm_up,
+        charged=charged,
+    )
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
-    stopping = (
-        budget.kernel(stopping_level(budget, task, evaluation))
-        if isinstance(budget, StoppingRule)
-        else NEVER_STOPS
+    stopping = NEVER_STOPS
+    if isinstance(budget, StoppingRule):
+        stopping = budget.kernel(stopping_level(budget, task, evaluation))
+    threads = threads_for(generative, workers, len(each))
+    guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
+    rows = rows_allowed(
+        storage,
+        generative,
+        tables=2 if guarded else learner.tables,
+        seeds=len(each) if storage.save_values else threads,
+        steps=longest,
     )
-    threads = threads_for(generative, workers, len(seeds))
-    guarded = any(one is not None and one.guard is not None for one in each_shaping)
-    n_tables = 2 if guarded else learner.tables
-    rows = rows_allowed(generative, n_tables, storage, len(seeds), threads, longest)
-    run = Run(
-        generative, learner, steps, episodes, eval_freq, longest, kernel, storage, rows, stopping
-    )
+    run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
     if rows:
-        _check_sparse(run, each_shaping)
-    starts = [stream_start(seed, stream) for seed in seeds]
-    kept = [snapshots, *[0] * (len(seeds) - 1)]
-    each = list(zip(starts, each_shaping, acted, spent, kept, strict=True))
-    values, done = _train(run, each, threads)
-    return learning_result(task, learner, seeds, values, done, eval_freq)
+        _check_sparse(run, each)
+    starts = [stream_start(one.seed, stream) for one in each]
+    values, done = _train_all(run, each, starts, snapshots, threads)
+    numbers = tuple(one.seed for one in each)
+    return learning_result(task, learner, numbers, values, done, eval_freq)
 
 
-def _train(run: Run, each: Sequence[Any], threads: int) -> tuple[Any, list[Outcome]]:
-    """Return the values of all seeds, and what each left; `each` are their arguments."""
-    task, storage = run.task, run.storage
-    kept = storage.save_values and not run.rows
-    shape = (len(each), task.states.size, task.actions.size)
-    values = np.empty(shape, storage.dtype) if kept else None
+def _given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
+    given = (default or kind)() if given is None else given
+    instance(name, given, kind, SettingError)
+    return given
+
+
+def _train_all(
+    run: Run, each: Sequence[SeedSettings], starts: Sequence[int], snapshots: int, threads: int
+) -> tuple[Any, list[Outcome]]:
+    """Return the values of all seeds, None unless they are saved, and what each seed left."""
+    save, values = run.storage.save_values, None
+    if save and not run.rows:
+        values = np.empty((len(each), *run.shape), run.storage.dtype)
 
     def train(k: int) -> Outcome:
-        start, shaping, warm_up, charged, snapshots = each[k]
-        return run.train(
-            start, shaping, None if values is None else values[k], warm_up, charged, snapshots
-        )
+        out = None if values is None else values[k]
+        return run.train(each[k], starts[k], out, 0 if k else snapshots)
 
     done = over_seeds(train, len(each), threads)
-    if kept or not storage.save_values:
-        return values, done
-    return tuple(outcome.values for outcome in done), done
+    return tuple(one.values for one in done) if save and run.rows else values, done
 
 
-def one_a_seed(learner: Any, shaping: Any, n_seeds: int) -> list[Any]:
-    """Return the shaping of each seed, or None, checked against the learner."""
-    if shaping is None:
-        return [None] * n_seeds
-    each: list[Any] = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n_seeds
-    if len(each) != n_seeds:
-        raise SettingError(f"one shaping a seed means {n_seeds} of them: got {len(each)}")
-    for one in each:
-        if not isinstance(one, Shaping):
-            raise SettingError(
-                "shaping must be a Shaping, such as QInitialisation(potential): got a "
-                f"{type(one).__name__}"
-            )
-        one.check(learner)
-        if one.guard is not None and one.potential is None:
-            raise SettingError("a guard needs a potential to watch: got a shaping without one")
-    return each
-
-
-def charges(charged: Any, n_seeds: int, steps: int) -> Sequence[int]:
-    """Return what each seed is charged, checked against the budget."""
-    if charged is None:
-        return [0] * n_seeds
-    each = [whole_number("each of charged", one, 0, SettingError) for one in charged]
-    if len(each) != n_seeds:
-        raise SettingError(f"one charge a seed means {n_seeds} of them: got {len(each)}")
-    if max(each) >= steps:
-        raise SettingError(
-            f"a budget must exceed what is charged on it: got {steps:,} and {max(each):,} steps"
-        )
-    return each
-
-
-def _check_sparse(run: Run, each: Sequence[Shaping | None]) -> None:
-    """Raise SettingError unless this learner can fill sparse tables."""
-    for shaping in each:
+def _check_sparse(run: Run, each: Sequence[SeedSettings]) -> None:
+    """Raise SettingError unless the loop for sparse tables can train every seed."""
+    for shaping in (one.shaping for one in each):
         if not run.plain(shaping):
             entering = "no shaping" if shaping is None else shaping.name
             raise SettingError(

@@ -1,8 +1,8 @@
 """Value lookup: phi(s, a) of one state at a time, computed from source values while learning.
 
-The potential of a target with a hundred million states is never an array. Kept are the sources'
-values and, for each value of each component of a target state, what it adds to the number of the
-source's state: strides that depend on the value.
+A target with a hundred million states has no array of phi. A lookup holds the sources' values and,
+for each value of each component of a target state, what it adds to the number of the source's
+state: strides that depend on the value.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class ValueLookup(NamedTuple):
     """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources; C components of the target's states.
 
     Each source's values have one row more than it has states and one column more than it has
-    actions; these hold the value of pairs without counterpart. A source's row for a target state
+    actions, for pairs without counterpart. A source's row for a target state
     starts at ``first[n]`` plus ``strides[strides_at[n, c] + value]`` for the value of each
     component; the target's action adds ``action[n, a]``.
     """
@@ -43,12 +43,12 @@ class ValueLookup(NamedTuple):
     initial: float  # the learner's own initial value, added to phi
 
 
-def no_sources(n_actions: int, initial: float) -> ValueLookup:
+def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
     """Return the lookup without sources: every pair has the initial value.
 
     Examples
     --------
-    >>> no_sources(5, -1.0).first.size
+    >>> no_sources(5).first.size
     0
     """
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from curricle.checks import numbers, whole_number
 from curricle.comparison.choice_flips import expected_visits, right_states
 from curricle.errors import SettingError
-from curricle.learning.budget import seed_tuple
 from curricle.learning.learners import Learner
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
+from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
-from curricle.learning.budget import Episodes
+from curricle.learning.budget import ended_by
 from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus, rounded
 from curricle.statistics.curves import SCRATCH
@@ -149,7 +149,7 @@ def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[G
     >>> results = {"corner first": plan.train()}
     >>> graph, = graphs(results, reasons_by_task(results, {}))
     >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
-    (['corner', 'maze'], '1,000 steps', 'budget spent')
+    (['corner', 'maze'], '1,000 steps', 'all steps used')
     """
     groups = list[list[str]]()
     for arm, result in results.items():
@@ -380,8 +380,7 @@ def reasons_by_task(results: Mapping[str, CurriculumResult], decided: Reasons) -
     reasons = dict[tuple[str, str], Sequence[str]]()
     for arm, result in results.items():
         for name, node in result.nodes.items():
-            by_episodes = isinstance(result.curriculum.setting("budget", name), Episodes)
-            spent = "all episodes done" if by_episodes else "budget spent"
-            default = ["memory full" if full else spent for full in node.out_of_memory]
+            budget = result.curriculum.setting("budget", name)
+            default = [ended_by(budget, full) for full in node.out_of_memory]
             reasons[arm, name] = decided.get((arm, name)) or default
     return reasons

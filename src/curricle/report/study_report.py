@@ -51,9 +51,7 @@ def _page(study: StudyResults) -> str:
         study.config.name,
         study.comparison,
         results,
-        decisions={
-            place: [words[-1] for words in study.decisions(*place).values()] for place in places
-        },
+        decisions={place: list(study.ended_by(*place).values()) for place in places},
         environment={
             "command": " ".join(last["command"]),
             "started": last["started"],

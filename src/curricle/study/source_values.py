@@ -52,8 +52,17 @@ def source_values(
 ) -> dict[str, SourceValues]:
     """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
 
-    `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
-    one needs Stable-Baselines3, or raises ImportError.
+    Parameters
+    ----------
+    curriculum : Curriculum
+    seeds : tuple of K int
+    sources : dict of str to StoredValues
+        With the values of all tasks that :func:`sources_read` names for a network.
+
+    Raises
+    ------
+    ImportError
+        When there is a network, and Stable-Baselines3 is not installed.
 
     Examples
     --------

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.learning.budget import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
-from curricle.study.config.study_config import StudyConfig
 from curricle.study.serialization import UnitResult, arrays_of
 from curricle.study.source_values import StoredValues, source_values
 
@@ -68,29 +68,38 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 
 def units_of(
-    study: StudyConfig,
     arms: Arms,
+    seeds: Iterable[int],
+    seeds_per_unit: int,
     done: Mapping[str, Collection[int]],
-    shard: tuple[int, int] = (1, 1),
+    snapshots: int = 0,
 ) -> list[Unit]:
-    """Return the units of a shard (i, n) that are still to be trained, sources first.
+    """Return the units still to be trained, sources first.
 
-    Seed s belongs to the group of seeds number s // seeds_per_unit; `done` has the seeds that are
-    trained by key.
+    Parameters
+    ----------
+    arms : Arms
+    seeds : iterable of int
+    seeds_per_unit : int
+        Seed s belongs to the unit with the number s // seeds_per_unit.
+    done : dict of str to collection of int
+        Key -> the seeds that are trained.
+    snapshots : int
+        Value tables of the first seed to keep, in each task.
     """
-    part, parts = shard
-    seeds = [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
+    seeds = sorted(seeds)
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
     for arm, curriculum in arms.curricula.items():
         for task in curriculum.order:
             key = arms.keys[arm, task]
             groups: dict[int, list[int]] = {}
-            for seed in sorted(set(seeds).difference(done.get(key, ()))):
-                groups.setdefault(seed // study.seeds_per_unit, []).append(seed)
+            for seed in seeds:
+                if seed not in done.get(key, ()):
+                    groups.setdefault(seed // seeds_per_unit, []).append(seed)
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(task)}
             for members in groups.values():
-                snapshots = study.snapshots if members[0] == min(seeds) else 0
-                unit = Unit(key, arm, task, tuple(members), sources, snapshots)
+                kept = snapshots if members[0] == seeds[0] else 0
+                unit = Unit(key, arm, task, tuple(members), sources, kept)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
 
@@ -122,14 +131,16 @@ def train_unit(given: UnitInput) -> UnitResult:
         workers=1,
         saves=given.checkpoints,
     )
-    result = found[unit.task]
-    arrays = arrays_of(result)
-    arrays["source_steps"] = found.source_steps(unit.task)
-    arrays["retraining_steps"] = found.sources[unit.task].steps_used - result.steps_used
-    if fitted := found.calibrations.get(unit.task):
-        parts = ("scale", "shift", "refusal")
-        arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
-    return UnitResult(arrays, _decisions(found, unit))
+    retrained = found.retrained.get(unit.task)
+    extra = np.zeros(len(unit.seeds), np.int64) if retrained is None else retrained.extra
+    return UnitResult(
+        arrays_of(found[unit.task], found.source_steps(unit.task), extra),
+        _decisions(found, unit),
+        [
+            {"scale": one.scale, "shift": one.shift, "refusal": one.refusal}
+            for one in found.calibrations.get(unit.task, ())
+        ],
+    )
 
 
 def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
@@ -146,7 +157,7 @@ def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
 
 def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
     """Return a row for each decision of the stopping rule, or one for the end of each seed."""
-    result = found[unit.task]
+    result, budget = found[unit.task], found.curriculum.setting("budget", unit.task)
     rows = list[dict[str, Any]]()
     for k, decisions in enumerate(found.decisions(unit.task)):
         row = {"task": unit.task, "seed": unit.seeds[k]}
@@ -155,6 +166,7 @@ def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
                 **row,
                 "steps": one.step,
                 "ends": one.spent or one.ends,
+                "criterion": one.criterion,
                 "lowest": one.lowest,
                 "level": one.kernel.level,
                 "rise": one.rise,
@@ -165,8 +177,10 @@ def _decisions(found: CurriculumResult, unit: Unit) -> list[dict[str, Any]]:
         ]
         if not decisions:
             used, nan = int(result.steps_used[k]), float("nan")
-            why = "memory is full" if result.out_of_memory[k] else "its budget is spent"
+            why = ended_by(budget, bool(result.out_of_memory[k]))
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
             numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
-            rows.append({**row, "steps": used, "ends": True, **numbers, "reason": reason})
+            rows.append(
+                {**row, "steps": used, "ends": True, "criterion": why, **numbers, "reason": reason}
+            )
     return rows

@@ -21,7 +21,7 @@ def maze():
 @pytest.fixture(scope="package")
 def odd():
     study = record(ODD, {f"{ODD} arm": chain_plan()}, 2)
-    study.decisions = {(f"{ODD} arm", f"{ODD} short"): (f"{ODD} reason", "budget spent")}
+    study.decisions = {(f"{ODD} arm", f"{ODD} short"): (f"{ODD} reason", "all steps used")}
     study.environment = {f"{ODD} key": f"{ODD} value"}
     return study
 

@@ -61,4 +61,4 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
 
 def test_reasons_are_counted(odd):
     card = graphs_of(odd.results, odd.decisions)[0].cards[0]
-    assert card.reason == f"{ODD} reason (1 of 2); budget spent (1 of 2)"
+    assert card.reason == f"{ODD} reason (1 of 2); all steps used (1 of 2)"

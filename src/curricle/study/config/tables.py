@@ -9,6 +9,7 @@ from operator import or_
 from typing import Annotated, Any, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -47,8 +48,11 @@ KeyPath = tuple[str | int, ...]
 class Table(BaseModel):
     """A table of a study file.
 
-    Each message of its ValidationErrors ends a sentence that begins with the key path, such as
-    "must be a number: got 'x'".
+    Raises
+    ------
+    pydantic.ValidationError
+        Each message ends a sentence that begins with the key path, such as
+        "must be a number: got 'x'".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -61,11 +65,17 @@ class Table(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _plain_messages(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if not isinstance(data, dict | cls):
+            raise wrong(f"must be a table: got {shown(data)}")
         try:
-            return handler(data if isinstance(data, cls) else as_table(data))
+            return handler(data)
         except ValidationError as error:
-            raise wrong_at(
-                *((one["loc"], _message(one, cls.known())) for one in error.errors())
+            raise ValidationError.from_exception_data(
+                cls.__name__,
+                [
+                    _detail(one["loc"], _message(one, cls.known()), one["input"])
+                    for one in error.errors(include_url=False)
+                ],
             ) from None
 
 
@@ -74,9 +84,14 @@ def wrong(text: str) -> PydanticCustomError:
     return PydanticCustomError("wrong", "{text}", {"text": text})
 
 
-def wrong_at(*found: tuple[KeyPath, str]) -> ValidationError:
-    """Return one error with messages about parts of the value being validated."""
-    details = [InitErrorDetails(type=wrong(text), loc=path, input=None) for path, text in found]
+def wrong_at(path: KeyPath, text: str, value: Any) -> ValidationError:
+    """Return an error with this message about a part of the value being validated."""
+    return ValidationError.from_exception_data("study", [_detail(path, text, value)])
+
+
+def all_wrong(found: Iterable[tuple[KeyPath, str]]) -> ValidationError:
+    """Return one error with messages about several parts of the value being validated."""
+    details = [_detail(path, text, None) for path, text in found]
     return ValidationError.from_exception_data("study", details)
 
 
@@ -99,11 +114,6 @@ def meant(word: Any, known: Iterable[str]) -> str:
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
 
-def not_one_of(value: Any, known: Collection[str]) -> str:
-    """Return that a value must be one of the known words."""
-    return f"must be one of {', '.join(known)}: got {shown(value)}{meant(value, known)}"
-
-
 def unknown(word: Any, known: Collection[str]) -> str:
     """Return that a word is unknown, with the closest known word or else all of them.
 
@@ -114,6 +124,10 @@ def unknown(word: Any, known: Collection[str]) -> str:
     """
     others = f": known are {', '.join(known)}" if known else ""
     return f"is unknown{meant(word, known) or others}"
+
+
+def _detail(path: KeyPath, text: str, value: Any) -> InitErrorDetails:
+    return InitErrorDetails(type=wrong(text), loc=path, input=value)
 
 
 def _message(error: Any, keys: Collection[str]) -> str:
@@ -129,13 +143,6 @@ def _message(error: Any, keys: Collection[str]) -> str:
     phrase = PHRASES.get(kind, "is not understood").format(**context)
     words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
     return f"{phrase}: got {shown(error['input'])}{meant(error['input'], words)}"
-
-
-def as_table(value: Any) -> dict[str, Any]:
-    """Return a table as it is; refuse anything else."""
-    if not isinstance(value, dict):
-        raise wrong(f"must be a table: got {shown(value)}")
-    return value
 
 
 def whole_number(value: Any) -> int:
@@ -155,34 +162,15 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def word(
-    rule: str,
-    words: Collection[str] = (),
-    *,
-    function: bool = False,
-    other: Callable[[Any], Any] = lambda value: value,
-) -> BeforeValidator:
-    """Return the validator of a value that is a word, or something else that is no text.
+def no_table(value: Any) -> Any:
+    """Refuse a value that is not a table."""
+    raise wrong(f"must be a table: got {shown(value)}")
 
-    Parameters
-    ----------
-    rule : str
-        What the value must be, for messages.
-    words : collection of str
-    function : bool
-        Whether it may be a function too, as ``module:function``.
-    other : callable
-        Validates what is no text.
-    """
 
-    def checked(value: Any) -> Any:
-        if not isinstance(value, str):
-            return other(value)
-        if value in words or (function and ":" in value):
-            return value
-        raise wrong(f"must {rule}: got {value!r}{meant(value, words)}")
-
-    return BeforeValidator(checked)
+def _reference(value: str) -> str:
+    if ":" not in value:
+        raise wrong(f"must name a function as module:function: got {value!r}")
+    return value
 
 
 Whole = Annotated[int, BeforeValidator(whole_number)]
@@ -190,7 +178,7 @@ Count = Annotated[Whole, Field(ge=1)]
 Number = Annotated[float, BeforeValidator(number)]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, Field(min_length=1)]
-Reference = Annotated[str, word("name a function as module:function", function=True)]
+Reference = Annotated[str, AfterValidator(_reference)]
 """A function as ``module:function``."""
 
 
@@ -206,14 +194,14 @@ class Choice:
     choose : callable
         Returns the table that a dict is meant to be.
     simple : callable
-        Validates what is not a table.
+        Validates what is not a table; :func:`no_table` refuses it.
     simple_type : type, optional
         Of what `simple` accepts, for the JSON Schema.
     """
 
     tables: tuple[type[Table], ...]
     choose: Callable[[dict[str, Any]], type[Table]]
-    simple: Callable[[Any], Any] = as_table
+    simple: Callable[[Any], Any] = no_table
     simple_type: Any = None
 
     def __get_pydantic_core_schema__(
@@ -230,15 +218,10 @@ class Choice:
         return value if isinstance(value, Table) else self.simple(value)
 
 
-def only(table: type[Table]) -> Choice:
-    """Return the annotation of a value that is one table."""
-    return Choice((table,), lambda _: table)
-
-
 def tagged(
     *tables: type[Table],
     default: str | None = None,
-    simple: Callable[[Any], Any] = as_table,
+    simple: Callable[[Any], Any] = no_table,
     simple_type: Any = None,
 ) -> Choice:
     """Return the choice among tables by their key ``type``, which may be left out for a default."""
@@ -246,10 +229,11 @@ def tagged(
 
     def choose(value: dict[str, Any]) -> type[Table]:
         if "type" not in value and default is None:
-            raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
+            raise wrong_at(("type",), f"is missing: one of {', '.join(by_name)}", value)
         name = value.get("type", default)
         if not isinstance(name, str) or name not in by_name:
-            raise wrong_at((("type",), not_one_of(name, by_name)))
+            valid = f"must be one of {', '.join(by_name)}"
+            raise wrong_at(("type",), f"{valid}: got {shown(name)}{meant(name, by_name)}", value)
         return by_name[name]
 
     return Choice(tables, choose, simple, simple_type)

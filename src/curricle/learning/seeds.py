@@ -1,0 +1,139 @@
+"""The seeds of a training: their numbers, what each is trained with, threads over them."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.learning.record import NO_WARM_UP, WarmUp
+from curricle.learning.shaping import Shaping
+from curricle.tasks.live import is_live
+
+Done = TypeVar("Done")
+
+
+def seed_tuple(seeds: Any) -> tuple[int, ...]:
+    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError.
+
+    Examples
+    --------
+    >>> seed_tuple(3), seed_tuple([7, 11])
+    ((0, 1, 2), (7, 11))
+    """
+    if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
+        return tuple(range(whole_number("seeds", seeds, 1, SettingError)))
+    numbers = tuple(whole_number("each of seeds", s, 0, SettingError) for s in seeds)
+    if not numbers or len(set(numbers)) != len(numbers):
+        raise SettingError(f"seeds must be different, at least one: got {seeds}")
+    return numbers
+
+
+class SeedSettings(NamedTuple):
+    """What one seed is trained with."""
+
+    seed: int
+    shaping: Shaping | None
+    warm_up: WarmUp
+    charged: int  # steps of the budget that were used elsewhere
+
+
+def seed_settings(
+    seeds: Any,
+    learner: Any,
+    limits: tuple[int, int],
+    fitted: Callable[[Shaping], Shaping],
+    *,
+    shaping: Any,
+    warm_up: Any,
+    charged: Any,
+) -> list[SeedSettings]:
+    """Return what each seed is trained with, or raise SettingError.
+
+    The arguments are those of :func:`learn`; `limits` are the most steps and episodes, and `fitted`
+    returns a shaping as it fits the task.
+    """
+    numbers = seed_tuple(seeds)
+    if shaping is not None and not isinstance(shaping, Sequence):
+        shaping = [shaping] * len(numbers)
+    found = list[SeedSettings]()
+    for seed, one, acted, cost in zip(
+        numbers,
+        _one_a_seed("shaping", shaping, len(numbers), None),
+        _one_a_seed("warm-up", warm_up, len(numbers), NO_WARM_UP),
+        _one_a_seed("charge", charged, len(numbers), 0),
+        strict=True,
+    ):
+        if one is not None:
+            _check_shaping(one, learner)
+            one = fitted(one)
+        cost = whole_number("each of charged", cost, 0, SettingError)
+        _check_limits(limits, seed, acted, cost)
+        found.append(SeedSettings(seed, one, acted, cost))
+    return found
+
+
+def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
+    each = [default] * n_seeds if given is None else list(given)
+    if len(each) != n_seeds:
+        raise SettingError(f"one {what} a seed means {n_seeds} of them: got {len(each)}")
+    return each
+
+
+def _check_shaping(shaping: Any, learner: Any) -> None:
+    if not isinstance(shaping, Shaping):
+        raise SettingError(
+            "shaping must be a Shaping, such as QInitialisation(potential): got a "
+            f"{type(shaping).__name__}"
+        )
+    shaping.check(learner)
+    if shaping.guard is not None and shaping.potential is None:
+        raise SettingError("a guard needs a potential: got a shaping without one")
+
+
+def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:
+    steps, episodes = limits
+    if charged >= steps:
+        raise SettingError(
+            f"a budget must exceed what is charged on it: got {steps:,} and {charged:,} steps"
+        )
+    if warm_up.steps >= steps - charged or len(warm_up.lengths) >= episodes:
+        raise SettingError(
+            f"a budget must exceed what was used before learning: the warm-up of seed {seed} took "
+            f"{warm_up.steps:,} steps in {len(warm_up.lengths):,} episodes"
+        )
+
+
+def threads_for(task: Any, workers: int | None, seeds: int) -> int:
+    """Return the number of threads for the seeds of a task: `workers`, by default one a processor.
+
+    A live task gets one thread, as Python runs its environment in one thread at a time.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> threads_for(GridWorld("S.T"), workers=4, seeds=3)
+    3
+    """
+    if workers is not None:
+        workers = whole_number("workers", workers, 1, SettingError)
+    return 1 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
+
+
+def over_seeds(work: Callable[[int], Done], seeds: int, threads: int) -> list[Done]:
+    """Return work(0) .. work(seeds - 1).
+
+    A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.
+
+    Examples
+    --------
+    >>> over_seeds(lambda k: 10 * k, seeds=3, threads=2)
+    [0, 10, 20]
+    """
+    if threads == 1:
+        return [work(k) for k in range(seeds)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(seeds)))
