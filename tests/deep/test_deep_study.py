@@ -18,7 +18,7 @@ from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.serialization import VALUES
+from curricle.study.serialization import RUN, VALUES
 
 # A table, then a calibrated network, then two others: the last potential needs the network before
 # it, which needs the table.
@@ -116,9 +116,9 @@ def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm)
 
 
 def test_the_chain_is_calibrated(whole):
-    found = [unit for unit in StudyResults(whole).store.units() if unit.task == "alone"]
-    fitted = [one for unit in found for one in StudyResults(whole).store.calibrations(unit)]
-    assert any(one["scale"] != 1 for one in fitted)
+    store = StudyResults(whole).store
+    found = [unit for unit in store.units() if unit.task == "alone"]
+    assert any(scale != 1 for unit in found for scale in store.arrays(unit, RUN)["scale"])
 
 
 def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):

@@ -1,4 +1,4 @@
-"""A small study that several tests read: a chain of three mazes, taught in three ways."""
+"""A small study that several tests read: a chain of three mazes, learnt in three ways."""
 
 import os
 import shutil
@@ -8,8 +8,8 @@ import pytest
 from curricle.study import read_study, run_study
 from tests.comparisons import calls  # noqa: F401  a fixture
 
-# The crop shares its drawing with the target, the middle task is taught and teaches, the gate ends
-# in each seed's own time, and one arm pays for a calibration.
+# The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
+# each seed at its own step, and one arm pays for a calibration.
 CHAIN = """
 name = "chain"
 seeds = 4

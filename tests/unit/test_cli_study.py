@@ -262,7 +262,7 @@ def interruptible():
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
     file = tmp_path / "long.toml"
-    # Units that nobody would wait for: ten minutes each, after a quick one of each source.
+    # Units of ten minutes each, after a quick one of each source.
     text = study_file.read_text().partition("[arms.chain]")[0]
     file.write_text(f"scratch = false\n{text}")
     command = [sys.executable, "-m", "curricle", "run", file, "--out", "out", "--workers", "1"]
@@ -270,7 +270,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     with subprocess.Popen(
         [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as running:
-        told = [running.stderr.readline() for _ in range(4)]  # both sources of both blocks
+        told = [running.stderr.readline() for _ in range(4)]  # both sources of both units
         running.send_signal(signal.SIGINT)
         told += running.stderr.readlines()
     assert running.returncode == 130

@@ -1,4 +1,4 @@
-"""What is wrong with a study file is said in sentences: file, line, table, key, what was meant."""
+"""Mistakes in a study file are sentences: file, line, key path, rule, value, what was meant."""
 
 import tomllib
 from pathlib import Path
@@ -66,13 +66,13 @@ def complaints(tmp_path, monkeypatch):
             "size = 3\npred",
             "capture = 'al'\npred",
             "line 9: tasks.chase.capture must be 'all', 'any', 'as_published' or a number of "
-            "predators: got 'al'",
+            "predators: got 'al', did you mean 'all'?",
         ),
         (
             "size = 3\npred",
             "prey = 'uniforn'\npred",
             "line 9: tasks.chase.prey must be 'uniform', rows of probabilities, or a function as "
-            "module:function: got 'uniforn'",
+            "module:function: got 'uniforn', did you mean 'uniform'?",
         ),
         (
             'type = "pursuit"\nsize = 3\npred',

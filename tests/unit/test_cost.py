@@ -1,4 +1,4 @@
-"""What a study will take, told beforehand."""
+"""The estimate of what a study costs."""
 
 import pytest
 
@@ -12,8 +12,8 @@ PACE = 1e-6
 def estimates(study_file, monkeypatch):
     """The estimates for two seeds; a random step of any task takes a microsecond."""
     monkeypatch.setattr(cost, "pace", lambda task: PACE)
-    arms = Arms.of(read_study(study_file))
-    return {(one.arm, one.task): one for one in cost.costs(arms, (0, 1), 2)}
+    study = read_study(study_file, set=["seeds=2"])
+    return {(one.arm, one.task): one for one in cost.costs(study, Arms.of(study))}
 
 
 def test_a_learning_step_takes_a_few_random_ones(estimates):

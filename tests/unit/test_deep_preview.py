@@ -51,8 +51,8 @@ def read(tmp_path):
 
 
 def test_costs_are_foreseen(read):
-    arms = Arms.of(read(HUNT))
-    found = {(one.arm, one.task): one for one in costs(arms, (0, 1), 5)}
+    study = read(HUNT, set=["seeds=2"])
+    found = {(one.arm, one.task): one for one in costs(study, Arms.of(study))}
     assert found["scratch", "hunt"].steps == 5000
     assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
     assert found["scratch", "hunt"].table_bytes == 0

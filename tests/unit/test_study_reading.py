@@ -148,9 +148,9 @@ def test_every_seed_of_every_task_says_why_it_ended(finished, study):
     assert last["ends"].all()
     assert last["reason"].str.starts_with("ends; ").all()
     assert set(last["criterion"]) <= {"threshold reached", "all steps used"}
-    gates = frame.filter(pl.col("task") == "corner", pl.col("arm") == "chain")
-    assert (gates["level"] == 194.5).all()
-    ended = gates.filter(pl.col("ends"))
+    rows = frame.filter(pl.col("task") == "corner", pl.col("arm") == "chain")
+    assert (rows["level"] == 194.5).all()
+    ended = rows.filter(pl.col("ends"))
     assert ended["steps"].to_list() == study.results["chain"]["corner"].steps_used.tolist()
     assert (ended["lowest"] >= ended["level"]).all()
-    assert (gates.filter(~pl.col("ends"))["lowest"].fill_nan(-1e9) < 194.5).all()
+    assert (rows.filter(~pl.col("ends"))["lowest"].fill_nan(-1e9) < 194.5).all()

@@ -13,6 +13,7 @@ from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms
 from curricle.study.results import ALL_DECISIONS, RESULTS
+from curricle.study.serialization import RUN
 from curricle.study.source_values import StoredValues
 from curricle.study.units import UnitInput, train_unit, units_of
 
@@ -195,9 +196,9 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
     )
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
-        ("calibrated", "easy"),  # not taught, unlike in the other arms
+        ("calibrated", "easy"),  # without a source, unlike in the other arms
         ("calibrated", "maze"),
-        ("chain", "corner"),  # the same in the arm "state", whose maze alone is taught otherwise
+        ("chain", "corner"),  # the same in the arm "state", whose maze alone is learnt otherwise
         ("chain", "easy"),
         ("chain", "maze"),
         ("scratch", "maze"),
@@ -210,9 +211,9 @@ def test_direct_is_the_target_learnt_by_itself(study_file, finished):
     study = StudyResults(finished)
     found = study.result("scratch", "maze", values=True)
     task = read_study(study_file).curriculum("chain").tasks["maze"]
-    frames = study.config.snapshots
+    snapshots = study.config.snapshots
     learnt = cr.learn(
-        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=frames
+        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
     )
     assert_equal(found, learnt)
     np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)
@@ -229,9 +230,9 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
             }
             assert study.decisions(arm, node) == words
     fitted = [one.scale for one in trained.calibrations.get("maze", ())]
-    stored = study.stored[study.arms.keys[arm, "maze"]]
-    manifests = [json.loads((unit.path / "unit.json").read_text()) for unit in stored]
-    assert [one["scale"] for each in manifests for one in each["calibrations"]] == fitted
+    units = [unit for unit in study.store.units() if unit.key == study.arms.keys[arm, "maze"]]
+    runs = [study.store.arrays(unit, RUN) for unit in units]
+    assert [scale for run in runs for scale in run.get("scale", ())] == fitted
 
 
 def test_the_comparison_is_that_of_compare(study_file, finished):
@@ -270,7 +271,8 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
 
 def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
     study, done = read_study(study_file), StudyResults(finished)
-    units = units_of(done.arms, (1, 3), 4, {})
+    changed = read_study(study_file, set=["seeds=[1, 3]", "seeds_per_unit=4"])
+    units = units_of(changed, done.arms, {})
     unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
     rows = [1, 3]
     sources = {

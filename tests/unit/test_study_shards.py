@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 
 @pytest.fixture(scope="module")
 def one_arm(study_file, tmp_path_factory):
-    """The study with one arm beside the direct one, and four blocks to share."""
+    """The study with one arm beside scratch, and four units of seeds to share."""
     path = tmp_path_factory.mktemp("shards") / "chain.toml"
     text = study_file.read_text().partition("[arms.chain]")[0]
     path.write_text(text.replace("seeds_per_unit = 2", "seeds_per_unit = 1"))
@@ -64,9 +64,9 @@ def test_parts_that_do_the_same_are_taken_once(part, finished, tmp_path, content
     assert [contents(one) for one in parts] == before
 
 
-@pytest.mark.parametrize("blocks", [(3, 2), (2, 3), (4, 1), (1, 4)])
-def test_parts_in_other_blocks_count_each_seed_once(part, finished, tmp_path, blocks):
-    a, b = blocks
+@pytest.mark.parametrize("per_unit", [(3, 2), (2, 3), (4, 1), (1, 4)])
+def test_parts_in_other_units_count_each_seed_once(part, finished, tmp_path, per_unit):
+    a, b = per_unit
     parts = [
         part("a", 'seeds="0-2"', f"seeds_per_unit={a}"),
         part("b", 'seeds="1-3"', f"seeds_per_unit={b}"),

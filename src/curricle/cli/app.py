@@ -17,7 +17,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from curricle.cli import paper_command, results_commands, study_commands
+from curricle.cli.commands import COMMANDS
 
 
 class _Commands(TyperGroup):
@@ -44,22 +44,7 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def _root() -> None:
-    """Curriculum learning by potential-based reward shaping."""
-
-
-for command in (
-    paper_command.paper,
-    study_commands.new,
-    study_commands.check,
-    study_commands.run,
-    study_commands.merge,
-    study_commands.schema,
-    results_commands.show,
-    results_commands.report,
-    results_commands.compare,
-):
+for command in COMMANDS:
     app.command()(command)
 
 
@@ -67,10 +52,10 @@ def _refuse_renamed_flags() -> None:
     """Exit with the new name where the command line has a flag's old name."""
     flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
     if flags not in ([], ["--help"]):
-        from curricle.study.config.renamed_keys import renamed_flag
+        from curricle.study.config.renamed_keys import FLAG, RENAMED
 
         for flag in flags:
-            if new := renamed_flag(flag):
+            if new := RENAMED.get((FLAG, flag)):
                 typer.echo(f"curricle: {flag} was renamed: write {new}", err=True)
                 sys.exit(2)
 

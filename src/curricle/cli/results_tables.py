@@ -1,7 +1,5 @@
 """The tables and sentences of ``curricle show``."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import numpy.typing as npt
 
@@ -36,24 +34,24 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
 
 def decision_lines(
     results: StudyResults, arm: str | None, task: str | None, seed: int | None
-) -> Iterator[str]:
-    """Yield why tasks went on or stopped: all decisions of one seed, or the last of each seed."""
+) -> list[str]:
+    """Return why tasks went on or stopped: all decisions of one seed, or the last of each seed."""
     _check(results, arm, task)
-    found = False
-    for name, curriculum in results.arms.curricula.items():
-        for node in curriculum.order:
-            if arm not in (None, name) or task not in (None, node):
-                continue
-            for number, reasons in results.decisions(name, node).items():
-                if seed in (None, number):
-                    found = True
-                    for reason in reasons if seed is not None else reasons[-1:]:
-                        yield f"{name}: {node}, seed {number}: {reason}"
-    if not found:
+    lines = [
+        f"{name}: {node}, seed {number}: {reason}"
+        for name, curriculum in results.arms.curricula.items()
+        for node in curriculum.order
+        if arm in (None, name) and task in (None, node)
+        for number, reasons in results.decisions(name, node).items()
+        if seed in (None, number)
+        for reason in (reasons[-1:] if seed is None else reasons)
+    ]
+    if not lines:
         raise StoreError(
             f"{results.store.path} holds no decision of arm {arm or 'any'}, task {task or 'any'}, "
             f"seed {'any' if seed is None else seed}"
         )
+    return lines
 
 
 def _check(results: StudyResults, arm: str | None, task: str | None) -> None:

@@ -15,9 +15,8 @@ from curricle.report.graph import mapping_words
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, costs
-from curricle.study.shards import units_to_do
 from curricle.study.store import STUDY, StudyStore
-from curricle.study.stored_sources import finished
+from curricle.study.units import units_of
 from curricle.transfer.edges import transfer_names
 
 
@@ -31,7 +30,7 @@ def print_preview(study: StudyConfig) -> None:
     for lines, names in alike.items():
         print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
     print()
-    _print_cost(costs(arms, study.seeds, study.seeds_per_unit))
+    _print_cost(costs(study, arms))
     try:
         study.check_networks()
     except ImportError as error:
@@ -50,15 +49,12 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         else:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
-        yield f"  {name}: {task}; {learner}; {_budget(node.budget)}"
+        steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
+        yield f"  {name}: {task}; {learner}; {steps}"
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = "" if node.deep else f"; {edge.mapping.coverage()}"
             yield f"    {label}: {mapping_words(edge)}{cover}"
-
-
-def _budget(budget: object) -> str:
-    return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
 
 
 def _print_cost(each: list[Cost]) -> None:
@@ -114,9 +110,9 @@ def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
 def units_left(study: StudyConfig, path: Path, shard: tuple[int, int]) -> Iterator[str]:
     """Yield the units that a run into a folder would train, and how many it holds already."""
     arms = Arms.of(study)
-    stored = StudyStore(path).units() if (path / STUDY).exists() else []
-    left = units_to_do(study, arms, finished(stored), shard)
+    store = StudyStore(path) if (path / STUDY).exists() else None
+    left = units_of(study, arms, store.finished() if store else {}, shard)
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
-    yield f"{len(left)} units to do, {len(stored)} done, in {path}"
+    yield f"{len(left)} units to do, {len(store.units()) if store else 0} done, in {path}"

@@ -1,4 +1,4 @@
-"""Backups of exact planning for a `FactoredModel`: one mover after the other, no tables.
+"""Backups of exact planning for a `FactoredModel`: no tables, first the prey, then each predator.
 
 The values of all states with the prey on one cell are a *plane*, C^k numbers. A sweep backs up
 plane by plane, in place: the mean over the prey's moves is a sum of planes, and the best joint move
@@ -20,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 class Planes(NamedTuple):
     """What backups read of a factored model."""
 
-    mean: FloatArray  # (S,) mean reward of a step after which the predators are in these places
+    mean: FloatArray  # (S,) reward of a step from the prey's cell to the predators' cells
     landing: npt.NDArray[np.int32]  # (C, M)
     prey_policy: FloatArray  # (C, M)
     terminal: npt.NDArray[np.bool_]  # (S,)

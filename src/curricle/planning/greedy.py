@@ -1,8 +1,8 @@
 """Greedy actions: the best of a row of values, ties broken uniformly; compiled.
 
-A *view* is a NamedTuple that says which values a policy is greedy on. Loops read it by
-:func:`greedy_action` and :func:`acting_row`; here are the views of fixed values, and the tables
-that a learner fills add theirs (``learning/tables.py``).
+A *view* is a NamedTuple of the values that a policy is greedy on. Loops read it with
+:func:`greedy_action` and :func:`acting_row`. Here are the views of fixed values;
+``learning/tables.py`` adds those of the tables that a learner fills.
 """
 
 from typing import Any, NamedTuple

@@ -27,18 +27,6 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 class TabularPlanningModel:
     """A model read from the tables of a FiniteMDP.
 
-    Attributes
-    ----------
-    terminal : (S,) bool
-    mean_reward : (Y,) float64
-        Of each outcome row.
-    largest_reward : float
-        No reward is larger in size.
-    n_actions, n_outcomes : int
-        A, and the outcomes that a backup adds up.
-    discount : float
-    mdp : FiniteMDP
-
     Examples
     --------
     >>> from curricle import GridWorld
@@ -46,11 +34,11 @@ class TabularPlanningModel:
     199.0
     """
 
-    terminal: BoolArray
-    mean_reward: FloatArray
-    largest_reward: float
+    terminal: BoolArray  # (S,)
+    mean_reward: FloatArray  # (Y,) of each outcome row
+    largest_reward: float  # no reward is larger in size
     n_actions: int
-    n_outcomes: int
+    n_outcomes: int  # that a backup adds up
     discount: float
     mdp: FiniteMDP
 
@@ -83,7 +71,7 @@ class TabularPlanningModel:
         )
 
     def greedy_backup(self) -> tuple[Any, float]:
-        """Return the backup TV, and the lowest best mean reward of a state, 0 if none is lower."""
+        """Return the greedy backup, and the lowest best mean reward of a state, at most 0."""
         chosen, best = self._rows[:, 0].copy(), np.zeros(len(self.terminal))
         backups.improve(self._rows, self.terminal, self.mean_reward, best, chosen)
         space = np.empty(len(self.mean_reward))
@@ -139,9 +127,6 @@ class TabularPlanningModel:
 class FactoredPlanningModel:
     """A model computed from a factored model; its discount is below 1.
 
-    Its attributes are those of :class:`TabularPlanningModel`, except that ``mean_reward``, (S,), is
-    that of a step after which the predators are where they are in a state.
-
     Examples
     --------
     >>> from curricle import Pursuit
@@ -149,11 +134,11 @@ class FactoredPlanningModel:
     1.0
     """
 
-    terminal: BoolArray
-    mean_reward: FloatArray
-    largest_reward: float
+    terminal: BoolArray  # (S,)
+    mean_reward: FloatArray  # (S,) of steps from the prey's cell to the predators' cells
+    largest_reward: float  # no reward is larger in size
     n_actions: int
-    n_outcomes: int
+    n_outcomes: int  # that a backup adds up
     discount: float
     factored_model: FactoredModel
 
@@ -188,7 +173,7 @@ class FactoredPlanningModel:
         return len(self.terminal) // len(self.factored_model.landing)
 
     def greedy_backup(self) -> tuple[Any, float]:
-        """Return the backup TV, and the lowest reward, 0 if none is lower."""
+        """Return the greedy backup, and the lowest reward, at most 0."""
         m, space = self.factored_model, np.empty((3, self._plane_size))
         backup = factored_backups.GreedyPlanes(self._planes, m.predators, space)
         return backup, min(0.0, float(m.rewards.min()))

@@ -64,13 +64,7 @@ class ExactEvaluation(NamedTuple):
 
     def for_run(self, start: int) -> "ExactEvaluation":
         """Return this with work space of its own for a run."""
-        n_states, n_actions = self.tables.outcome_row.shape
-        return self._replace(
-            mass=np.zeros((2, n_states)),
-            alive=np.zeros((2, n_states), dtype=np.int64),
-            greedy=np.zeros(n_states, dtype=np.int64),
-            values=np.zeros((1, n_actions)),
-        )
+        return ExactEvaluation(*self[:4], *_work_space(*self.tables.outcome_row.shape))
 
 
 class NoEvaluation(NamedTuple):
@@ -82,8 +76,12 @@ class NoEvaluation(NamedTuple):
 
 
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
-NO_SPACE = np.zeros((0, 0)), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), np.zeros((0, 0))
-"""Stands for the work space before a run has its own."""
+
+
+def _work_space(n_states: int, n_actions: int) -> tuple[Any, Any, Any, Any]:
+    """Return the arrays that an exact evaluation works in."""
+    alive, greedy = np.zeros((2, n_states), np.int64), np.zeros(n_states, np.int64)
+    return np.zeros((2, n_states)), alive, greedy, np.zeros((1, n_actions))
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class GreedyEvaluation:
         discount = self.discount(generative_model(task).discount)
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
-            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *NO_SPACE)
+            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0))
         none = np.zeros(0, np.uint64), np.zeros(0)
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 

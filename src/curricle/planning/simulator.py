@@ -82,7 +82,7 @@ def table_policy(policy: Policy, n_actions: int) -> TablePolicy:
 
 
 def record_step(record, n, state, action, reward):
-    """Note the n-th step of all episodes: what was done in a state and what it paid."""
+    """Record the n-th step of all episodes: state, action and reward."""
 
 
 step_records = Overloaded(record_step)

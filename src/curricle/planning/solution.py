@@ -83,13 +83,13 @@ class Solution(PolicyValues):
 def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     """Return the optimal values V* and Q*, with a guaranteed error bound.
 
-    Modified policy iteration on the tables, or value iteration, one mover after the other, where
-    the task has a :class:`FactoredModel`. Both start from a V <= TV, so that values only rise
-    (Puterman 1994, theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The
-    last sweep backs up each V(s) from values within ``d`` of those returned, so that
-    ``|TV - V| <= gamma d``, and ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most
-    `tolerance`. At discount 1 the longest expected episode replaces 1 / (1 - gamma). The time limit
-    is ignored: it is a limit of learning, not of the task.
+    Modified policy iteration on the tables, or value iteration without tables where the task has a
+    :class:`FactoredModel`. Both start from a V <= TV, so that values only rise (Puterman 1994,
+    theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
+    up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
+    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
+    the longest expected episode replaces 1 / (1 - gamma). The time limit is ignored: it is a limit
+    of learning, not of the task.
 
     Parameters
     ----------

@@ -65,8 +65,8 @@ class Target:
         if has_tables(task) and pairs <= LARGEST_SOLVED:
             mdp = tables(task)
             solution = _solution(task)
-            paid = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
-            typical = float(np.median(paid)) if paid.size else 1.0
+            sizes = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
+            typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
             if outcomes * given.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"

@@ -87,7 +87,9 @@ class Arms:
             )
         if study.scratch:
             settings: dict[str, Any] = {
-                which: {target: first.setting(which, target)} for which in _OF_ALL
+                which: {target: first.setting(which, target)}
+                for which in SETTINGS
+                if which not in OF_TARGETS
             }
             given = {SCRATCH: Curriculum({target: first.tasks[target]}, **settings), **given}
         if total is not None:
@@ -104,9 +106,6 @@ class Arms:
             for name, key in _keys(data[arm], curriculum, total).items()
         }
         return cls(given, target, budget, total, node.eval_freq, keys)
-
-
-_OF_ALL = [which for which in SETTINGS if which not in OF_TARGETS]
 
 
 def _alone(arm: dict[str, Any], target: str) -> dict[str, Any]:

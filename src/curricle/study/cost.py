@@ -1,14 +1,14 @@
 """An estimate of what a study costs, before anything is trained."""
 
 import time
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
-
-import gymnasium as gym
 
 from curricle.curriculum.node import Node
 from curricle.planning.rollouts import random_rollouts
 from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 
@@ -52,32 +52,28 @@ class Cost:
     table_bytes: int
 
 
-def costs(arms: Arms, seeds: tuple[int, ...], seeds_per_unit: int) -> list[Cost]:
+def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
     """Return the cost of each task of each arm, those shared by arms once.
 
     The speed of a task is measured by random rollouts; that of networks is a guess.
     """
     paces: dict[int, float] = {}
-    found: dict[tuple[str, str], list[int]] = {}
-    for unit in units_of(arms, seeds, seeds_per_unit, {}):
-        found.setdefault((unit.arm, unit.task), []).extend(unit.seeds)
+    found = Counter[tuple[str, str]]()
+    for unit in units_of(study, arms, {}):
+        found[unit.arm, unit.task] += len(unit.seeds)
     each = []
-    for (arm, name), members in found.items():
+    for (arm, name), seeds in found.items():
         node = arms.curricula[arm].node(name)
         if id(node.task) not in paces:
             paces[id(node.task)] = pace(node.task)
-        steps, evaluation = node.most_steps, _evaluation_steps(node)
-        learning, acting = _of_a_step(node, paces[id(node.task)])
-        seconds = len(members) * (learning * steps + acting * evaluation)
-        each.append(
-            Cost(arm, name, len(members), steps, evaluation, seconds, _bytes(node, members))
+        random = paces[id(node.task)]
+        learning, acting = (
+            (random + NETWORK, random + FORWARD) if node.deep else (SLOWER * random, random)
         )
+        steps, evaluation = node.most_steps, _evaluation_steps(node)
+        seconds = seeds * (learning * steps + acting * evaluation)
+        each.append(Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node)))
     return each
-
-
-def _of_a_step(node: Node, pace: float) -> tuple[float, float]:
-    """Return the seconds that a step of learning takes, and one of greedy evaluation."""
-    return (pace + NETWORK, pace + FORWARD) if node.deep else (SLOWER * pace, pace)
 
 
 def pace(task: Any) -> float:
@@ -94,20 +90,15 @@ def _observed_pace(task: ObservationTask) -> float:
     environment = task.environment()
     environment.action_space.seed(0)
     environment.reset(seed=0)
-    _random_steps(environment, 1)  # compiles
-    started = time.perf_counter()
-    _random_steps(environment, STEPS)
-    taken = (time.perf_counter() - started) / STEPS
-    environment.close()
-    return taken
-
-
-def _random_steps(environment: gym.Env[Any, Any], steps: int) -> None:
-    """Take random steps in an environment that was reset."""
-    for _ in range(steps):
+    for n in range(STEPS + 1):
+        if n == 1:  # the first step compiles
+            started = time.perf_counter()
         *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
         if terminated or truncated:
             environment.reset()
+    taken = (time.perf_counter() - started) / STEPS
+    environment.close()
+    return taken
 
 
 def _evaluation_steps(node: Node) -> int:
@@ -122,8 +113,8 @@ def _evaluation_steps(node: Node) -> int:
     return int(checkpoints * episodes * min(horizon, node.most_steps))
 
 
-def _bytes(node: Node, seeds: list[int]) -> int:
-    if node.deep:
+def _bytes(node: Node) -> int:
+    """Return the size of the values that are kept of a seed."""
+    if node.deep or not node.storage.save_values:
         return 0
-    n_states, n_actions = node.task.states.size, node.task.actions.size
-    return len(seeds) * node.storage.dense_bytes(n_states, n_actions, 1) * node.storage.save_values
+    return int(node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1))

@@ -1,6 +1,6 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,6 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALUES, result_of
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
-from curricle.study.stored_sources import finished, stored_values
 from curricle.transfer.observation_rollouts import target_of
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
@@ -62,20 +61,15 @@ class StudyResults:
         return Arms.of(self.config)
 
     @cached_property
-    def stored(self) -> dict[str, list[StoredUnit]]:
-        """The units that are there, by key."""
-        found: dict[str, list[StoredUnit]] = {}
-        for stored in self.store.units():
-            found.setdefault(stored.key, []).append(stored)
-        return found
+    def stored(self) -> dict[str, dict[int, StoredUnit]]:
+        """The unit that holds each seed, by key and seed."""
+        return self.store.finished()
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
         """The seeds for which every arm is complete."""
-        wanted = set(self.config.seeds)
-        for key in set(self.arms.keys.values()):
-            wanted &= {seed for stored in self.stored.get(key, ()) for seed in stored.seeds}
-        return tuple(sorted(wanted))
+        each = [self.stored.get(key, {}) for key in self.arms.keys.values()]
+        return tuple(sorted(set(self.config.seeds).intersection(*each)))
 
     def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
         """Return the learning result of one task of an arm.
@@ -84,8 +78,8 @@ class StudyResults:
         ----------
         arm, task : str
         values : bool
-            Whether the learnt values are read too; they may be large. Networks are rebuilt, which
-            needs Stable-Baselines3.
+            Whether to read the learnt values too, which may be large. Rebuilding networks needs
+            Stable-Baselines3.
 
         Raises
         ------
@@ -96,27 +90,19 @@ class StudyResults:
         curriculum = self.arms.curricula[arm]
         if not units:
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
-        names = (RUN, SNAPSHOTS, *[VALUES] * values)
-        found = joined_results(
-            [
-                result_of(
-                    curriculum.node(task),
-                    {k: v for name in names for k, v in self.store.arrays(unit, name).items()},
-                )
-                for unit in units
-            ]
-        )
-        if values and curriculum.node(task).deep:
+        node, names = curriculum.node(task), (RUN, SNAPSHOTS, *[VALUES] * values)
+        found = joined_results([result_of(node, self.store.arrays(one, *names)) for one in units])
+        if values and node.deep:
             found = replace(found, values=self._networks(arm, task, found.seeds))
         return found
 
     def _networks(self, arm: str, task: str, seeds: tuple[int, ...]) -> Any:
         """Return the values of each seed's network, with the potential that it learnt on."""
-        curriculum, done = self.arms.curricula[arm], finished(self.store.units())
+        curriculum = self.arms.curricula[arm]
         read = {task} | sources_read(curriculum, task)
         sources = {
-            name: stored_values(
-                self.store, done[self.arms.keys[arm, name]], seeds, read=name in read
+            name: self.store.source_values(
+                self.stored[self.arms.keys[arm, name]], seeds, read=name in read
             )
             for name in (*curriculum.ancestors(task), task)
         }
@@ -126,7 +112,8 @@ class StudyResults:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""
         one_of("an arm", arm, self.arms.curricula, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.arms.curricula[arm].tasks, StoreError)
-        return self.stored.get(self.arms.keys[arm, task], [])
+        by_seed = self.stored.get(self.arms.keys[arm, task], {})
+        return list(dict.fromkeys(by_seed.values()))
 
     @cached_property
     def results(self) -> dict[str, CurriculumResult]:
@@ -154,8 +141,7 @@ class StudyResults:
 
     def source_steps(self, arm: str) -> npt.NDArray[np.int64]:
         """Return the steps each seed of an arm spent before its target, (K,), seeds ascending."""
-        units = self.stored[self.arms.keys[arm, self.arms.target]]
-        runs = [self.store.arrays(unit, RUN) for unit in units]
+        runs = [self.store.arrays(unit, RUN) for unit in self._units(arm, self.arms.target)]
         seeds = np.concatenate([run["seeds"] for run in runs])
         steps: npt.NDArray[np.int64] = np.concatenate([run["source_steps"] for run in runs])
         return steps[np.argsort(seeds)]
@@ -165,27 +151,22 @@ class StudyResults:
     def table(self, name: str) -> pa.Table:
         """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
         one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
-        tables = list(self._tables(name))
+        tables = []
+        for arm, curriculum in self.arms.curricula.items():
+            for task in curriculum.order:
+                if parts := [self.store.table(unit, name) for unit in self._units(arm, task)]:
+                    whole = pa.concat_tables(parts)
+                    whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
+                    tables.append(whole.add_column(0, "arm", pa.array([arm] * len(whole))))
         if not tables:
             raise StoreError(f"{self.store.path} holds no results yet")
         return pa.concat_tables(tables)
 
-    def _tables(self, name: str) -> Iterator[pa.Table]:
-        for arm, curriculum in self.arms.curricula.items():
-            for task in curriculum.order:
-                units = self.stored.get(self.arms.keys[arm, task], [])
-                parts = [self.store.table(unit, name) for unit in units]
-                if parts:
-                    whole = pa.concat_tables(parts)
-                    whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
-                    yield whole.add_column(0, "arm", pa.array([arm] * len(whole)))
-
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
-        if not self.stored:
-            return
-        for name, part in ((RESULTS, CURVES), (ALL_DECISIONS, DECISIONS)):
-            self.store.write_table(name, self.table(part))
+        if self.stored:
+            self.store.write_table(RESULTS, self.table(CURVES))
+            self.store.write_table(ALL_DECISIONS, self.table(DECISIONS))
 
     def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
@@ -229,29 +210,27 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 "a comparison needs the target learnt from scratch, for a number of steps: "
                 f"{study.store.path} holds a study without it"
             )
-    first = studies[0]
-    arms, several = first.arms, len(studies) > 1
-    totals = [study.arms.total or 0 for study in studies]
-    _check(studies, min(totals))
+    first, arms, total = studies[0], studies[0].arms, min(one.arms.total or 0 for one in studies)
+    _check(studies, total)
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
             "a comparison needs a seed that every arm has finished: "
             f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
         )
-    found = {SCRATCH: _arm(first, SCRATCH, min(totals), seeds)}
+    found = {SCRATCH: _arm(first, SCRATCH, total, seeds)}
     for study in studies:
         for name in study.arms.curricula:
             if name != SCRATCH:
-                label = f"{study.config.name}: {name}" if several else name
-                found[label] = _arm(study, name, min(totals), seeds)
+                label = f"{study.config.name}: {name}" if len(studies) > 1 else name
+                found[label] = _arm(study, name, total, seeds)
     threshold = first.config.threshold
     if threshold is None:
         node = arms.curricula[SCRATCH].node(arms.target)
         threshold = default_threshold(target_of(node.task, node.evaluation), found[SCRATCH])
     budget = min(study.arms.budget or 0 for study in studies)
     window = min(first.config.window, budget // arms.eval_freq + 1)
-    return Comparison(arms.target, found, budget, min(totals), threshold, window)
+    return Comparison(arms.target, found, budget, total, threshold, window)
 
 
 def _check(studies: Sequence[StudyResults], total: int) -> None:

@@ -1,33 +1,40 @@
-"""Running a study: its units on any executor, each stored as soon as it is trained."""
+"""Running a study: its units on any executor, each stored as soon as it is trained.
+
+Parts that were run in several folders are merged into one.
+"""
 
 import json
 import os
+import platform
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from curricle.checks import whole_number
-from curricle.errors import CurricleError, SettingError, StudyError
+from curricle.errors import CurricleError, SettingError, StoreError, StudyError
 from curricle.interop.trackers import Tracker, open_trackers
 from curricle.learning.result import LearningResult
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.provenance import provenance
 from curricle.study.results import StudyResults
 from curricle.study.serialization import result_of
-from curricle.study.shards import units_to_do
 from curricle.study.source_values import sources_read
 from curricle.study.store import CHECKPOINTS, StoredUnit, StudyStore
-from curricle.study.stored_sources import finished, stored_values
-from curricle.study.units import Unit, UnitInput, train_unit
+from curricle.study.units import Unit, UnitInput, train_unit, units_of
 
 AHEAD = 2
 """Units submitted for each worker, so that none is idle between two."""
+LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
+OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
+"""Optional libraries."""
 
 
 @dataclass(frozen=True)
@@ -115,15 +122,16 @@ def run_study(
         study.check_networks()
     except ImportError as error:
         raise SettingError(f"a task is learnt by a network: {error}") from None
+    configuration, folder = study.to_data(), str(study.folder.resolve())
     description = {
         "curricle": metadata.version("curricle"),
-        "folder": str(study.folder.resolve()),
-        "configuration": study.to_data(),
+        "folder": folder,
+        "configuration": configuration,
     }
     with StudyStore.opened(path, description, resume=resume) as store, ExitStack() as ending:
-        store.add_run(provenance(study))
-        done = finished(store.units())
-        units = units_to_do(study, arms, done, shard)
+        store.add_run(_provenance(study))
+        done = store.finished()
+        units = units_of(study, arms, done, shard)
         tracking = open_trackers(trackers, study.name, description, store.path, report)
         ending.callback(tracking.close)
         report_progress = progress or (lambda _: None)
@@ -131,7 +139,8 @@ def run_study(
         pool = executor or ThreadPoolExecutor(1 if arms.live else workers)
         if executor is None:  # do not wait for units whose results would be thrown away
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        scheduler = _Scheduler(study, arms, store, done, pool, workers * AHEAD)
+        config = json.dumps(configuration)
+        scheduler = _Scheduler(config, folder, arms, store, done, pool, workers * AHEAD)
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
             report_progress(Progress(tuple(units), unit))
@@ -141,21 +150,17 @@ def run_study(
     return found
 
 
+@dataclass(frozen=True)
 class _Scheduler:
     """Sends units through an executor, each after its sources, and stores their results."""
 
-    def __init__(
-        self,
-        study: StudyConfig,
-        arms: Arms,
-        store: StudyStore,
-        done: dict[str, dict[int, StoredUnit]],
-        pool: Executor,
-        ahead: int,
-    ):
-        self.arms, self.store, self.done = arms, store, done
-        self.pool, self.ahead = pool, ahead
-        self.config, self.folder = json.dumps(study.to_data()), str(study.folder.resolve())
+    config: str
+    folder: str
+    arms: Arms
+    store: StudyStore
+    done: dict[str, dict[int, StoredUnit]]
+    pool: Executor
+    ahead: int
 
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
         """Yield each unit with its result when it is stored.
@@ -207,7 +212,7 @@ class _Scheduler:
         curriculum = self.arms.curricula[unit.arm]
         read = sources_read(curriculum, unit.task)
         sources = {
-            name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
+            name: self.store.source_values(self.done[key], unit.seeds, read=name in read)
             for name, key in unit.sources.items()
         }
         deep = curriculum.node(unit.task).deep
@@ -226,3 +231,78 @@ class _Scheduler:
         stored = self.store.write_unit(unit, result)
         self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
         return result_of(self.arms.curricula[unit.arm].node(unit.task), result.arrays)
+
+
+def _provenance(study: StudyConfig) -> dict[str, Any]:
+    """Return what a run is made with: versions, machine, commit of the study's file, command."""
+    versions = {name: metadata.version(name) for name in LIBRARIES}
+    for name in OF_NETWORKS:
+        with suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": sys.argv,
+        "seeds": list(study.seeds),
+        "commit": _commit(study.folder),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "versions": versions,
+    }
+
+
+def _commit(folder: Path) -> str | None:
+    """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.stdout.strip() or None
+
+
+def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
+    """Merge the parts of a study, run in several folders, into one folder; return its results.
+
+    The parts are left as they are. A unit that several have is taken once: equal work gives equal
+    results.
+
+    Parameters
+    ----------
+    path : path
+        Made if need be; or a folder of the same study, whose units stay.
+    parts : sequence of path
+
+    Raises
+    ------
+    StoreError
+        When folders hold different studies, or one is damaged or in use; what was merged before is
+        whole then.
+    """
+    if not parts:
+        raise StoreError("there must be at least one folder to merge: got none")
+    stores = [StudyStore(part) for part in parts]
+    found = [store.units() for store in stores]
+    for store, units in zip(stores, found, strict=True):
+        stores[0].check(store.description)
+        for unit in units:
+            store.result(unit, unit.seeds)  # damage is found before anything is written
+    for store, units in zip(stores, found, strict=True):
+        with StudyStore.opened(path, store.description, resume=True) as target:
+            done = {key: set(there) for key, there in target.finished().items()}
+            for run in store.runs():
+                target.add_run(run)
+            for unit in units:
+                there = done.setdefault(unit.key, set())
+                new = tuple(seed for seed in unit.seeds if seed not in there)
+                if new:
+                    there |= set(new)
+                    taken = Unit(unit.key, "", unit.task, new, {}, 0)
+                    target.write_unit(taken, store.result(unit, new))
+            StudyResults(path).write_tables()
+    return StudyResults(path)

@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +18,9 @@ from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-PLAIN = (
-    "steps",
-    "training_return",
-    "greedy_return",
-    "guard_share",
-    "episodes",
-    "steps_used",
-    "episodes_used",
-    "out_of_memory",
-)
+OTHERS = ("task", "learner", "seeds", "values", "snapshots")
+PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
+"""The arrays of a result by seed, and ``steps``."""
 RUN, VALUES, SNAPSHOTS = "run.npz", "values.npz", "snapshots.npz"
 CURVES, DECISIONS = "curves.parquet", "decisions.parquet"
 """The files of a unit."""
@@ -35,22 +29,15 @@ CURVES, DECISIONS = "curves.parquet", "decisions.parquet"
 class UnitResult(NamedTuple):
     """What training a unit returns."""
 
-    arrays: dict[str, npt.NDArray[Any]]
-    """The :class:`LearningResult`, array by array (:func:`arrays_of`)."""
+    arrays: Arrays
+    """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
+    of them ``retraining_steps``, and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
     decisions: list[dict[str, Any]]
     """Why each seed went on or stopped, a row a checkpoint."""
-    calibrations: list[dict[str, Any]]
-    """The calibration of each seed; empty unless transfers are calibrated."""
 
 
-def arrays_of(
-    result: LearningResult,
-    source_steps: npt.NDArray[np.int64],
-    retraining_steps: npt.NDArray[np.int64],
-) -> dict[str, npt.NDArray[Any]]:
-    """Return a result's arrays by name, with the steps that each seed spent on sources, (K,).
-
-    ``retraining_steps`` are those of them that were spent on retraining sources.
+def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
+    """Return a result's arrays by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
     its sparse table, or the parameters of its network, ``values_k/name``; ``snapshot_steps`` and
@@ -59,13 +46,11 @@ def arrays_of(
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> none = np.zeros(1, np.int64)
-    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100), none, none))[-2:]
+    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100)))[-2:]
     ['training_return', 'values']
     """
     found = {name: getattr(result, name) for name in PLAIN}
-    found |= {"seeds": np.array(result.seeds, dtype=np.int64)}
-    found |= {"source_steps": source_steps, "retraining_steps": retraining_steps}
+    found["seeds"] = np.array(result.seeds, dtype=np.int64)
     if isinstance(result.values, np.ndarray):
         found["values"] = result.values
     elif result.values is not None:
@@ -106,6 +91,14 @@ def result_of(node: Node, arrays: Arrays) -> LearningResult:
     )
 
 
+def values_of(arrays: Arrays, k: int) -> Any:
+    """Return the k-th seed's table, or its network's parameters; None where neither is there."""
+    if "values" in arrays:
+        return arrays["values"][k]
+    own = f"values_{k}/"
+    return {name.removeprefix(own): v for name, v in arrays.items() if name.startswith(own)} or None
+
+
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of some seeds; snapshots stay if their seed, the first, is one of them."""
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
@@ -124,23 +117,26 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 
 def files_of(task: str, result: UnitResult) -> dict[str, bytes]:
     """Return a unit's files: curves and counts, values, snapshots, and tables as Parquet."""
-    arrays = result.arrays
-    values = {k: v for k, v in arrays.items() if re.fullmatch(r"(values|states)(_\d+(/.*)?)?", k)}
-    snapshots = {k: v for k, v in arrays.items() if k.startswith("snapshot_")}
-    run = {k: v for k, v in arrays.items() if k not in values and k not in snapshots}
-    files = {
-        RUN: _npz(np.savez, run),
-        CURVES: as_parquet(curve_table(task, arrays)),
+    arrays: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    for name, array in result.arrays.items():
+        values = VALUES if re.match(r"values|states", name) else RUN
+        file = SNAPSHOTS if name.startswith("snapshot_") else values
+        arrays.setdefault(file, {})[name] = array
+    return {
+        CURVES: as_parquet(_curve_table(task, result.arrays)),
         DECISIONS: as_parquet(pa.Table.from_pylist(result.decisions)),
+        **{file: _npz(each, compressed=file == SNAPSHOTS) for file, each in arrays.items()},
     }
-    if values:
-        files[VALUES] = _npz(np.savez, values)
-    if snapshots:
-        files[SNAPSHOTS] = _npz(np.savez_compressed, snapshots)
-    return files
 
 
-def curve_table(task: str, arrays: Arrays) -> pa.Table:
+def _npz(arrays: Arrays, *, compressed: bool) -> bytes:
+    buffer = io.BytesIO()
+    save: Any = np.savez_compressed if compressed else np.savez
+    save(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _curve_table(task: str, arrays: Arrays) -> pa.Table:
     """Return a unit's curves as a tidy table, each seed up to its own end."""
     steps = arrays["steps"]
     reached = steps[None, :] <= arrays["steps_used"][:, None]
@@ -162,9 +158,3 @@ def as_parquet(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink)
     return bytes(sink.getvalue().to_pybytes())
-
-
-def _npz(save: Any, arrays: Arrays) -> bytes:
-    buffer = io.BytesIO()
-    save(buffer, **arrays)
-    return buffer.getvalue()

@@ -52,17 +52,8 @@ def source_values(
 ) -> dict[str, SourceValues]:
     """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
 
-    Parameters
-    ----------
-    curriculum : Curriculum
-    seeds : tuple of K int
-    sources : dict of str to StoredValues
-        With the values of all tasks that :func:`sources_read` names for a network.
-
-    Raises
-    ------
-    ImportError
-        When there is a network, and Stable-Baselines3 is not installed.
+    `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
+    one needs Stable-Baselines3, or raises ImportError.
 
     Examples
     --------

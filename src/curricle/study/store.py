@@ -8,7 +8,7 @@ import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +31,9 @@ from curricle.study.serialization import (
     as_parquet,
     files_of,
     of_seeds,
+    values_of,
 )
+from curricle.study.source_values import StoredValues
 from curricle.study.units import Unit, seed_ranges
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
@@ -108,22 +110,20 @@ class StudyStore:
         ----------
         path : path
         description : dict
-            What the results depend on. Of a study ``curricle`` (version), ``folder`` (of the
-            study's modules) and ``configuration``.
+            What the results depend on.
         resume : bool
             Whether the folder may hold units of this description already.
 
         Raises
         ------
         StoreError
-            When the folder is in use, or holds results of another description, other files, or
-            units of this one unless it is to be resumed.
+            When the folder is in use, or holds results of another description or other files.
         """
         path = Path(path)
         if path.exists() and not path.is_dir():
             raise StoreError(f"results need a folder: {path} is a file")
         ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-        if not ours and any(_foreign(entry) for entry in path.iterdir()):
+        if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
             raise StoreError(
                 f"results need an empty folder or one of earlier results: {path} holds other files"
             )
@@ -152,16 +152,13 @@ class StudyStore:
                     "with --resume, or choose another folder"
                 )
             if "configuration" in description:
-                seeds = (
-                    each["configuration"]["seeds"] for each in (store.description, description)
-                )
-                description["configuration"]["seeds"] = sorted(set().union(*seeds))
+                there, here = (one["configuration"] for one in (store.description, description))
+                here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
         for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
             # Left by a killed run, and not complete.
             shutil.rmtree(part) if part.is_dir() else part.unlink()
         with write_errors(path):
-            content = sealed({"schema_version": SCHEMA_VERSION, **description})
-            write_whole(path / STUDY, content)
+            write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
 
     def check(self, description: Mapping[str, Any]) -> None:
@@ -179,13 +176,7 @@ class StudyStore:
         return (self.path / name).exists()
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file in one move.
-
-        Raises
-        ------
-        StoreError
-            When it cannot be written; what was there stays.
-        """
+        """Write a file in one move; if that fails (StoreError), what was there stays."""
         path = self.path / name
         with write_errors(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -196,7 +187,7 @@ class StudyStore:
         self.write(name, _json(content))
 
     def read_json(self, name: str) -> Any:
-        """Return the value of a JSON file, or raise StoreError if it is damaged."""
+        """Return the value of a JSON file; StoreError if it is damaged."""
         path = self.path / name
         try:
             return json.loads(path.read_text(encoding="utf-8"))
@@ -220,16 +211,17 @@ class StudyStore:
     # -- units ---------------------------------------------------------------------------------
 
     def units(self) -> list[StoredUnit]:
-        """Return the units in the store, by path.
-
-        Raises
-        ------
-        StoreError
-            Naming a unit that is damaged.
-        """
+        """Return the units in the store, by path; StoreError names one that is damaged."""
         manifests = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
         found = [path for path in manifests if not path.parent.name.endswith(PART)]
         return [self._stored(path) for path in sorted(found)]
+
+    def finished(self) -> dict[str, dict[int, StoredUnit]]:
+        """Return the unit that holds each seed: key -> seed -> unit."""
+        found: dict[str, dict[int, StoredUnit]] = {}
+        for stored in self.units():
+            found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        return found
 
     def _stored(self, manifest: Path) -> StoredUnit:
         found = self._unsealed(manifest)
@@ -251,29 +243,17 @@ class StudyStore:
         )
 
     def write_unit(self, unit: Unit, result: UnitResult) -> StoredUnit:
-        """Store the result of a unit in one move, and return where it is.
-
-        Raises
-        ------
-        StoreError
-            When it cannot be written, as on a full disk; what was there stays.
-        """
+        """Store the result of a unit in one move, and return where it is."""
         name = re.sub(r"[^\w-]+", "_", unit.task)[:40]
         place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
         files = files_of(unit.task, result)
         sizes = {file: [len(content), _digest(content)] for file, content in files.items()}
-        manifest = {
-            "key": unit.key,
-            "task": unit.task,
-            "seeds": unit.seeds,
-            "calibrations": result.calibrations,
-            "files": sizes,
-        }
+        about = {"key": unit.key, "task": unit.task, "seeds": unit.seeds, "files": sizes}
         with write_errors(self.path):
             place.parent.mkdir(parents=True, exist_ok=True)
             part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
             try:
-                for file, content in {**files, MANIFEST: sealed(manifest)}.items():
+                for file, content in {**files, MANIFEST: sealed(about)}.items():
                     write_whole(part / file, content)
                 os.chmod(part, 0o755)
                 shutil.rmtree(place, ignore_errors=True)  # without a manifest it is not complete
@@ -288,23 +268,17 @@ class StudyStore:
         """Return the folder for checkpoints of a unit's training until it is stored."""
         return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
 
-    def arrays(self, stored: StoredUnit, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of a unit's file, such as ``run.npz``; none where it has no such file.
-
-        Raises
-        ------
-        StoreError
-            When the file is damaged.
-        """
-        file = stored.path / name
-        if not file.exists():
-            return {}
-        content = self._content(file)
-        try:
-            with np.load(io.BytesIO(content)) as arrays:
-                return {key: arrays[key] for key in arrays.files}
-        except (ValueError, OSError, zipfile.BadZipFile):
-            raise self._damage(file) from None
+    def arrays(self, stored: StoredUnit, *names: str) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of those of some files, such as ``run.npz``, that a unit has."""
+        found = dict[str, npt.NDArray[Any]]()
+        for file in (stored.path / name for name in names):
+            if file.exists():
+                try:
+                    with np.load(io.BytesIO(self._content(file))) as arrays:
+                        found |= arrays
+                except (ValueError, OSError, zipfile.BadZipFile):
+                    raise self._damage(file) from None
+        return found
 
     def table(self, stored: StoredUnit, name: str) -> pa.Table:
         """Return a unit's Parquet table."""
@@ -316,22 +290,35 @@ class StudyStore:
             raise self._damage(file)
         return content
 
-    def calibrations(self, stored: StoredUnit) -> list[dict[str, Any]]:
-        """Return the calibration of each of a unit's seeds; empty unless it was calibrated."""
-        return list(self._unsealed(stored.path / MANIFEST)["calibrations"])
-
     def result(self, stored: StoredUnit, seeds: Collection[int]) -> UnitResult:
         """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
-        names = (RUN, VALUES, SNAPSHOTS)
-        arrays = {k: v for name in names for k, v in self.arrays(stored, name).items()}
         self._content(stored.path / CURVES)
+        arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS)
         rows = self.table(stored, DECISIONS).to_pylist()
-        fitted = self.calibrations(stored)
-        return UnitResult(
-            of_seeds(arrays, seeds),
-            [row for row in rows if row["seed"] in seeds],
-            [one for one, seed in zip(fitted, stored.seeds, strict=False) if seed in seeds],
-        )
+        return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
+
+    def source_values(
+        self, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
+    ) -> StoredValues:
+        """Return what seeds learnt in a task, its values only if they are to be `read`.
+
+        `done` has the unit that holds each seed.
+        """
+        units = {done[seed].path: done[seed] for seed in seeds}
+        names = (RUN, VALUES) if read else (RUN,)
+        arrays = {path: self.arrays(stored, *names) for path, stored in units.items()}
+        rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
+        each = [values_of(found, k) for found, k in rows]
+        values: Any = None  # not needed, or not saved: training raises an error then
+        if all(one is not None for one in each):
+            values = np.stack(each) if isinstance(each[0], np.ndarray) else each
+        steps = [found["steps_used"][k] + found["retraining_steps"][k] for found, k in rows]
+        scales = [
+            (float(found["scale"][k]), float(found["shift"][k]))
+            for found, k in rows
+            if "scale" in found
+        ]
+        return StoredValues(values, np.array(steps, dtype=np.int64), scales)
 
     def _unsealed(self, file: Path) -> dict[str, Any]:
         """Return what :func:`sealed` was called on; StoreError if the file has changed since."""
@@ -353,13 +340,8 @@ def write_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise StoreError(
             f"results cannot be written to {path} ({error.strerror}): what was stored before is "
-            "whole; run again with --resume when there is room"
+            "whole; run again with --resume when there is space"
         ) from error
-
-
-def _foreign(entry: Path) -> bool:
-    """Return whether a killed run cannot have left this file in a new folder."""
-    return entry.suffix != PART and entry.name != LOCK
 
 
 def _differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:

@@ -10,6 +10,7 @@ from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
+from curricle.study.config.study_config import StudyConfig
 from curricle.study.serialization import UnitResult, arrays_of
 from curricle.study.source_values import StoredValues, source_values
 
@@ -68,38 +69,29 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 
 def units_of(
+    study: StudyConfig,
     arms: Arms,
-    seeds: Iterable[int],
-    seeds_per_unit: int,
     done: Mapping[str, Collection[int]],
-    snapshots: int = 0,
+    shard: tuple[int, int] = (1, 1),
 ) -> list[Unit]:
-    """Return the units still to be trained, sources first.
+    """Return the units of a shard (i, n) that are still to be trained, sources first.
 
-    Parameters
-    ----------
-    arms : Arms
-    seeds : iterable of int
-    seeds_per_unit : int
-        Seed s belongs to the unit with the number s // seeds_per_unit.
-    done : dict of str to collection of int
-        Key -> the seeds that are trained.
-    snapshots : int
-        Value tables of the first seed to keep, in each task.
+    Seed s belongs to the group of seeds number s // seeds_per_unit; `done` has the seeds that are
+    trained by key.
     """
-    seeds = sorted(seeds)
+    part, parts = shard
+    seeds = [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
     for arm, curriculum in arms.curricula.items():
         for task in curriculum.order:
             key = arms.keys[arm, task]
             groups: dict[int, list[int]] = {}
-            for seed in seeds:
-                if seed not in done.get(key, ()):
-                    groups.setdefault(seed // seeds_per_unit, []).append(seed)
+            for seed in sorted(set(seeds).difference(done.get(key, ()))):
+                groups.setdefault(seed // study.seeds_per_unit, []).append(seed)
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(task)}
             for members in groups.values():
-                kept = snapshots if members[0] == seeds[0] else 0
-                unit = Unit(key, arm, task, tuple(members), sources, kept)
+                snapshots = study.snapshots if members[0] == min(seeds) else 0
+                unit = Unit(key, arm, task, tuple(members), sources, snapshots)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
 
@@ -131,16 +123,14 @@ def train_unit(given: UnitInput) -> UnitResult:
         workers=1,
         saves=given.checkpoints,
     )
-    retrained = found.retrained.get(unit.task)
-    extra = np.zeros(len(unit.seeds), np.int64) if retrained is None else retrained.extra
-    return UnitResult(
-        arrays_of(found[unit.task], found.source_steps(unit.task), extra),
-        _decisions(found, unit),
-        [
-            {"scale": one.scale, "shift": one.shift, "refusal": one.refusal}
-            for one in found.calibrations.get(unit.task, ())
-        ],
-    )
+    result = found[unit.task]
+    arrays = arrays_of(result)
+    arrays["source_steps"] = found.source_steps(unit.task)
+    arrays["retraining_steps"] = found.sources[unit.task].steps_used - result.steps_used
+    if fitted := found.calibrations.get(unit.task):
+        parts = ("scale", "shift", "refusal")
+        arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
+    return UnitResult(arrays, _decisions(found, unit))
 
 
 def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:

@@ -21,7 +21,7 @@ LARGEST = 2**62
 class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
-    It can be learnt, and be a source or a target of transfer; only solving needs tables.
+    It can be learnt and can be a source or a target of transfer, but :func:`solve` needs tables.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ComputedMDP:
 
     Examples
     --------
-    A walk on a ring of n places, home is 0; a step goes the wrong way with probability 0.1.
+    A ring of n places with home at 0; a step goes the wrong way with probability 0.1.
 
     >>> import curricle as cr
     >>> def start(n, bits):

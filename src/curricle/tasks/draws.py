@@ -1,8 +1,8 @@
-"""Compiled random draws: 64 random bits, and what is made of them.
+"""Compiled random draws: 64 random bits, and the numbers made of them.
 
-A random stream is a (1,) uint64 counter. Drawing adds a constant and scrambles the sum
-(SplitMix64; Steele, Lea, Flood 2014), so that the n-th draw is a function of where the stream
-started and of n alone.
+A random stream is a (1,) uint64 counter. Drawing adds a constant and mixes the bits of the sum
+(SplitMix64; Steele, Lea, Flood 2014), so that the n-th draw depends only on n and on where the
+stream started.
 """
 
 import hashlib
@@ -60,7 +60,7 @@ def integers(bits, n):
 
 @inlined
 def bernoulli(bits, probability):
-    """Return whether an event of this probability happens, by the upper 32 bits."""
+    """Return True with this probability, by the upper 32 bits."""
     return np.float64(bits >> HALF) < probability * 4294967296.0
 
 

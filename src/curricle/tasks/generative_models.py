@@ -1,9 +1,8 @@
 """Generative models: what compiled loops sample a task from.
 
-A *generative model* is a NamedTuple that loops are given; :func:`first_state` and
-:func:`transition` sample from it. Here are those of tasks with tables and of tasks given by
-functions; a domain that computes its successors adds its own (``pursuit_model.py``), and so does a
-task that is played in an environment (``live_model.py``).
+A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
+Here are those of tasks with tables and of tasks given by functions; ``pursuit_model.py`` adds that
+of a domain that computes its successors, ``live_model.py`` that of an environment.
 """
 
 from typing import Any, NamedTuple
@@ -29,16 +28,16 @@ def transition(model, state, action, bits):
 def truncated(model):
     """Return whether the task itself truncated the episode at the last transition.
 
-    Loops see to the time limit; only an environment that is played live has limits of its own.
+    Loops apply the time limit; only live environments have limits of their own.
     """
 
 
 def has_failed(model):
-    """Return whether the task broke down; its transitions then mean nothing, and loops stop."""
+    """Return whether the task has failed; its transitions are then invalid, and loops stop."""
 
 
 def evaluation_model(model):
-    """Return the model to evaluate a policy in without disturbing the one learnt in."""
+    """Return the model to evaluate a policy in, which leaves the one learnt in unchanged."""
 
 
 first_states, transitions = Overloaded(first_state), Overloaded(transition)

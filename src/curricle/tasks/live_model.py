@@ -80,33 +80,33 @@ def answer(_, address, action):
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         api = context.get_python_api(builder)
         flag = ir.IntType(32)
-        places = [
+        slots = [
             cgutils.alloca_once(builder, kind) for kind in (api.longlong, api.double, flag, flag)
         ]
-        understood = cgutils.alloca_once_value(builder, ir.Constant(flag, 0))
+        parsed = cgutils.alloca_once_value(builder, ir.Constant(flag, 0))
         gil = api.gil_ensure()
         number = api.long_from_longlong(args[1])
         callee = builder.inttoptr(args[0], api.pyobj)
         answered = api.call_function_objargs(callee, [number])
         api.decref(number)
         with builder.if_then(cgutils.is_not_null(builder, answered)):
-            builder.store(_parse(context, builder, api, answered, places), understood)
+            builder.store(_parse(context, builder, api, answered, slots), parsed)
             api.decref(answered)
         api.gil_release(gil)
-        raised = cgutils.is_null(builder, builder.load(understood))
+        raised = cgutils.is_null(builder, builder.load(parsed))
         with builder.if_then(raised, likely=False):
             context.call_conv.return_exc(builder)
-        state, reward, *flags = (builder.load(place) for place in places)
+        state, reward, *flags = (builder.load(slot) for slot in slots)
         values = [state, reward, *(cgutils.is_not_null(builder, value) for value in flags)]
         return context.make_tuple(builder, signature.return_type, values)
 
     return types.Tuple(parts)(types.uint64, types.int64), build
 
 
-def _parse(context: Any, builder: Any, api: Any, answered: Any, places: list[Any]) -> Any:
-    """Write the parts of an answer to their places; return 0 if their types do not fit."""
-    wording = "Ldpp;an answer must be a state, a reward and two flags"
+def _parse(context: Any, builder: Any, api: Any, answered: Any, slots: list[Any]) -> Any:
+    """Write the parts of an answer to the slots; return 0 if their types do not fit."""
+    expected = "Ldpp;an answer must be a state, a reward and two flags"
     kind = ir.FunctionType(ir.IntType(32), [api.pyobj, api.cstring], var_arg=True)
     parse = cgutils.get_or_insert_function(builder.module, kind, "PyArg_ParseTuple")
-    words = context.insert_const_string(builder.module, wording)
-    return builder.call(parse, [answered, words, *places])
+    constant = context.insert_const_string(builder.module, expected)
+    return builder.call(parse, [answered, constant, *slots])

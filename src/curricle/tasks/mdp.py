@@ -66,10 +66,10 @@ class FiniteMDP:
 
     Examples
     --------
-    >>> walk = FiniteMDP.from_outcomes(
+    >>> mdp = FiniteMDP.from_outcomes(
     ...     [[[(1.0, 0, -1.0)], [(0.5, 0, -1.0), (0.5, 1, -1.0)]], [[], []]],
     ...     terminal=[False, True], start=0, discount=0.9)
-    >>> walk
+    >>> mdp
     FiniteMDP(2 states, 2 actions, 1 terminal, discount 0.9, no time limit)
     """
 

@@ -1,4 +1,4 @@
-"""How compiled loops are put together: inlined functions, overloads by type, whole loops."""
+"""Parts of compiled loops: inlined functions, overloads by type, whole loops."""
 
 from collections.abc import Callable
 from functools import cache

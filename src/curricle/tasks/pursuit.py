@@ -35,9 +35,9 @@ Capture = Literal["all", "any", "as_published"] | int
 class Pursuit:
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator; the predators are told apart (ordered)
-    and may share a cell. An action is one move for each predator. The prey moves at the same time
-    as they do. Episodes start anywhere the prey is not caught, uniformly.
+    A state is the cell of the prey and of each predator, who are ordered and may share a cell. An
+    action is one move for each predator; the prey moves at the same time. Episodes start uniformly
+    in the states in which the prey is not caught.
 
     Parameters
     ----------
@@ -50,21 +50,20 @@ class Pursuit:
     torus : bool
         Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators must be on the prey's cell. One predicate decides both the reward and
-        the end, except for ``"as_published"``: the episode ends as soon as one predator is there,
-        but only all of them earn the capture reward (as in the paper's runs).
+        How many predators on the prey's cell end the episode with the capture reward. With
+        ``"as_published"``, as in the paper's runs, one ends it, but the reward needs all of them.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
     step_reward, capture_reward : float
-        Paid by a step that does not / does catch the prey.
+        Of a step that does not / does catch the prey.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
     Raises
     ------
     TaskError
-        On sizes, rules or prey policies that make no sense.
+        When a size, a rule or the prey's policy is invalid.
 
     Examples
     --------

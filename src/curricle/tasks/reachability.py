@@ -44,9 +44,9 @@ def reachable_states(
     first = np.flatnonzero(start > 0)
     # A graph of the states, then the outcome rows, then one node that leads to all first states.
     root = n_states + n_rows
-    tail = np.concatenate([state, n_states + row, np.full(len(first), root)])
-    head = np.concatenate([n_states + outcome_row[pairs], next_state[row, outcome], first])
-    edges = np.ones(len(tail), np.bool_), (tail, head)
+    source = np.concatenate([state, n_states + row, np.full(len(first), root)])
+    target = np.concatenate([n_states + outcome_row[pairs], next_state[row, outcome], first])
+    edges = np.ones(len(source), np.bool_), (source, target)
     graph = csr_array(edges, shape=(root + 1, root + 1))
     met = np.zeros(root + 1, dtype=bool)
     met[breadth_first_order(graph, root, return_predecessors=False)] = True

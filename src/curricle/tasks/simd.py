@@ -1,4 +1,4 @@
-"""Vector instructions and prefetching in LLVM's language, which numba does not offer.
+"""Vector instructions and prefetching in LLVM, which numba does not offer.
 
 A row is read in vectors of :data:`LANES` values; a processor with narrower vectors takes several
 instructions for one.
@@ -99,7 +99,7 @@ def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any
 
 
 def _masked_load(builder: Any, start: Any, kind: Any, inside: Any) -> Any:
-    """Return the values that lie inside; nothing beyond the row is read."""
+    """Return the values that lie inside; nothing after the end of the row is read."""
     size = 4 if kind.element == ir.FloatType() else 8
     name = f"llvm.masked.load.v{LANES}f{8 * size}.p0"
     parts = [kind.as_pointer(), WORD, inside.type, kind]

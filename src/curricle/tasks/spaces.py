@@ -29,7 +29,7 @@ MISSING = -1
 
 
 def frozen(array: Array) -> Array:
-    """Return the array itself, made read-only, so that nobody trains it in place."""
+    """Return the array itself, made read-only, so that it cannot be changed in place."""
     array.flags.writeable = False
     return array
 

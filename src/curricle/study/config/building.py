@@ -16,82 +16,70 @@ Refuse = Callable[[KeyPath], AbstractContextManager[None]]
 """A key path in the arm -> a context that collects what the library refuses there."""
 
 
-def build(arm: ArmTables, folder: Path, made: dict[str, Any], refuse: Refuse) -> Curriculum | None:
-    """Return the curriculum; None where something was refused.
+class CurriculumBuilder:
+    """Builds the curriculum of an arm.
 
-    Parameters
-    ----------
-    arm : ArmTables
-    folder : Path
-        Of the modules with the study's own functions.
-    made : dict
-        The tasks and mappings made so far, which arms share; more are added.
-    refuse : callable
+    `folder` has the modules with the study's own functions; `made` the tasks and mappings so far,
+    which arms share.
     """
-    graph = NameGraph(
-        {name: getattr(task, "of", None) for name, task in arm.tasks.items()},
-        tuple((transfer.source, transfer.target) for transfer in arm.transfers),
-    )
-    tasks = _tasks(arm, graph, folder, made, refuse)
-    settings = _settings(arm, graph, folder, refuse)
-    transfers = []
-    for index, transfer in enumerate(arm.transfers):
-        if transfer.source in tasks and transfer.target in tasks:
-            with refuse(("transfers", index)):
-                target, source = tasks[transfer.target], tasks[transfer.source]
-                key = transfer.model_dump_json(exclude={"scale", "shift", "calibrate"})
-                key += _key(arm, graph, transfer.target) + _key(arm, graph, transfer.source)
-                if key not in made:
-                    made[key] = transfer.mapping_in(target, source, folder)
-                transfers.append(transfer.transfer(made[key]))
-    complete = len(tasks) == len(arm.tasks) and len(transfers) == len(arm.transfers)
-    if complete and all(len(each) == len(graph.learnt) for each in settings.values()):
-        with refuse(()):
-            return Curriculum({name: tasks[name] for name in graph.learnt}, transfers, **settings)
-    return None
 
+    def __init__(self, arm: ArmTables, folder: Path, made: dict[str, Any], refuse: Refuse):
+        self.arm, self.folder, self.made, self.refuse = arm, folder, made, refuse
+        self.graph = NameGraph(
+            {name: getattr(task, "of", None) for name, task in arm.tasks.items()},
+            tuple((transfer.source, transfer.target) for transfer in arm.transfers),
+        )
 
-def _tasks(
-    arm: ArmTables, graph: NameGraph, folder: Path, made: dict[str, Any], refuse: Refuse
-) -> dict[str, Any]:
-    """Return the tasks that could be made, with the mazes that only crops are made of."""
-    tasks: dict[str, Any] = {}
-    for name in sorted(arm.tasks, key=lambda name: len(graph.drawings(name))):
-        key = _key(arm, graph, name)
-        if graph.parts[name] in (None, *tasks):
-            with refuse(("tasks", name)):
-                if key not in made:
-                    made[key] = arm.tasks[name].build_in(folder, tasks.__getitem__)
-                tasks[name] = made[key]
-    return tasks
+    def curriculum(self) -> Curriculum | None:
+        """Return the curriculum; None where something was refused."""
+        arm, learnt = self.arm, self.graph.learnt
+        tasks, settings = self._tasks(), self._settings()
+        transfers = []
+        for index, transfer in enumerate(arm.transfers):
+            if transfer.source in tasks and transfer.target in tasks:
+                with self.refuse(("transfers", index)):
+                    target, source = tasks[transfer.target], tasks[transfer.source]
+                    key = transfer.model_dump_json(exclude={"scale", "shift", "calibrate"})
+                    key += self._key(transfer.target) + self._key(transfer.source)
+                    if key not in self.made:
+                        self.made[key] = transfer.mapping_in(target, source, self.folder)
+                    transfers.append(transfer.transfer(self.made[key]))
+        complete = len(tasks) == len(arm.tasks) and len(transfers) == len(arm.transfers)
+        if complete and all(len(each) == len(learnt) for each in settings.values()):
+            with self.refuse(()):
+                return Curriculum({name: tasks[name] for name in learnt}, transfers, **settings)
+        return None
 
+    def _tasks(self) -> dict[str, Any]:
+        """Return the tasks that could be made, with the mazes that only crops are made of."""
+        tasks: dict[str, Any] = {}
+        for name in sorted(self.arm.tasks, key=lambda name: len(self.graph.drawings(name))):
+            key, of = self._key(name), self.graph.parts[name]
+            if of is None or of in tasks:
+                with self.refuse(("tasks", name)):
+                    if key not in self.made:
+                        whole = None if of is None else tasks[of]
+                        self.made[key] = self.arm.tasks[name].build(self.folder, whole)
+                    tasks[name] = self.made[key]
+        return tasks
 
-def _key(arm: ArmTables, graph: NameGraph, name: str) -> str:
-    """Return all that a task depends on: its own keys, and the mazes that it is a part of."""
-    return repr(
-        [
-            arm.tasks[drawing].model_dump_json(exclude=set(Settings.model_fields))
-            for drawing in graph.drawings(name)
-        ]
-    )
+    def _key(self, name: str) -> str:
+        """Return all that a task depends on: its own keys, and the mazes that it is a part of."""
+        drawings = [self.arm.tasks[drawing] for drawing in self.graph.drawings(name)]
+        return repr([one.model_dump_json(exclude=set(Settings.model_fields)) for one in drawings])
 
-
-def _settings(
-    arm: ArmTables, graph: NameGraph, folder: Path, refuse: Refuse
-) -> dict[str, dict[str, Any]]:
-    """Return each setting of each task that is learnt, as far as it could be made."""
-    settings: dict[str, dict[str, Any]] = {which: {} for which in Settings.model_fields}
-    with_sources = {target for _, target in graph.edges}
-    for name in graph.learnt:
-        found: dict[str, Any] = {}
-        for which in settings:
-            with refuse(("tasks", name, which)):
-                value = arm.tasks[name].setting(which, folder)
-                _check(which, value, found, name in with_sources)
-                found[which] = value
-        for which, value in found.items():
-            settings[which][name] = value
-    return settings
+    def _settings(self) -> dict[str, dict[str, Any]]:
+        """Return each setting of each task that is learnt, as far as it could be made."""
+        settings: dict[str, dict[str, Any]] = {which: {} for which in Settings.model_fields}
+        with_sources = {target for _, target in self.graph.edges}
+        for name in self.graph.learnt:
+            found: dict[str, Any] = {}
+            for which in settings:
+                with self.refuse(("tasks", name, which)):
+                    value = self.arm.tasks[name].setting(which, self.folder)
+                    _check(which, value, found, name in with_sources)
+                    found[which] = settings[which][name] = value
+        return settings
 
 
 def _check(which: str, value: Any, found: dict[str, Any], has_sources: bool) -> None:

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from functools import cache
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -40,18 +41,21 @@ class ObjectTable(Table):
     parameters: ClassVar[tuple[str, ...]] = ()
     """The parameters of `makes` that the table has."""
 
-    def build(self) -> Any:
-        """Return the object; the library's own error if the values make no sense."""
-        return type(self).makes(**self.as_arguments())
+    def build(self, folder: Path = Path()) -> Any:
+        """Return the object; the library's own error if the values make no sense.
 
-    def as_arguments(self) -> dict[str, Any]:
+        The modules of the study's own functions are in `folder`.
+        """
+        return type(self).makes(**self.arguments_in(folder))
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the object, inner tables built."""
-        return {name: built(getattr(self, name)) for name in self.parameters}
+        return {name: built(getattr(self, name), folder) for name in self.parameters}
 
 
-def built(value: Any) -> Any:
-    """Return what a value of a table stands for: an object for a table, the rest as it is."""
-    return value.build() if isinstance(value, ObjectTable) else value
+def built(value: Any, folder: Path) -> Any:
+    """Return the object that a table stands for, and any other value as it is."""
+    return value.build(folder) if isinstance(value, ObjectTable) else value
 
 
 @cache
@@ -116,10 +120,8 @@ def annotated(hint: Any) -> Any:
         if Schedule in members:
             return Rate | None if NoneType in members else Rate
         tables = [table_of(one) for one in members if _is_dataclass(one)]
-        if tables and bool in members:
-            return flag_or(tables[0])
-        if tables and NoneType in members:
-            return flag_or(tables[0], None)
+        if tables and (bool in members or NoneType in members):
+            return flag_or(tables[0], False if bool in members else None)
         others = [annotated(one) for one in members if not _is_dataclass(one)]
         return Union[*tables, *others]
     if get_origin(hint) is tuple:
@@ -131,7 +133,7 @@ def _is_dataclass(hint: Any) -> bool:
     return is_dataclass(hint)
 
 
-def flag_or(table: type[Table], off: Any = False) -> Any:
+def flag_or(table: type[Table], off: Any) -> Any:
     """Return the type of what is false (`off`), true (a table of defaults) or a table."""
 
     def flag(value: Any) -> Any:
@@ -170,7 +172,7 @@ def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    """Return a piece of a docstring on one line, without markup."""
+    """Return a part of a docstring on one line, without markup."""
     return " ".join(re.sub(r":\w+:`~?([^`]*)`|`+([^`]*)`+", r"\1\2", text).split())
 
 

@@ -26,8 +26,8 @@ Raw = dict[str, Any]
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
     """Return a table with another's entries over its own.
 
-    Tables go into tables key by key and anything else takes the place of what was there. A table
-    that becomes another type keeps what every type has. Transfers, a list, are reached by number.
+    Tables are merged key by key; any other value replaces the old one. A table that becomes another
+    type keeps the keys that every type has. Transfers, a list, are given by number.
 
     Examples
     --------
@@ -47,48 +47,34 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
 
 
 def _over(old: Any, new: Any, key: str) -> Any:
+    """Return the value of a key that has an older one; a table of another kind replaces it."""
     if not isinstance(new, dict):
         return new
     if key == "transfers" and isinstance(old, list):
         return [_over(one, new[str(n)], "") if str(n) in new else one for n, one in enumerate(old)]
     if key == "shaping" and isinstance(old, str):
         old = {"type": old}
-    if not isinstance(old, dict) or _another(key, old, new):
+    if not isinstance(old, dict):
         return new
-    return merged(_kept(key, old, new), new)
+    if key == "budget" and _in_episodes(old) is not _in_episodes(new):
+        return new
+    if key == "learner":
+        if "type" in new and (old.get("type") == DEEP) is not (new["type"] == DEEP):
+            return new
+        if new.get("algorithm", old.get("algorithm")) != old.get("algorithm"):
+            # Another algorithm has other settings.
+            old = {name: value for name, value in old.items() if name != "settings"}
+    return merged(old, new)
 
 
-def _kept(key: str, old: Raw, new: Raw) -> Raw:
-    """Return what stays of a table: of a learner no settings of another algorithm."""
-    if key == "learner" and new.get("algorithm", old.get("algorithm")) != old.get("algorithm"):
-        return {name: value for name, value in old.items() if name != "settings"}
-    return old
-
-
-def _another(key: str, old: Raw, new: Raw) -> bool:
-    """Return whether a budget or a learner is of another kind, of which nothing can stay."""
-    if key == "budget":
-        return _episodes(old) is not _episodes(new)
-    return key == "learner" and "type" in new and _deep(old) is not _deep(new)
-
-
-def _episodes(budget: Raw) -> bool:
+def _in_episodes(budget: Raw) -> bool:
     return any(key in budget for key in EpisodesTable.model_fields)
-
-
-def _deep(learner: Raw) -> bool:
-    return bool(learner.get("type") == DEEP)
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
 
-    The value is read as TOML, or else taken as text.
-
-    Raises
-    ------
-    ConfigError
-        When it is no assignment.
+    The value is read as TOML, or else taken as text. ConfigError says that it is no assignment.
 
     Examples
     --------
@@ -132,14 +118,9 @@ def dotted(key: str) -> tuple[str, ...]:
 
 
 def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
-    """Return a curriculum in which each task has all its settings.
+    """Return the curriculum of an arm, or of the study as it is, each task with all its settings.
 
-    Parameters
-    ----------
-    study : dict
-        As read; any part may be malformed, and then stays so.
-    patch : dict, optional
-        The arm, if it is not the study as it is.
+    Any part may be malformed, and then stays so.
     """
     base = {key: value for key, value in study.items() if key in ("tasks", "transfers", *SETTINGS)}
     changes = table(patch)
@@ -151,7 +132,7 @@ def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
     plan = merged(base, changes)
     chosen = changes.get("transfers")
     if isinstance(chosen, list):
-        plan["transfers"] = chosen_transfers(chosen, base.get("transfers"))
+        plan["transfers"] = _chosen(chosen, base.get("transfers"))
         plan["tasks"] = _needed(plan, NameGraph.of(base))
     for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
     with_sources = {target for _, target in NameGraph.of(plan).edges}
@@ -166,11 +147,11 @@ def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
     return plan
 
 
-def chosen_transfers(chosen: list[Any], transfers: Any) -> list[Any]:
+def _chosen(chosen: list[Any], transfers: Any) -> list[Any]:
     """Return the transfers that an arm names, those given by number taken from the study's."""
     there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
-    numbers = [one for one in chosen if type(one) is not int or one in there]
-    return [there[one] if type(one) is int else one for one in numbers]
+    named = [there.get(one) if type(one) is int else one for one in chosen]
+    return [one for one in named if one is not None]
 
 
 def _needed(plan: Raw, base: NameGraph) -> Any:

@@ -1,10 +1,12 @@
 """Where in a study file something is written, to say so in a message."""
 
 import re
+import tomllib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.config.merging import SETTINGS
@@ -48,14 +50,7 @@ class Positions:
         return f"{self.file}{where}: {spelt(path) or 'the study'} {' '.join(text.split())}"
 
     def written(self, arm: str, path: KeyPath) -> KeyPath:
-        """Return where a part of an arm's curriculum is written in the file.
-
-        Parameters
-        ----------
-        arm : str
-        path : key path
-            In the complete curriculum, such as ``("tasks", "chase", "budget")``.
-        """
+        """Return where the file has a part of an arm's complete curriculum, given by its path."""
         patch = table(table(self.study.get("arms")).get(arm))
         chosen = patch.get("transfers")
         if path[:1] == ("transfers",) and len(path) > 1 and isinstance(chosen, list):
@@ -102,24 +97,152 @@ def _reach(node: Any, path: KeyPath) -> int:
 class Problems:
     """What is wrong with a study, collected to be reported at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, positions: Positions):
+        self.positions = positions
         self.found: dict[str, None] = {}
         self.cause: Exception | None = None
 
-    def add(self, sentences: Iterable[str]) -> None:
-        """Add sentences; each is reported once."""
-        self.found.update(dict.fromkeys(sentences))
+    def add(self, wrong: Iterable[tuple[KeyPath, str]]) -> None:
+        """Add key paths with what is wrong there, in the order of the file, each once."""
+        for path, text in sorted(wrong, key=lambda one: self.positions.line(one[0])):
+            self.found[self.positions.sentence(path, text)] = None
 
     @contextmanager
-    def at(self, positions: Positions, path: KeyPath) -> Iterator[None]:
-        """Add what the library refuses in this context, with the key path."""
+    def at(self, arm: str, path: KeyPath) -> Iterator[None]:
+        """Add what the library refuses in this context, about a part of an arm's curriculum."""
         try:
             yield
         except CurricleError as error:
             self.cause = self.cause or error
-            self.found[positions.sentence(path, f"is refused: {error}")] = None
+            self.add([(self.positions.written(arm, path), f"is refused: {error}")])
 
     def raise_any(self) -> None:
         """Raise ConfigError if anything is wrong."""
         if self.found:
             raise ConfigError("\n".join(self.found)) from self.cause
+
+
+# -- the line of each key ----------------------------------------------------------------------
+
+TOKEN = re.compile(
+    r"""
+      (?P<blank>[ \t\r]+|\#[^\n]*)
+    | (?P<text>\"{3}(?:\\.|[^\\])*?\"{3,5} | '{3}.*?'{3,5} | "(?:\\.|[^"\\\n])*" | '[^'\n]*')
+    | (?P<sign>[\[\]{},=.\n])
+    | (?P<bare>[^\s\[\]{},=.\#"']+)
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+
+
+def line_numbers(text: str) -> dict[KeyPath, int]:
+    r"""Return the line on which each table, key and list entry of a TOML text begins, from 1.
+
+    The standard library's parser does not report them. It has accepted the text before.
+
+    Examples
+    --------
+    >>> lines = line_numbers("[tasks.chase] # '''\nsize = 5\nends = ['a',\n'b']")
+    >>> lines["tasks", "chase", "size"], lines["tasks", "chase", "ends", 1]
+    (2, 4)
+    """
+    return _Scanner(text).lines
+
+
+class _Token(NamedTuple):
+    text: str
+    sign: str
+    """The text if it is a sign, such as ``=``; "end" after the last token."""
+    line: int
+
+
+class _Scanner:
+    """Reads the tokens of a text once, one ahead."""
+
+    def __init__(self, text: str):
+        self.tokens = _tokens(text)
+        self.next = next(self.tokens)
+        self.lines: dict[KeyPath, int] = {}
+        self.arrays = Counter[KeyPath]()
+        here: KeyPath = ()
+        while self.next.sign != "end":
+            if self.next.sign == "\n":
+                self.take()
+            elif self.next.sign == "[":
+                here = self.header()
+            else:
+                self.pair(here)
+
+    def take(self) -> _Token:
+        taken, self.next = self.next, next(self.tokens, self.next)
+        return taken
+
+    def skip(self, *signs: str) -> None:
+        while self.next.sign in signs:
+            self.take()
+
+    def header(self) -> KeyPath:
+        """Return the path of the table that a ``[header]`` or ``[[header]]`` begins."""
+        line = self.take().line
+        listed = self.next.sign == "["
+        self.skip("[")
+        path: KeyPath = ()
+        keys = self.keys()
+        for n, key in enumerate(keys):
+            path = (*path, key)
+            self.lines.setdefault(path, line)
+            if listed and n == len(keys) - 1:
+                self.arrays[path] += 1
+            if path in self.arrays:
+                path = (*path, self.arrays[path] - 1)
+                self.lines.setdefault(path, line)
+        self.skip("]")
+        return path
+
+    def keys(self) -> list[str]:
+        """Take a dotted key."""
+        found = [_unquoted(self.take().text)]
+        while self.next.sign == ".":
+            self.take()
+            found.append(_unquoted(self.take().text))
+        return found
+
+    def pair(self, here: KeyPath) -> None:
+        """Take ``key = value``."""
+        line = self.next.line
+        for key in self.keys():
+            here = (*here, key)
+            self.lines.setdefault(here, line)
+        self.take()  # =
+        self.value(here)
+
+    def value(self, here: KeyPath) -> None:
+        """Take a value, with the keys and entries inside it."""
+        begin = self.take().sign
+        if begin in ("[", "{"):
+            end, entry = "]" if begin == "[" else "}", 0
+            self.skip("\n")
+            while self.next.sign != end:
+                if end == "}":
+                    self.pair(here)
+                else:
+                    self.lines.setdefault((*here, entry), self.next.line)
+                    self.value((*here, entry))
+                    entry += 1
+                self.skip(",", "\n")
+            self.take()
+        while self.next.sign in ("", "."):  # the rest of a number or a date
+            self.take()
+
+
+def _tokens(text: str) -> Iterator[_Token]:
+    line = 1
+    for match in TOKEN.finditer(text):
+        if match.lastgroup != "blank":
+            yield _Token(match[0], match[0] if match.lastgroup == "sign" else "", line)
+        line += match[0].count("\n")
+    yield _Token("", "end", line)
+
+
+def _unquoted(key: str) -> str:
+    return str(tomllib.loads(f"key = {key}")["key"]) if key[0] in "'\"" else key

@@ -12,13 +12,12 @@ from pydantic import ValidationError
 from curricle.errors import ConfigError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.merging import Raw, assignment, complete_curriculum, merged
-from curricle.study.config.positions import Positions, Problems
+from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.renamed_keys import renamed_keys
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.study_tables import FileTable, RunTable
 from curricle.study.config.tables import KeyPath, unknown
-from curricle.study.config.task_names import NameGraph, problems, table
-from curricle.study.config.toml_lines import line_numbers
+from curricle.study.config.task_names import NameGraph, table, wrong_names
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
@@ -74,8 +73,8 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
 
 def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as read; ConfigError with all that is wrong in it."""
-    found = Problems()
-    found.add(positions.sentence(path, text) for path, text in renamed_keys(study))
+    found = Problems(positions)
+    found.add(renamed_keys(study))
     found.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, table(patch)) for arm, patch in arms.items()}
@@ -88,13 +87,12 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     config: StudyConfig | None = None
     with _collected(in_arms):
         config = StudyConfig.from_data({**running, "arms": complete}, folder, positions)
+    for arm, curriculum in complete.items():
+        in_arms += [(("arms", arm, *path), text) for path, text in wrong_names(curriculum)]
     for path, text in in_arms:
         inside = path[0] == "arms"
         wrong.append((positions.written(str(path[1]), path[2:]) if inside else path, text))
-    for arm, curriculum in complete.items():
-        wrong += [(positions.written(arm, path), text) for path, text in problems(curriculum)]
-    wrong.sort(key=lambda one: positions.line(one[0]))
-    found.add(positions.sentence(path, text) for path, text in wrong)
+    found.add(wrong)
     found.raise_any()
     return config
 

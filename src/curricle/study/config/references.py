@@ -18,18 +18,8 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
 
     A module beside the study file comes before one on ``sys.path``. It belongs to its folder:
     modules of the same name in two folders stay apart. It imports its neighbours relatively
-    (``from .rules import slip``).
-
-    Parameters
-    ----------
-    reference : str
-    folder : Path
-        The study file's.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such module or function, or importing the module fails.
+    (``from .rules import slip``). ConfigError says that there is no such module or function, or
+    that importing the module failed.
 
     Examples
     --------
@@ -66,17 +56,14 @@ def users_code(reference: str) -> Iterator[None]:
 
 def _module(name: str, folder: Path) -> ModuleType | None:
     """Return a module beside the study file or on ``sys.path``; None if there is none."""
-    for path in (f"{_package(folder)}.{name}", name):
-        if _exists(path):
-            return importlib.import_module(path)
-    return None
+    paths = (f"{_package(folder)}.{name}", name)
+    return next((importlib.import_module(path) for path in paths if _exists(path)), None)
 
 
 def _exists(path: str) -> bool:
-    package, _, _ = path.rpartition(".")
-    if package and package not in sys.modules and not _exists(package):
-        return False
-    return importlib.util.find_spec(path) is not None
+    package = path.rpartition(".")[0]
+    there = not package or package in sys.modules or _exists(package)
+    return there and importlib.util.find_spec(path) is not None
 
 
 def _package(folder: Path) -> str:

@@ -4,9 +4,11 @@ An old name is refused, and the error says the new one. This is the only list of
 """
 
 from collections.abc import Iterator
+from functools import reduce
 from typing import Any
 
 from curricle.study.config.tables import KeyPath
+from curricle.study.config.task_names import table
 
 STUDY, SETTING, TASK, FLAG = "study", "setting", "task", "flag"
 """Where a name stands: at the top level; wherever settings do; in a task's table; as a flag."""
@@ -48,45 +50,21 @@ table, or a key with a value."""
 
 
 def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the path of each old key in a study as read, and what is to be said of it."""
-    tasks, arms = _tables(study, "tasks"), _tables(study, "arms")
-    tables: list[tuple[KeyPath, dict[str, Any], tuple[str, ...]]] = [((), study, (STUDY, SETTING))]
-    tables += [(("tasks", name), one, (TASK, SETTING)) for name, one in tasks.items()]
-    for arm, patch in arms.items():
+    """Yield the path of each old key in a study as read, and the sentence about it."""
+    tables: list[tuple[KeyPath, Any, tuple[str, ...]]] = [((), study, (STUDY, SETTING))]
+    for name, task in table(study.get("tasks")).items():
+        tables.append((("tasks", name), task, (TASK, SETTING)))
+    for arm, patch in table(study.get("arms")).items():
         tables.append((("arms", arm), patch, (SETTING,)))
-        for name, one in _tables(patch, "tasks").items():
-            tables.append((("arms", arm, "tasks", name), one, (TASK, SETTING)))
-    for place, table, kinds in tables:
+        for name, task in table(table(patch).get("tasks")).items():
+            tables.append((("arms", arm, "tasks", name), task, (TASK, SETTING)))
+    for place, one, kinds in tables:
         found: dict[KeyPath, str] = {}
         for (kind, old), new in RENAMED.items():
             key, _, value = old.partition(" = ")
             path = tuple(key.split("."))
-            node = _at(table, path) if kind in kinds else None
-            if node is not None and value in ("", node):
+            node = reduce(lambda inner, part: table(inner).get(part), path, one)
+            if kind in kinds and node is not None and value in ("", node):
                 found[path] = new  # a row with a value comes after that of its key
         for at, new in found.items():
             yield (*place, *at), f"was renamed: write {new}"
-
-
-def renamed_flag(flag: str) -> str | None:
-    """Return the name that a flag of the command has now; None if it never had another.
-
-    Examples
-    --------
-    >>> renamed_flag("--node")
-    '--task'
-    """
-    return RENAMED.get((FLAG, flag))
-
-
-def _tables(node: dict[str, Any], key: str) -> dict[str, dict[str, Any]]:
-    tables = node.get(key)
-    each = tables.items() if isinstance(tables, dict) else ()
-    return {name: one for name, one in each if isinstance(one, dict)}
-
-
-def _at(node: Any, path: tuple[str, ...]) -> Any:
-    """Return what is at a path; None where there is nothing."""
-    for key in path:
-        node = node.get(key) if isinstance(node, dict) else None
-    return node

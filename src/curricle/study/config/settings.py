@@ -1,10 +1,9 @@
 """Settings of learning: learner, budget, how potentials enter, evaluation, storage."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
+from pydantic import BeforeValidator, Field, JsonValue
 
 from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
@@ -28,10 +27,11 @@ from curricle.study.config.tables import (
     Choice,
     Table,
     Whole,
-    meant,
-    shown,
+    not_one_of,
+    only,
     tagged,
     whole_number,
+    word,
     wrong,
 )
 from curricle.transfer import aggregation
@@ -42,19 +42,19 @@ DEEP = "deep"
 
 
 class _DeepLearnerTable(ObjectTable):
-    def build_in(self, folder: Path) -> Any:
-        """Return the learner; `folder` has the modules of a study's own classes."""
-        given = self.as_arguments()
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, the study's own classes and functions loaded."""
+        given = super().arguments_in(folder)
         if ":" in given["algorithm"]:
             own = load(given["algorithm"], folder)
             given["algorithm"] = f"{own.__module__}:{own.__qualname__}"
-        settings = {name: _loaded(value, folder) for name, value in given["settings"].items()}
+        settings = _loaded(given["settings"], folder)
         # Lists of TOML are what the algorithms take as tuples, such as train_freq.
         given["settings"] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in settings.items()
         }
-        return DeepLearner(**given)
+        return given
 
 
 def _loaded(value: Any, folder: Path) -> Any:
@@ -69,16 +69,11 @@ def _loaded(value: Any, folder: Path) -> Any:
 class EpisodesTable(ObjectTable):
     """A budget in episodes."""  # by hand: the parameter is called `number`, the key `episodes`
 
-    makes: ClassVar[Any] = Episodes
     episodes: Whole = Field(description="How many.")
 
-    def as_arguments(self) -> dict[str, Any]:
-        """Return the number of episodes."""
-        return {"number": self.episodes}
-
-
-def _memory_limit(value: Any) -> int | str | None:
-    return value if value is None or isinstance(value, str) else whole_number(value)
+    def build(self, folder: Path = Path()) -> Episodes:
+        """Return the budget."""
+        return Episodes(self.episodes)
 
 
 LEARNERS = tuple(
@@ -110,8 +105,19 @@ SHAPINGS = tuple(
 RetrainTable = table_of(RetrainSources)
 EvaluationTable = table_of(GreedyEvaluation)
 StorageTable = table_of(
-    Storage, memory_limit=Annotated[int | str | None, BeforeValidator(_memory_limit)]
+    Storage,
+    memory_limit=Annotated[
+        int | str | None, BeforeValidator(lambda v: v if isinstance(v, str) else whole_number(v))
+    ],
 )
+
+
+def _shaping(value: Any) -> Any:
+    by_name = {one.__name__: one for one in SHAPINGS}
+    if not isinstance(value, str) or value not in by_name:
+        raise wrong(not_one_of(value, by_name))
+    return by_name[value]()
+
 
 AnyLearner = Annotated[Any, tagged(*LEARNERS, DeepLearnerTable, default="QLearning")]
 AnyBudget = Annotated[
@@ -123,34 +129,23 @@ AnyBudget = Annotated[
         int,
     ),
 ]
-
-
-def _shaping(value: Any) -> Any:
-    by_name = {one.__name__: one for one in SHAPINGS}
-    if not isinstance(value, str) or value not in by_name:
-        names = f"must be one of {', '.join(by_name)}"
-        raise wrong(f"{names}: got {shown(value)}{meant(value, by_name)}")
-    return by_name[value]()
-
-
 AnyShaping = Annotated[
     Any, tagged(*SHAPINGS, default="QInitialisation", simple=_shaping, simple_type=str)
 ]
-
-
-def _aggregate(value: str) -> str:
-    if value not in AGGREGATES and ":" not in value:
-        raise wrong(
-            f"must be one of {', '.join(AGGREGATES)}, or a function as module:function: got "
-            f"{value!r}{meant(value, AGGREGATES)}"
-        )
-    return value
+AnyAggregate = Annotated[
+    str,
+    word(
+        f"be one of {', '.join(AGGREGATES)}, or a function as module:function",
+        AGGREGATES,
+        function=True,
+    ),
+]
 
 
 class Settings(Table):
     """Settings for all tasks, or for one."""
 
-    aggregate: Annotated[str, AfterValidator(_aggregate)] = Field(
+    aggregate: AnyAggregate = Field(
         default="mean",
         description="How several potentials into a task become one: maximum, mean, minimum, total, "
         "or a function (N, S, A) -> (S, A) as module:function.",
@@ -165,43 +160,28 @@ class Settings(Table):
         description="How a potential, or a network, enters learning: its name, or "
         '{ type = "QInitialisation", guard = true }.',
     )
-    retrain: Annotated[Any, Choice((RetrainTable,), lambda _: RetrainTable)] = Field(
+    retrain: Annotated[Any, only(RetrainTable)] = Field(
         default=None, description="When to retrain the sources, if the target's return drops."
     )
     eval_freq: Whole | None = Field(
         default=None, description="Steps between checkpoints; a hundredth of the budget by default."
     )
-    evaluation: Annotated[Any, Choice((EvaluationTable,), lambda _: EvaluationTable)] = Field(
+    evaluation: Annotated[Any, only(EvaluationTable)] = Field(
         default=EvaluationTable(), description="How the greedy policy is evaluated."
     )
-    storage: Annotated[Any, Choice((StorageTable,), lambda _: StorageTable)] = Field(
+    storage: Annotated[Any, only(StorageTable)] = Field(
         default=StorageTable(), description="How values are stored."
     )
 
     def setting(self, which: str, folder: Path) -> Any:
-        """Return one of the settings as :class:`Curriculum` takes it.
-
-        Parameters
-        ----------
-        which : str
-            Such as ``"learner"``.
-        folder : Path
-            With the modules of a study's own functions.
-        """
+        """Return a setting, such as ``"learner"``, as :class:`Curriculum` takes it."""
         value = getattr(self, which)
         if which == "aggregate":
-            return _aggregate_function(value, folder)
-        if isinstance(value, _DeepLearnerTable):
-            return value.build_in(folder)
-        return built(value)
+            named = value in AGGREGATES
+            return getattr(aggregation, value) if named else load(value, folder)
+        return built(value, folder)
 
     @property
     def deep_learner(self) -> bool:
         """Whether the learner is a network."""
-        return isinstance(self.learner, _DeepLearnerTable)
-
-
-def _aggregate_function(name: str, folder: Path) -> Callable[..., Any]:
-    if name in AGGREGATES:
-        return getattr(aggregation, name)  # type: ignore[no-any-return]
-    return load(name, folder)
+        return isinstance(self.learner, DeepLearnerTable)

@@ -1,8 +1,7 @@
 """What a study file says, complete and checked, and the curricula that it describes."""
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,10 +10,10 @@ from pydantic import PrivateAttr
 from curricle.curriculum.curriculum import Curriculum
 from curricle.deep.learner import DeepLearner
 from curricle.errors import ConfigError
-from curricle.study.config.building import build
+from curricle.study.config.building import CurriculumBuilder
 from curricle.study.config.positions import Positions, Problems
 from curricle.study.config.study_tables import ArmTables, RunTable
-from curricle.study.config.tables import KeyPath, unknown
+from curricle.study.config.tables import unknown
 
 
 class StudyConfig(RunTable):
@@ -50,12 +49,11 @@ class StudyConfig(RunTable):
     def from_data(
         cls, data: Mapping[str, Any], folder: Path, positions: Positions | None = None
     ) -> Self:
-        """Return the configuration that plain data describe.
+        """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
         Parameters
         ----------
         data : dict
-            As :meth:`to_data` returns it.
         folder : Path
             Of the modules with the study's own functions.
         positions : Positions, optional
@@ -64,7 +62,6 @@ class StudyConfig(RunTable):
         Raises
         ------
         pydantic.ValidationError
-            When the data are malformed.
         """
         config = cls.model_validate(dict(data), context={"folder": folder})
         config._folder = folder
@@ -101,13 +98,7 @@ class StudyConfig(RunTable):
         return self._built(*self.arms)
 
     def curriculum(self, arm: str) -> Curriculum:
-        """Return the curriculum of one arm.
-
-        Raises
-        ------
-        ConfigError
-            When there is no such arm, or naming all in it that cannot be built.
-        """
+        """Return the curriculum of one arm; ConfigError as in :attr:`curricula`."""
         if arm not in self.arms:
             raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
         return self._built(arm)[arm]
@@ -122,14 +113,13 @@ class StudyConfig(RunTable):
         ConfigError
             Naming each algorithm, setting and kind of shaping that it does not support.
         """
-        found = Problems()
+        found = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
             for name in curriculum.order:
                 learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
                 if not isinstance(learner, DeepLearner):
                     continue
-                path = self._positions.written(arm, ("tasks", name, "learner"))
-                with found.at(self._positions, path):
+                with found.at(arm, ("tasks", name, "learner")):
                     learner.algorithm_class()  # raises ImportError that names what to install
                     from curricle.deep.models import check_learner
 
@@ -137,14 +127,10 @@ class StudyConfig(RunTable):
         found.raise_any()
 
     def _built(self, *arms: str) -> dict[str, Curriculum]:
-        found, curricula = Problems(), {}
+        found, curricula = Problems(self._positions), {}
         for arm in arms:
-
-            def refuse(path: KeyPath, arm: str = arm) -> AbstractContextManager[None]:
-                return found.at(self._positions, self._positions.written(arm, path))
-
-            curriculum = build(self.arms[arm], self.folder, self._made, refuse)
-            if curriculum is not None:
-                curricula[arm] = curriculum
+            refuse = partial(found.at, arm)
+            builder = CurriculumBuilder(self.arms[arm], self.folder, self._made, refuse)
+            curricula[arm] = builder.curriculum()
         found.raise_any()
-        return curricula
+        return {arm: made for arm, made in curricula.items() if made is not None}

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Self
 from pydantic import (
     BeforeValidator,
     Field,
-    ValidatorFunctionWrapHandler,
     WrapValidator,
     model_validator,
 )
@@ -21,9 +20,10 @@ from curricle.study.config.tables import (
     Number,
     Table,
     Whole,
-    all_wrong,
+    as_table,
     shown,
     wrong,
+    wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask
 from curricle.study.config.transfers import TransferTable
@@ -89,7 +89,7 @@ class ArmTables(Table):
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
         if found := list(self._misfits()):
-            raise all_wrong(found)
+            raise wrong_at(*found)
         return self
 
     def _misfits(self) -> Iterator[tuple[KeyPath, str]]:
@@ -116,13 +116,7 @@ class ArmTables(Table):
         return (*cls.model_fields, *Settings.model_fields)
 
 
-def _as_table(value: Any, _: ValidatorFunctionWrapHandler) -> Any:
-    if not isinstance(value, dict):
-        raise wrong(f"must be a table: got {shown(value)}")
-    return value
-
-
-Later = WrapValidator(_as_table)
+Later = WrapValidator(lambda value, _: as_table(value))
 """A table that is validated when what it leaves open has been filled in."""
 
 

@@ -9,7 +9,6 @@ from operator import or_
 from typing import Annotated, Any, Self
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -48,11 +47,8 @@ KeyPath = tuple[str | int, ...]
 class Table(BaseModel):
     """A table of a study file.
 
-    Raises
-    ------
-    pydantic.ValidationError
-        Each message ends a sentence that begins with the key path, such as
-        "must be a number: got 'x'".
+    Each message of its ValidationErrors ends a sentence that begins with the key path, such as
+    "must be a number: got 'x'".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -65,17 +61,11 @@ class Table(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _plain_messages(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        if not isinstance(data, dict | cls):
-            raise wrong(f"must be a table: got {shown(data)}")
         try:
-            return handler(data)
+            return handler(data if isinstance(data, cls) else as_table(data))
         except ValidationError as error:
-            raise ValidationError.from_exception_data(
-                cls.__name__,
-                [
-                    _detail(one["loc"], _message(one, cls.known()), one["input"])
-                    for one in error.errors(include_url=False)
-                ],
+            raise wrong_at(
+                *((one["loc"], _message(one, cls.known())) for one in error.errors())
             ) from None
 
 
@@ -84,14 +74,9 @@ def wrong(text: str) -> PydanticCustomError:
     return PydanticCustomError("wrong", "{text}", {"text": text})
 
 
-def wrong_at(path: KeyPath, text: str, value: Any) -> ValidationError:
-    """Return an error with this message about a part of the value being validated."""
-    return ValidationError.from_exception_data("study", [_detail(path, text, value)])
-
-
-def all_wrong(found: Iterable[tuple[KeyPath, str]]) -> ValidationError:
-    """Return one error with messages about several parts of the value being validated."""
-    details = [_detail(path, text, None) for path, text in found]
+def wrong_at(*found: tuple[KeyPath, str]) -> ValidationError:
+    """Return one error with messages about parts of the value being validated."""
+    details = [InitErrorDetails(type=wrong(text), loc=path, input=None) for path, text in found]
     return ValidationError.from_exception_data("study", details)
 
 
@@ -114,6 +99,11 @@ def meant(word: Any, known: Iterable[str]) -> str:
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
 
+def not_one_of(value: Any, known: Collection[str]) -> str:
+    """Return that a value must be one of the known words."""
+    return f"must be one of {', '.join(known)}: got {shown(value)}{meant(value, known)}"
+
+
 def unknown(word: Any, known: Collection[str]) -> str:
     """Return that a word is unknown, with the closest known word or else all of them.
 
@@ -124,10 +114,6 @@ def unknown(word: Any, known: Collection[str]) -> str:
     """
     others = f": known are {', '.join(known)}" if known else ""
     return f"is unknown{meant(word, known) or others}"
-
-
-def _detail(path: KeyPath, text: str, value: Any) -> InitErrorDetails:
-    return InitErrorDetails(type=wrong(text), loc=path, input=value)
 
 
 def _message(error: Any, keys: Collection[str]) -> str:
@@ -143,6 +129,13 @@ def _message(error: Any, keys: Collection[str]) -> str:
     phrase = PHRASES.get(kind, "is not understood").format(**context)
     words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
     return f"{phrase}: got {shown(error['input'])}{meant(error['input'], words)}"
+
+
+def as_table(value: Any) -> dict[str, Any]:
+    """Return a table as it is; refuse anything else."""
+    if not isinstance(value, dict):
+        raise wrong(f"must be a table: got {shown(value)}")
+    return value
 
 
 def whole_number(value: Any) -> int:
@@ -162,15 +155,34 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def no_table(value: Any) -> Any:
-    """Refuse a value that is not a table."""
-    raise wrong(f"must be a table: got {shown(value)}")
+def word(
+    rule: str,
+    words: Collection[str] = (),
+    *,
+    function: bool = False,
+    other: Callable[[Any], Any] = lambda value: value,
+) -> BeforeValidator:
+    """Return the validator of a value that is a word, or something else that is no text.
 
+    Parameters
+    ----------
+    rule : str
+        What the value must be, for messages.
+    words : collection of str
+    function : bool
+        Whether it may be a function too, as ``module:function``.
+    other : callable
+        Validates what is no text.
+    """
 
-def _reference(value: str) -> str:
-    if ":" not in value:
-        raise wrong(f"must name a function as module:function: got {value!r}")
-    return value
+    def checked(value: Any) -> Any:
+        if not isinstance(value, str):
+            return other(value)
+        if value in words or (function and ":" in value):
+            return value
+        raise wrong(f"must {rule}: got {value!r}{meant(value, words)}")
+
+    return BeforeValidator(checked)
 
 
 Whole = Annotated[int, BeforeValidator(whole_number)]
@@ -178,7 +190,7 @@ Count = Annotated[Whole, Field(ge=1)]
 Number = Annotated[float, BeforeValidator(number)]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, Field(min_length=1)]
-Reference = Annotated[str, AfterValidator(_reference)]
+Reference = Annotated[str, word("name a function as module:function", function=True)]
 """A function as ``module:function``."""
 
 
@@ -194,14 +206,14 @@ class Choice:
     choose : callable
         Returns the table that a dict is meant to be.
     simple : callable
-        Validates what is not a table; :func:`no_table` refuses it.
+        Validates what is not a table.
     simple_type : type, optional
         Of what `simple` accepts, for the JSON Schema.
     """
 
     tables: tuple[type[Table], ...]
     choose: Callable[[dict[str, Any]], type[Table]]
-    simple: Callable[[Any], Any] = no_table
+    simple: Callable[[Any], Any] = as_table
     simple_type: Any = None
 
     def __get_pydantic_core_schema__(
@@ -218,10 +230,15 @@ class Choice:
         return value if isinstance(value, Table) else self.simple(value)
 
 
+def only(table: type[Table]) -> Choice:
+    """Return the annotation of a value that is one table."""
+    return Choice((table,), lambda _: table)
+
+
 def tagged(
     *tables: type[Table],
     default: str | None = None,
-    simple: Callable[[Any], Any] = no_table,
+    simple: Callable[[Any], Any] = as_table,
     simple_type: Any = None,
 ) -> Choice:
     """Return the choice among tables by their key ``type``, which may be left out for a default."""
@@ -229,11 +246,10 @@ def tagged(
 
     def choose(value: dict[str, Any]) -> type[Table]:
         if "type" not in value and default is None:
-            raise wrong_at(("type",), f"is missing: one of {', '.join(by_name)}", value)
+            raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
         name = value.get("type", default)
         if not isinstance(name, str) or name not in by_name:
-            valid = f"must be one of {', '.join(by_name)}"
-            raise wrong_at(("type",), f"{valid}: got {shown(name)}{meant(name, by_name)}", value)
+            raise wrong_at((("type",), not_one_of(name, by_name)))
         return by_name[name]
 
     return Choice(tables, choose, simple, simple_type)

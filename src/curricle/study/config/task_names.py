@@ -22,7 +22,9 @@ class NameGraph(NamedTuple):
     def of(cls, plan: dict[str, Any]) -> "NameGraph":
         """Return the graph of a curriculum as data, of which any part may be malformed."""
         tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
-        edges = [(edge.get("source"), edge.get("target")) for edge in tables(plan.get("transfers"))]
+        transfers = plan.get("transfers")
+        rows = map(table, transfers if isinstance(transfers, list) else [])
+        edges = [(edge.get("source"), edge.get("target")) for edge in rows]
         return cls(
             {name: of if isinstance(of, str) else None for name, of in tasks.items()},
             tuple((s, t) for s, t in edges if isinstance(s, str) and isinstance(t, str)),
@@ -30,10 +32,10 @@ class NameGraph(NamedTuple):
 
     @property
     def learnt(self) -> list[str]:
-        """The tasks that are learnt: all but those that only lend a crop their drawing."""
+        """The tasks that are learnt: all but mazes that are there only to be cropped."""
         named = {name for edge in self.edges for name in edge}
-        lend = set(self.parts.values())
-        return [name for name in self.parts if name in named or name not in lend]
+        cropped = set(self.parts.values())
+        return [name for name in self.parts if name in named or name not in cropped]
 
     @property
     def targets(self) -> list[str]:
@@ -56,46 +58,36 @@ def table(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def tables(value: Any) -> list[dict[str, Any]]:
-    """Return a list's tables; none of what should have been a list."""
-    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
-
-
-def problems(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
+def wrong_names(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
     """Yield what is wrong with the names in a curriculum, each with its key path.
 
-    Parameters
-    ----------
-    plan : dict
-        As data; malformed parts are skipped, since they are reported elsewhere.
+    Malformed parts are skipped, since they are reported elsewhere.
     """
     graph = NameGraph.of(plan)
-    for name, task in table(plan.get("tasks")).items():
+    tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
+    for name, task in tasks.items():
         of = table(task).get("of")
         if table(task).get("type") == "crop" and isinstance(of, str):
-            yield from _part(plan["tasks"], graph, name, of)
+            path = ("tasks", name, "of")
+            if of not in graph.parts:
+                yield path, _no_task(of, graph)
+            elif table(tasks[of]).get("type") not in DRAWN:
+                yield path, f"must name a maze or a crop: got {of!r}"
+            elif graph.parts.get(graph.drawings(name)[-1]) is not None:
+                yield (
+                    path,
+                    f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on",
+                )
     whole = True
-    transfers = plan.get("transfers")
     for index, edge in enumerate(transfers if isinstance(transfers, list) else []):
         for role in ("source", "target"):
             wanted = table(edge).get(role)
-            whole = whole and isinstance(wanted, str) and wanted in graph.parts
-            if isinstance(wanted, str) and wanted not in graph.parts:
+            known = isinstance(wanted, str) and wanted in graph.parts
+            whole = whole and known
+            if isinstance(wanted, str) and not known:
                 yield ("transfers", index, role), _no_task(wanted, graph)
     if whole:
         yield from _whole(graph)
-
-
-def _part(
-    tasks: dict[str, Any], graph: NameGraph, name: str, of: str
-) -> Iterator[tuple[KeyPath, str]]:
-    path = ("tasks", name, "of")
-    if of not in graph.parts:
-        yield path, _no_task(of, graph)
-    elif table(tasks[of]).get("type") not in DRAWN:
-        yield path, f"must name a maze or a crop: got {of!r}"
-    elif graph.parts.get(graph.drawings(name)[-1]) is not None:
-        yield path, f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on"
 
 
 def _whole(graph: NameGraph) -> Iterator[tuple[KeyPath, str]]:

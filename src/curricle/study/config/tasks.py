@@ -1,17 +1,10 @@
 """Tasks: mazes, crops of mazes, pursuits, Gymnasium's environments, and a user's own."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    JsonValue,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, JsonValue, ValidationInfo, model_validator
 
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
@@ -27,6 +20,7 @@ from curricle.study.config.tables import (
     shown,
     tagged,
     whole_number,
+    word,
     wrong,
     wrong_at,
 )
@@ -37,13 +31,9 @@ from curricle.tasks.task import generative_model
 
 Cell = tuple[Whole, Whole]
 Ranges = tuple[Whole, Whole]
-
-
-def _time_limit(value: Any) -> int | str:
-    return value if value == "none" else whole_number(value)
-
-
-TimeLimit = Annotated[int | Literal["none"], BeforeValidator(_time_limit)]
+TimeLimit = Annotated[
+    int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
+]
 
 
 class TaskTable(ObjectTable, Settings):
@@ -56,24 +46,16 @@ class TaskTable(ObjectTable, Settings):
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
         return _misfits_of_networks(self, name) if self.deep else _misfits_of_tables(self, name)
 
-    def as_arguments(self) -> dict[str, Any]:
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the task."""
-        given = super().as_arguments()
+        given = super().arguments_in(folder)
         if given.get("time_limit") == "none":
             given["time_limit"] = None
         return given
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
-        """Return the task.
-
-        Parameters
-        ----------
-        folder : Path
-            The study file's, with the modules of a user's own functions.
-        task : callable
-            Returns another task of the study, by its name.
-        """
-        return self.build()
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the task; a crop is a part of the task `whole`."""
+        return super().build(folder)
 
 
 def _misfits_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
@@ -115,12 +97,6 @@ def _misfits_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str
         yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"
 
 
-def _start(value: Any) -> Any:
-    if isinstance(value, str) and value not in ("map", "uniform"):
-        raise wrong(f"must be 'map', 'uniform' or a list of cells: got {value!r}")
-    return value
-
-
 def _in_order(value: Any) -> Any:
     """Return in one order what is a set, but written as a list."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
@@ -131,7 +107,9 @@ def _without_margins(drawing: str) -> str:
 
 
 Start = Annotated[
-    Literal["map", "uniform"] | tuple[Cell, ...], BeforeValidator(_start), AfterValidator(_in_order)
+    Literal["map", "uniform"] | tuple[Cell, ...],
+    word("be 'map', 'uniform' or a list of cells", ("map", "uniform")),
+    AfterValidator(_in_order),
 ]
 Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
 
@@ -156,12 +134,12 @@ class _MazeTask(TaskTable):
 def _text(name: Any, folder: Path) -> str:
     """Return the content of a text file beside the study file."""
     if not isinstance(name, str):
-        raise wrong_at(("file",), f"must be text in quotes: got {shown(name)}", name)
+        raise wrong_at((("file",), f"must be text in quotes: got {shown(name)}"))
     try:
         return (folder / name).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise wrong_at(("file",), f"cannot be read: {name}, {why}", name) from None
+        raise wrong_at((("file",), f"cannot be read: {name}, {why}")) from None
 
 
 MazeTask = table_of(
@@ -190,35 +168,18 @@ class CropTask(TaskTable):
     columns: Ranges = Field(description="First column and the one after the last.")
     start: Start = Field(default="uniform", description="As in a maze.")
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the part of the maze."""
-        return task(self.of).crop(rows=self.rows, columns=self.columns, start=self.start)
-
-
-def _capture(value: Any) -> Any:
-    if value in ("all", "any", "as_published"):
-        return value
-    if isinstance(value, str):
-        raise wrong(f"must be 'all', 'any', 'as_published' or a number of predators: got {value!r}")
-    return whole_number(value)
-
-
-def _prey(value: Any) -> Any:
-    if isinstance(value, str) and value != "uniform" and ":" not in value:
-        raise wrong(
-            "must be 'uniform', rows of probabilities, or a function as module:function: got "
-            f"{value!r}"
-        )
-    return value
+        return whole.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
 class _PursuitTask(TaskTable):
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
-        """Return the pursuit."""
-        given = self.as_arguments()
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, a function that moves the prey loaded."""
+        given = super().arguments_in(folder)
         if isinstance(given["prey"], str) and ":" in given["prey"]:
             given["prey"] = load(given["prey"], folder)
-        return Pursuit(**given)
+        return given
 
 
 class _VectorPursuitTask(_PursuitTask):
@@ -227,9 +188,9 @@ class _VectorPursuitTask(_PursuitTask):
         default="all", description="Who acts: all predators as one, or the first among random ones."
     )
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the pursuit as a task seen through observations."""
-        return observed_pursuit(super().build_in(folder, task), acting=self.acting)
+        return observed_pursuit(super().build(folder), acting=self.acting)
 
 
 PursuitTask, VectorPursuitTask = (
@@ -237,8 +198,22 @@ PursuitTask, VectorPursuitTask = (
         Pursuit,
         base,
         tag=tag,
-        capture=Annotated[Literal["all", "any", "as_published"] | int, BeforeValidator(_capture)],
-        prey=Annotated[str | tuple[tuple[Number, ...], ...], BeforeValidator(_prey)],
+        capture=Annotated[
+            Literal["all", "any", "as_published"] | int,
+            word(
+                "be 'all', 'any', 'as_published' or a number of predators",
+                ("all", "any", "as_published"),
+                other=whole_number,
+            ),
+        ],
+        prey=Annotated[
+            str | tuple[tuple[Number, ...], ...],
+            word(
+                "be 'uniform', rows of probabilities, or a function as module:function",
+                ("uniform",),
+                function=True,
+            ),
+        ],
         time_limit=TimeLimit,
     )
     for base, tag in ((_PursuitTask, "pursuit"), (_VectorPursuitTask, "vector_pursuit"))
@@ -260,7 +235,7 @@ class GymnasiumTask(TaskTable):
         default=None, description="A function from observations to states, as module:function."
     )
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task."""
         options: dict[str, Any] = {"discount": self.discount}
         if self.time_limit is not None:
@@ -295,7 +270,7 @@ class ObservationTaskTable(TaskTable):
             raise wrong(f"must have id or factory: got {found}")
         return self
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task seen through observations."""
         options: dict[str, Any] = {"discount": self.discount, "time_limit": self.time_limit}
         if self.id is not None:
@@ -313,7 +288,7 @@ class FactoryTask(TaskTable):
     factory: Reference = Field(description="The function that returns the task, module:function.")
     arguments: dict[str, JsonValue] = Field(default={}, description="Passed to it by name.")
 
-    def build_in(self, folder: Path, task: Callable[[str], Any]) -> Any:
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return what the function returns, if it is a task."""
         make = load(self.factory, folder)
         with users_code(self.factory):

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from curricle.interop.vector_pursuit import predator_mapping
 from curricle.study.config.derived_tables import ObjectTable, table_of
 from curricle.study.config.references import load, users_code
-from curricle.study.config.tables import Name, Number, Reference, shown, whole_number, wrong
+from curricle.study.config.tables import Name, Number, Reference, shown, whole_number, word, wrong
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import component_mapping, mapping
 from curricle.transfer.edges import Transfer
@@ -19,17 +19,15 @@ MAPPINGS = ("project", "mapping", "function", "factory", "observations")
 """Ways to say which source pair a target pair reads; a transfer has one of them."""
 OF_OBSERVATIONS = ("observations", "actions", "status")
 """Keys of transfers into tasks that are seen through observations."""
+ACTIONS = (
+    "be a list of the source's actions, -1 where there is none, or a function as module:function"
+)
 
 
-def _actions(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return tuple(whole_number(one) for one in value)
-    if not isinstance(value, str) or ":" not in value:
-        raise wrong(
-            "must be a list of the source's actions, -1 where there is none, or a function as "
-            f"module:function: got {shown(value)}"
-        )
-    return value
+def _whole_numbers(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list | tuple):
+        raise wrong(f"must {ACTIONS}: got {shown(value)}")
+    return tuple(whole_number(one) for one in value)
 
 
 class _TransferTable(ObjectTable):
@@ -59,7 +57,9 @@ class _TransferTable(ObjectTable):
         description="f as a function from a target's stacked observations to the source's, or to "
         "the numbers of its states, module:function.",
     )
-    actions: Annotated[tuple[int, ...] | str | None, BeforeValidator(_actions)] = Field(
+    actions: Annotated[
+        tuple[int, ...] | str | None, word(ACTIONS, function=True, other=_whole_numbers)
+    ] = Field(
         default=None,
         description="With observations: the source's action for each of the target's, -1 where "
         "there is none, or a function of observations, module:function.",
@@ -89,9 +89,9 @@ class _TransferTable(ObjectTable):
         return self
 
     def misfits(self, *, deep: bool) -> Iterator[tuple[str, str]]:
-        """Yield the keys that do not go with a target seen through observations, or with another.
+        """Yield the keys that do not suit the target, each with what is wrong about it.
 
-        Each with what is wrong about it.
+        A target that is `deep` is seen through observations.
         """
         if not deep:
             for key in OF_OBSERVATIONS:
@@ -107,17 +107,10 @@ class _TransferTable(ObjectTable):
 
     def transfer(self, f: Any) -> Transfer:
         """Return the transfer, with the mapping that :meth:`mapping_in` returned."""
-        return Transfer(mapping=f, **self.as_arguments())
+        return Transfer(mapping=f, **self.arguments_in(Path()))
 
     def mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
-        """Return the mapping f.
-
-        Parameters
-        ----------
-        target, source : Task
-        folder : Path
-            The study file's, with the modules of a user's own functions.
-        """
+        """Return the mapping f; `folder` has the modules of the user's own functions."""
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)

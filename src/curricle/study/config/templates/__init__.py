@@ -9,16 +9,7 @@ KINDS = ("maze", "pursuit", "gymnasium", "deep")
 
 
 def template(kind: str) -> str:
-    """Return a commented study file that runs as it is.
-
-    Parameters
-    ----------
-    kind : {"maze", "pursuit", "gymnasium", "deep"}
-
-    Raises
-    ------
-    ConfigError
-        When there is no such template.
+    """Return a commented study file of one of the :data:`KINDS` that runs as it is.
 
     Examples
     --------

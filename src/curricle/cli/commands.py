@@ -1,15 +1,17 @@
-"""Commands that make and run studies: new, check, run, merge, schema."""
+"""The commands; each imports what it needs of the library when it is called."""
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 if TYPE_CHECKING:
-    from curricle.study.config.study_config import StudyConfig
+    from curricle.study import StudyConfig
 
 File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
+Folder = Annotated[Path, typer.Argument(help="A study's folder.", show_default=False)]
 Seeds = Annotated[
     str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
@@ -87,7 +89,7 @@ def run(
         workers=workers,
         processes=processes,
         shard=_part(shard),
-        track=track or [],
+        trackers=track or [],
     )
     typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
 
@@ -97,7 +99,7 @@ def merge(
     parts: Annotated[list[Path], typer.Argument(help="Folders of the parts.", show_default=False)],
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
-    from curricle.study.shards import merge as merged
+    from curricle.study import merge as merged
 
     results = merged(out, parts)
     typer.echo(f"{len(results.store.units())} units of {len(parts)} folders in {out}")
@@ -105,13 +107,90 @@ def merge(
 
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study.config.study_tables import json_schema
+    from curricle.study import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 
 
+def show(
+    folder: Folder,
+    decisions: Annotated[bool, typer.Option(help="Why each task went on or stopped.")] = False,
+    arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
+    task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of this seed only.")] = None,
+) -> None:
+    """Print a study's progress, what each task learnt, and the comparison of its arms."""
+    from curricle.cli.results_tables import decision_lines, print_results
+    from curricle.study import StudyResults
+
+    results = StudyResults(folder)
+    if not decisions:
+        print_results(results, arm, task)
+        return
+    for line in decision_lines(results, arm, task, seed):
+        typer.echo(line)
+
+
+def report(
+    folder: Folder,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; report.html in the folder by default.")
+    ] = None,
+) -> None:
+    """Write a study's report, one HTML page that works offline."""
+    from curricle.report.study_report import write_report
+
+    typer.echo(f"Open {write_report(folder, out)}")
+
+
+def compare(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of studies of one target.", show_default=False)
+    ],
+) -> None:
+    """Compare the arms of several studies of one target with learning it from scratch."""
+    from curricle.study import StudyResults, compare_studies
+
+    typer.echo(str(compare_studies([StudyResults(folder) for folder in folders])))
+
+
+def paper(
+    figure: Annotated[str, typer.Option(help="1, 2, 3, 4, trust, hacking or all.")] = "all",
+    seeds: Annotated[int, typer.Option(help="Seeds for everything that is learnt.")] = 30,
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("paper-results"),
+    workers: Annotated[int | None, typer.Option(help="Threads; all processors by default.")] = None,
+) -> None:
+    """Reproduce the paper: figures, data, and a verdict on each of its claims.
+
+    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. An
+    interrupted run goes on where it was; a folder with results of other settings is refused.
+    """
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from curricle.paper.reproduce import FIGURES, reproduce
+
+    columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, transient=True) as progress:
+        task = progress.add_task("starting", total=None)
+        claims = reproduce(
+            out,
+            figures=FIGURES if figure == "all" else [figure],
+            seeds=seeds,
+            workers=workers,
+            tick=lambda words: progress.update(task, description=words),
+        )
+    for claim in claims:
+        typer.echo(f"{claim['verdict']:>15}  {claim['id']}")
+    counts = Counter(claim["verdict"] for claim in claims)
+    typer.echo(", ".join(f"{n} {verdict}" for verdict, n in counts.items()))
+    typer.echo(f"Open {out / 'index.html'}")
+
+
+COMMANDS = (new, check, run, merge, schema, show, report, compare, paper)
+
+
 def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
-    from curricle.study.config.reading import read_study
+    from curricle.study import read_study
 
     number = seeds is not None and seeds.isdecimal()
     given = [] if seeds is None else [f"seeds={seeds}" if number else f'seeds="{seeds}"']
