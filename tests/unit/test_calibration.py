@@ -159,7 +159,7 @@ def test_a_potential_that_reaches_nothing_is_refused_early():
     found = refused(away)
     assert found.refusal == (
         "a calibration needs episodes that reach something: none of 20 ended, and each of their "
-        "200 steps was paid -1"
+        "200 steps had the reward -1"
     )
     assert found.episodes == 20
 

@@ -185,7 +185,7 @@ def test_composition_keeps_the_unmapped_value_of_the_first():
 # -- reading and coverage ------------------------------------------------------------------------
 
 
-def test_unmapped_and_ended_are_told_apart():
+def test_unmapped_and_ended_differ():
     q = np.arange(8.0).reshape(2, 4) + 10
     read = same_position(LINE, END, unmapped_value=-7).read(q)
     assert read.tolist() == [[-7] * 4, [-7] * 4, [10, 11, 12, 13], [0] * 4]

@@ -1,4 +1,4 @@
-"""Going back to the sources: when, at whose cost, and that nothing is lost by it."""
+"""Retraining of sources: when, at whose cost, and what stays the same."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ CHASE = Pursuit(size=3, predators=1, time_limit=50)
 
 
 def plan(retrain, **settings):
-    """The mean of two hopeful sources: it starts well, and is lost in the first thousand steps."""
+    """The mean of two optimistic sources: it starts well and decays within a thousand steps."""
     given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}} | settings
     return Curriculum(
         {"chase": CHASE, "hunt": HUNT},
@@ -42,14 +42,14 @@ NEVER = RetrainSources(drop=1e9, steps=400)
 
 
 def test_a_target_that_never_loses_anything_is_trained_as_without():
-    one, other = (plan(back).train(seeds=3) for back in (NEVER, None))
+    one, other = (plan(one).train(seeds=3) for one in (NEVER, None))
     for name in ("values", "greedy_return", "training_return", "steps_used", "episodes"):
         np.testing.assert_array_equal(getattr(one["hunt"], name), getattr(other["hunt"], name))
     assert one.source_steps("hunt").tolist() == [1500] * 3
-    assert [len(told) for told in one.decisions("hunt")] == [61] * 3
+    assert [len(decisions) for decisions in one.decisions("hunt")] == [61] * 3
 
 
-def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
+def test_retraining_is_charged_and_reported_and_the_target_trained_to_its_end():
     found = plan(ALWAYS).train(seeds=4, charge=True)
     extra = found.retrained["hunt"].extra
     assert (extra > 0).any()
@@ -57,11 +57,11 @@ def test_each_return_is_charged_and_told_and_learning_goes_on_to_the_end():
     np.testing.assert_array_equal(found.source_steps("hunt"), 1500 + extra)
     np.testing.assert_array_equal(found["hunt"].steps_used, 9000 - 1500 - extra)
     np.testing.assert_array_equal(found.sources["hunt"].steps_used, 9000 - 1500)
-    for told, spent in zip(found.decisions("hunt"), extra, strict=True):
-        returns = [str(one) for one in told if one.then.startswith("retrains")]
-        assert len(returns) == spent // 400, told
-        assert all(words.startswith("retrains chase; dropped: greedy") for words in returns)
-        steps = [one.step for one in told]
+    for decisions, spent in zip(found.decisions("hunt"), extra, strict=True):
+        sentences = [str(one) for one in decisions if one.then.startswith("retrains")]
+        assert len(sentences) == spent // 400, decisions
+        assert all(words.startswith("retrains chase; dropped: greedy") for words in sentences)
+        steps = [one.step for one in decisions]
         assert steps == sorted(set(steps))
 
 
@@ -77,10 +77,10 @@ def test_a_seed_does_not_depend_on_the_others():
     )
 
 
-def test_curves_before_the_first_return_are_those_without_it():
+def test_curves_before_retraining_are_those_without_it():
     with_it, without = plan(ALWAYS).train(seeds=3), plan(None).train(seeds=3)
-    for k, told in enumerate(with_it.decisions("hunt")):
-        first = next((one.step for one in told if one.dropped), 9000) // 150
+    for k, decisions in enumerate(with_it.decisions("hunt")):
+        first = next((one.step for one in decisions if one.dropped), 9000) // 150
         for curve in ("greedy_return", "training_return", "episodes"):
             np.testing.assert_array_equal(
                 getattr(with_it["hunt"], curve)[k, : first + 1],
@@ -94,16 +94,18 @@ def test_episodes_go_on_being_counted():
     np.testing.assert_array_equal(found["hunt"].episodes[:, -1], found["hunt"].episodes_used)
 
 
-def test_going_back_takes_what_the_source_knows_by_then():
+def test_retraining_brings_in_what_the_source_learnt_since():
     """A source that hardly learnt before catches up: the target ends better than without."""
     retrain = RetrainSources(drop=1.0, steps=20_000, times=1)
     budget = {"chase": 500, "hunt": 60_000}
     found, without = (
         plan(one, budget=budget).train(seeds=4, charge=True) for one in (retrain, None)
     )
-    went = found.retrained["hunt"].extra > 0
-    assert went.any()
-    gained = found["hunt"].greedy_return[went, -1] - without["hunt"].greedy_return[went, -1]
+    retrained = found.retrained["hunt"].extra > 0
+    assert retrained.any()
+    gained = (
+        found["hunt"].greedy_return[retrained, -1] - without["hunt"].greedy_return[retrained, -1]
+    )
     assert gained.mean() > 1.0
 
 
@@ -115,18 +117,18 @@ def test_going_back_takes_what_the_source_knows_by_then():
         ({"budget": {"hunt": Episodes(5)}}, "needs a budget in steps or a StoppingRule"),
     ],
 )
-def test_what_cannot_go_back_is_refused_before_training(settings, words):
+def test_settings_that_exclude_retraining_are_refused_before_training(settings, words):
     with pytest.raises(SettingError, match=words):
         plan(NEVER, **settings)
 
 
-def test_calibrated_potentials_do_not_go_back():
+def test_calibrated_potentials_exclude_retraining():
     edge = Transfer("chase", "hunt", project(HUNT, CHASE, predator="predator_1"), calibrate=True)
     with pytest.raises(CurriculumError, match="must then not be calibrated"):
         Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], retrain=NEVER)
 
 
-def test_other_learners_go_back_too():
+def test_other_learners_retrain_too():
     found = plan(ALWAYS).replace("hunt", learner=SARSA()).train(seeds=2)
     assert found["hunt"].steps_used.tolist() == [9000, 9000]
 

@@ -210,12 +210,11 @@ class Curriculum(TaskGraph):
         CurriculumError
             When a result in `trained` is for an unknown task, another task or other seeds.
         """
-        if trained is not None:
-            instance("trained", trained, Mapping, CurriculumError)
         numbers = seed_tuple(seeds)
-        given = self._checked(trained or {}, numbers)
+        trained = {} if trained is None else trained
+        given = self._given(trained, numbers)
         sources = dict(given)
-        results = {k: v for k, v in (trained or {}).items() if isinstance(v, LearningResult)}
+        results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
         retrained: dict[str, RetrainedResult] = {}
@@ -234,7 +233,7 @@ class Curriculum(TaskGraph):
                 potentials[name] = [one.potential for one in fitted]
             spent = self._spent(name, sources) if name == paying else None
             node, retrain = self.node(name), self.setting("retrain", name)
-            retraining = retrain is not None and bool(potentials[name])
+            retraining = retrain is not None and len(potentials[name]) > 0
             results[name] = (retrain.watched(node) if retraining else node).train(
                 numbers,
                 potentials[name],
@@ -303,9 +302,11 @@ class Curriculum(TaskGraph):
         values = {edge.source: sources[edge.source].values for edge in edges}
         return source_potentials(self.tasks[name], edges, values, aggregate)
 
-    def _checked(
+    def _given(
         self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]
     ) -> dict[str, SourceValues]:
+        """Return what was learnt before, checked."""
+        instance("trained", trained, Mapping, CurriculumError)
         for name, result in trained.items():
             if name not in self.tasks or not same_task(result.task, self.tasks[name]):
                 raise CurriculumError(

@@ -111,20 +111,11 @@ def with_retraining(
     first: LearningResult,
     charged: Sequence[int] | npt.NDArray[np.int64] | None,
 ) -> RetrainedResult:
-    """Return a target's training, continued after each retraining of its sources.
+    """Return the training of a target, continued after each retraining of its direct sources.
 
-    Parameters
-    ----------
-    retrain : RetrainSources
-    node : Node
-        The target.
-    sources : dict of str to (Node, (K, S', A') float array)
-        Its direct sources with their values.
-    potentials_of : callable
-    first : LearningResult
-        The training of the watched target: until the return of each seed first dropped, or its end.
-    charged : sequence of K int, optional
-        Steps that each seed was charged before.
+    `first` is the training of the watched target: until the return of each of K seeds dropped, or
+    to its end. Each source comes with its values, (K, S', A'); `charged` are the steps that each
+    seed was charged before.
     """
     nodes = {name: own for name, (own, _) in sources.items()}
     each = []

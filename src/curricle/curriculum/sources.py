@@ -66,18 +66,8 @@ def source_potentials(
 ) -> list[AnyPotential]:
     """Return the potential of a task for each of K seeds; none without edges.
 
-    Parameters
-    ----------
-    task : Task or ObservationTask
-    edges : sequence of N Transfer
-    values : dict of str to array or sequence
-        Source -> its values, as in :class:`SourceValues`.
-    aggregate : callable
-
-    Raises
-    ------
-    CurriculumError
-        When a source's values were not kept, or not in a form that the task can read.
+    `values` are those of each source, as in :class:`SourceValues`; CurriculumError where they were
+    not kept, or not in a form that the task can read.
     """
     if not edges:
         return []

@@ -41,18 +41,15 @@ class TaskGraph:
                 generative_model(task)
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
-            self._check_ends(transfer)
+            for role in ("source", "target"):
+                name = getattr(transfer, role)
+                one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
+                if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
+                    raise CurriculumError(
+                        f"a transfer's mapping must be made for its tasks: the mapping's {role} is "
+                        f"not the task {name!r} in {transfer.source} -> {transfer.target}"
+                    )
         _ = self.order
-
-    def _check_ends(self, transfer: Transfer) -> None:
-        for role in ("source", "target"):
-            name = getattr(transfer, role)
-            one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
-            if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
-                raise CurriculumError(
-                    f"a transfer's mapping must be made for its tasks: the mapping's {role} is not "
-                    f"the task {name!r} in {transfer.source} -> {transfer.target}"
-                )
 
     @property
     def target(self) -> str:

@@ -186,8 +186,8 @@ def _nothing_reached(rollouts: GreedyRollouts) -> str:
         return ""
     return (
         "a calibration needs episodes that reach something: none of "
-        f"{len(rollouts.lengths)} ended, and each of their {rollouts.predicted.size:,} steps was "
-        f"paid {rollouts.returns[0] / rollouts.lengths[0]:g}"
+        f"{len(rollouts.lengths)} ended, and each of their {rollouts.predicted.size:,} steps had "
+        f"the reward {rollouts.returns[0] / rollouts.lengths[0]:g}"
     )
 
 

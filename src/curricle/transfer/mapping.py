@@ -194,7 +194,7 @@ def transferred(
 
 
 def identity(task: Task) -> StateActionMapping:
-    """Return the mapping of a task onto itself; it lifts Q to itself.
+    """Return the mapping of a task onto itself, which leaves Q as it is.
 
     Examples
     --------
