@@ -80,13 +80,7 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
 
 
 def ended_by(budget: Budget, out_of_memory: bool) -> str:
-    """Return what ended a run that no stopping rule ended, in fixed words.
-
-    Examples
-    --------
-    >>> ended_by(Episodes(10), False)
-    'all episodes done'
-    """
+    """Return what ended a run that no stopping rule ended, in a few fixed words."""
     if out_of_memory:
         return "memory full"
     return "all episodes done" if isinstance(budget, Episodes) else "all steps used"

@@ -157,15 +157,7 @@ def greedy_start(
 ) -> float:
     """Return the expected return of a potential's greedy policy.
 
-    :func:`learn` records the same number at step 0 when its Q starts at phi, for the same seed and
-    stream.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, solve
-    >>> maze = GridWorld("S.T", discount=0.5)
-    >>> greedy_start(StateActionPotential(maze, solve(maze).action_values), GreedyEvaluation())
-    98.5
+    :func:`learn` records the same number at step 0 where Q starts at phi, for this seed and stream.
     """
     view = acting_view(potential)
     return greedy_policy_return(potential.task, view, evaluation, seed=seed, stream=stream)

@@ -62,12 +62,7 @@ class Record(NamedTuple):
 def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> npt.NDArray[np.int64]:
     """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit.
 
-    They lie quadratically, so that as many fall into the first quarter as into the rest.
-
-    Examples
-    --------
-    >>> snapshot_checkpoints(5, 101, 12)
-    array([  0,   6,  25,  56, 100])
+    They lie quadratically: half of them in the first quarter of the run.
     """
     allowed = min(snapshots, LARGEST // (4 * pairs))
     if allowed < 2:

@@ -130,14 +130,7 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
 
 
 def one_seed(result: LearningResult, k: int) -> LearningResult:
-    """Return the result of the k-th seed alone, on the axis of all.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> one_seed(learn(GridWorld("S.T"), budget=100, seeds=3), 2).seeds
-    (2,)
-    """
+    """Return the result of the k-th seed alone, with the checkpoints of all."""
     each = ("seeds", "training_return", *HELD, *TOTALS)
     return replace(
         result,
@@ -148,15 +141,7 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
 
 
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
-    """Return the results of several groups of seeds as one, in the order of the seeds' numbers.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> parts = [learn(GridWorld("S.T"), budget=100, seeds=[seed]) for seed in (4, 2)]
-    >>> joined_results(parts).seeds
-    (2, 4)
-    """
+    """Return the results of several groups of seeds as one, in the order of the seeds' numbers."""
     longest = max(parts, key=lambda part: len(part.steps))
     seeds = [seed for part in parts for seed in part.seeds]
     order = np.argsort(seeds)

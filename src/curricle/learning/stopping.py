@@ -81,18 +81,14 @@ class StoppingRule:
                 "min_steps of a stopping rule must not exceed max_steps: got "
                 f"{self.min_steps:,} and {self.max_steps:,} steps"
             )
-        if self.threshold is not None:
-            number("threshold of a stopping rule", self.threshold, SettingError)
-        if self.fraction is not None:
-            number("fraction of a stopping rule", self.fraction, SettingError, 0.0, 1.0)
-            if self.threshold is not None:
-                raise SettingError(
-                    "a stopping rule takes a threshold or a fraction of the optimum, not both: got "
-                    f"{self.threshold:g} and {self.fraction:g}"
-                )
-        for name in ("plateau", "drop"):
+        for name, bounds in _BOUNDS.items():
             if getattr(self, name) is not None:
-                number(f"{name} of a stopping rule", getattr(self, name), SettingError, 0.0)
+                number(f"{name} of a stopping rule", getattr(self, name), SettingError, *bounds)
+        if self.threshold is not None and self.fraction is not None:
+            raise SettingError(
+                "a stopping rule takes a threshold or a fraction of the optimum, not both: got "
+                f"{self.threshold:g} and {self.fraction:g}"
+            )
         one_of("when of a stopping rule", self.when, ("any", "all"), SettingError)
 
     def __str__(self) -> str:
@@ -159,6 +155,9 @@ class StoppingRule:
             if ends or step >= self.max_steps:
                 break
         return found
+
+
+_BOUNDS = {"threshold": (), "fraction": (0.0, 1.0), "plateau": (0.0,), "drop": (0.0,)}
 
 
 class StoppingKernel(NamedTuple):

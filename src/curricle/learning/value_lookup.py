@@ -44,13 +44,7 @@ class ValueLookup(NamedTuple):
 
 
 def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
-    """Return the lookup without sources: every pair has the initial value.
-
-    Examples
-    --------
-    >>> no_sources(5).first.size
-    0
-    """
+    """Return the lookup without sources: every pair has the initial value."""
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))
     actions, empty = frozen(np.zeros((0, n_actions), np.int64)), frozen(np.zeros(0))
     sizes = frozen(np.zeros(0, np.uint64))
