@@ -215,7 +215,7 @@ MUTATIONS = [
         "learning/general_loop.py",
         "record.snapshot_at[i] == checkpoint:",
         "record.snapshot_at[i] == checkpoint + 1:",
-        ("tests/unit/test_stopping_rules.py::test_films_hold_the_policy_at_their_steps",),
+        ("tests/unit/test_stopping_rules.py::test_snapshots_hold_the_policy_at_their_steps",),
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Gates end a run at the right checkpoint, say why, and change nothing before it."""
+"""Stopping rules end a run at the right checkpoint, give the reason, and change nothing before."""
 
 import numpy as np
 import pytest
@@ -64,28 +64,28 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
 
 
 @pytest.mark.parametrize(("learner", "guard"), LEARNERS)
-def test_a_gated_run_is_the_beginning_of_the_whole_one(learner, guard):
+def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, guard):
     settings = {"eval_freq": 50, "seeds": 4}
     if guard:
         phi = np.full(MAZE.mdp.outcome_row.shape, 5.0)
         settings["shaping"] = QInitialisation(phi, guard=guard)
     whole = learn(MAZE, learner, 4000, **settings)
-    gate = StoppingRule(4000, threshold=150.0, patience=3)
-    gated = learn(MAZE, learner, gate, **settings)
+    rule = StoppingRule(4000, threshold=150.0, patience=3)
+    stopped = learn(MAZE, learner, rule, **settings)
     ended = False
     for k in range(4):
-        steps = int(gated.steps_used[k])
+        steps = int(stopped.steps_used[k])
         n = steps // 50 + 1
-        np.testing.assert_array_equal(gated.greedy_return[k, :n], whole.greedy_return[k, :n])
-        np.testing.assert_array_equal(gated.training_return[k, :n], whole.training_return[k, :n])
-        decisions = gate.decisions(gated.steps, gated.greedy_return[k], used=steps)
+        np.testing.assert_array_equal(stopped.greedy_return[k, :n], whole.greedy_return[k, :n])
+        np.testing.assert_array_equal(stopped.training_return[k, :n], whole.training_return[k, :n])
+        decisions = rule.decisions(stopped.steps, stopped.greedy_return[k], used=steps)
         assert decisions[-1].step == steps
         assert [d.ends for d in decisions[:-1]] == [False] * (len(decisions) - 1)
         assert decisions[-1].ends or steps == 4000
-        assert not gated.out_of_memory[k]
+        assert not stopped.out_of_memory[k]
         ended |= decisions[-1].ends
         shorter = learn(MAZE, learner, steps, **{**settings, "seeds": [k]})
-        np.testing.assert_array_equal(shorter.values[0], gated.values[k])
+        np.testing.assert_array_equal(shorter.values[0], stopped.values[k])
     assert ended
 
 
@@ -107,11 +107,28 @@ def test_min_and_max_steps_bound_a_rule():
     never = StoppingRule(1000, threshold=1e9)
     result = learn(MAZE, budget=never, eval_freq=100)
     assert result.steps_used[0] == 1000
-    told = never.decisions(result.steps, result.greedy_return[0])
-    assert str(told[-1]).startswith("ends; greedy")
-    assert "1,000 of at most 1,000 steps used" in str(told[-1])
-    assert str(told[1]).startswith("goes on; too few evaluations for a value over 5")
+    decisions = never.decisions(result.steps, result.greedy_return[0])
+    assert str(decisions[-1]).startswith("ends; greedy")
+    assert "1,000 of at most 1,000 steps used" in str(decisions[-1])
+    assert str(decisions[1]).startswith("goes on; too few evaluations for a value over 5")
     assert "at least 600 steps first" in str(easy.decisions([0, 100], [0.0, 0.0])[-1])
+
+
+@pytest.mark.parametrize(
+    ("settings", "greedy", "criterion"),
+    [
+        ({"threshold": 3.0}, [0.0, 2.0, 4.0, 5.0], "threshold reached"),
+        ({"plateau": 1.0}, [0.0, 0.0, 0.0, 0.0], "plateau reached"),
+        ({"threshold": 3.0, "plateau": 5.0}, [1.0, 1.0, 4.0, 4.0], "threshold and plateau reached"),
+        ({"fraction": 0.5}, [0.0, 0.0, 7.0, 8.0], "fraction of the optimum reached"),
+        ({"drop": 2.0}, [5.0, 4.0, 2.0, 2.0], "return dropped"),
+        ({"threshold": 9.0}, [0.0, 1.0, 2.0, 3.0], "all steps used"),
+    ],
+)
+def test_the_criterion_of_a_decision_has_no_numbers(settings, greedy, criterion):
+    rule = StoppingRule(30, patience=2, **settings)
+    decisions = rule.decisions([0, 10, 20, 30], greedy, level=6.5)
+    assert [one.criterion for one in decisions] == ["", "", "", criterion]
 
 
 @pytest.mark.parametrize(
@@ -129,12 +146,12 @@ def test_min_and_max_steps_bound_a_rule():
         ({"max_steps": 10, "when": "both"}, "when of a stopping rule must be one of any, all"),
     ],
 )
-def test_a_gate_that_makes_no_sense_is_refused(wrong, words):
+def test_a_rule_that_makes_no_sense_is_refused(wrong, words):
     with pytest.raises(SettingError, match=words):
         StoppingRule(**wrong)
 
 
-def test_a_curriculum_charges_each_seed_what_its_gate_let_it_spend():
+def test_a_curriculum_charges_each_seed_what_its_rule_let_it_use():
     plan = Curriculum(
         {"maze": MAZE},
         budget={"maze": StoppingRule(5000, threshold=150.0, patience=1)},
@@ -144,21 +161,21 @@ def test_a_curriculum_charges_each_seed_what_its_gate_let_it_spend():
     assert len(set(result["maze"].steps_used.tolist())) > 1
 
 
-def test_films_hold_the_policy_at_their_steps():
+def test_snapshots_hold_the_policy_at_their_steps():
     result = learn(MAZE, budget=2000, eval_freq=100, seeds=[3, 4], snapshots=5)
     snapshots = result.snapshots
     assert snapshots.seed == 3
     assert snapshots.steps[[0, -1]].tolist() == [0, 2000]
     np.testing.assert_array_equal(snapshots.values[-1], result.values[0].astype(np.float32))
-    for step, frame in zip(snapshots.steps[1:], snapshots.values[1:], strict=True):
+    for step, values in zip(snapshots.steps[1:], snapshots.values[1:], strict=True):
         then = learn(MAZE, budget=int(step), eval_freq=100, seeds=[3])
-        np.testing.assert_array_equal(frame, then.values[0].astype(np.float32))
+        np.testing.assert_array_equal(values, then.values[0].astype(np.float32))
 
 
-def test_films_of_gated_and_shaped_runs_end_with_what_was_learnt():
+def test_snapshots_of_stopped_and_shaped_runs_end_with_what_was_learnt():
     phi = StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
-    gate = StoppingRule(5000, threshold=150.0, patience=1)
-    result = learn(MAZE, budget=gate, eval_freq=50, snapshots=6, shaping=StateShaping(phi))
+    rule = StoppingRule(5000, threshold=150.0, patience=1)
+    result = learn(MAZE, budget=rule, eval_freq=50, snapshots=6, shaping=StateShaping(phi))
     assert result.snapshots.steps[-1] == result.steps_used[0]
     np.testing.assert_allclose(result.snapshots.values[-1], result.values[0], rtol=1e-6)
     assert learn(MAZE, budget=100).snapshots is None
