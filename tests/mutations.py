@@ -128,8 +128,8 @@ MUTATIONS = [
     Mutation(
         "cost estimate times 100",
         "study/cost.py",
-        "seconds = len(members) *",
-        "seconds = 100 * len(members) *",
+        "seconds = seeds * (",
+        "seconds = 100 * seeds * (",
         ("tests/unit/test_cost.py",),
     ),
     Mutation(
