@@ -39,15 +39,6 @@ class Arms:
     keys : dict of (str, str) to str
         For each arm and task a short hash of all that its result depends on, except the seed: arms
         that share a source train it once.
-
-    Examples
-    --------
-    >>> study = StudyConfig.from_data(
-    ...     {"name": "line", "arms": {"transfer": {
-    ...         "tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}}}, Path())
-    >>> arms = Arms.of(study)
-    >>> list(arms.curricula), arms.total
-    (['scratch', 'transfer'], 500)
     """
 
     curricula: Mapping[str, Curriculum]

@@ -26,30 +26,20 @@ SLOWER = 3.0
 
 @dataclass(frozen=True)
 class Cost:
-    """The estimated cost of one task of one arm, for all seeds.
-
-    Attributes
-    ----------
-    arm, task : str
-    seeds : int
-        Still to be trained, and not shared with an earlier arm.
-    steps : int
-        Of learning, at most, a seed.
-    evaluation_steps : int
-        Steps of greedy evaluation, at most, a seed; 0 where it is exact.
-    seconds : float
-        On one processor, about, compilation aside.
-    table_bytes : int
-        Of the values kept, all seeds; 0 where a network learns.
-    """
+    """The estimated cost of one task of one arm, for all seeds."""
 
     arm: str
     task: str
     seeds: int
+    """Those that no earlier arm trains in the same task."""
     steps: int
+    """Of learning, at most, a seed."""
     evaluation_steps: int
+    """Steps of greedy evaluation, at most, a seed; 0 where it is exact."""
     seconds: float
+    """On one processor, about, without compilation."""
     table_bytes: int
+    """Of the values kept, all seeds; 0 where a network learns."""
 
 
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:

@@ -269,7 +269,7 @@ def _commit(folder: Path) -> str | None:
 def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
     """Merge the parts of a study, run in several folders, into one folder; return its results.
 
-    The parts are left as they are. A unit that several have is taken once: equal work gives equal
+    The parts do not change. A unit that several have is taken once, since equal units have equal
     results.
 
     Parameters
@@ -294,15 +294,14 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
             store.result(unit, unit.seeds)  # damage is found before anything is written
     for store, units in zip(stores, found, strict=True):
         with StudyStore.opened(path, store.description, resume=True) as target:
-            done = {key: set(there) for key, there in target.finished().items()}
+            done = target.finished()
             for run in store.runs():
                 target.add_run(run)
             for unit in units:
-                there = done.setdefault(unit.key, set())
+                there = done.setdefault(unit.key, {})
                 new = tuple(seed for seed in unit.seeds if seed not in there)
                 if new:
-                    there |= set(new)
-                    taken = Unit(unit.key, "", unit.task, new, {}, 0)
-                    target.write_unit(taken, store.result(unit, new))
+                    taken = target.write_unit(unit._replace(seeds=new), store.result(unit, new))
+                    there |= dict.fromkeys(new, taken)
             StudyResults(path).write_tables()
     return StudyResults(path)

@@ -25,18 +25,8 @@ class StoredValues(NamedTuple):
 def sources_read(curriculum: Curriculum, name: str) -> set[str]:
     """Return the tasks whose values are needed to train a task.
 
-    A network that learnt on top of a potential needs that potential, so its own sources are read
-    too.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer
-    >>> from curricle.transfer import identity
-    >>> maze = GridWorld("S.T")
-    >>> chain = Curriculum({"a": maze, "b": maze, "c": maze},
-    ...                    [Transfer("a", "b", identity(maze)), Transfer("b", "c", identity(maze))])
-    >>> sources_read(chain, "c")
-    {'b'}
+    They are its sources. A network that learnt on top of a potential needs that potential, so its
+    own sources are read too.
     """
     read, waiting = set[str](), [name]
     while waiting:
@@ -54,13 +44,6 @@ def source_values(
 
     `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
     one needs Stable-Baselines3, or raises ImportError.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> sources = {"maze": StoredValues(np.zeros((1, 3, 4)), np.array([100]))}
-    >>> source_values(Curriculum({"maze": GridWorld("S.T")}), (7,), sources)["maze"].seeds
-    (7,)
     """
     found: dict[str, SourceValues] = {}
     for name in curriculum.order:

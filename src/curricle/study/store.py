@@ -128,7 +128,7 @@ class StudyStore:
                 f"results need an empty folder or one of earlier results: {path} holds other files"
             )
         lock = FileLock(path / LOCK)
-        with write_errors(path):
+        with _write_errors(path):
             path.mkdir(parents=True, exist_ok=True)
             try:
                 lock.acquire(timeout=0)
@@ -157,7 +157,7 @@ class StudyStore:
         for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
             # Left by a killed run, and not complete.
             shutil.rmtree(part) if part.is_dir() else part.unlink()
-        with write_errors(path):
+        with _write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
 
@@ -178,7 +178,7 @@ class StudyStore:
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
         path = self.path / name
-        with write_errors(self.path):
+        with _write_errors(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, content)
 
@@ -242,14 +242,14 @@ class StudyStore:
             "run the study again with --resume, which does only what is missing"
         )
 
-    def write_unit(self, unit: Unit, result: UnitResult) -> StoredUnit:
+    def write_unit(self, unit: Unit | StoredUnit, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
         name = re.sub(r"[^\w-]+", "_", unit.task)[:40]
         place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
         files = files_of(unit.task, result)
         sizes = {file: [len(content), _digest(content)] for file, content in files.items()}
         about = {"key": unit.key, "task": unit.task, "seeds": unit.seeds, "files": sizes}
-        with write_errors(self.path):
+        with _write_errors(self.path):
             place.parent.mkdir(parents=True, exist_ok=True)
             part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
             try:
@@ -264,7 +264,7 @@ class StudyStore:
                 raise
         return StoredUnit(place, unit.key, unit.task, unit.seeds)
 
-    def checkpoints(self, unit: Unit) -> Path:
+    def checkpoints(self, unit: Unit | StoredUnit) -> Path:
         """Return the folder for checkpoints of a unit's training until it is stored."""
         return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
 
@@ -333,7 +333,7 @@ class StudyStore:
 
 
 @contextmanager
-def write_errors(path: Path) -> Iterator[None]:
+def _write_errors(path: Path) -> Iterator[None]:
     """Turn a failure to write into a StoreError that says what is safe."""
     try:
         yield

@@ -84,7 +84,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     (('aggregate',), {'aggregate': 'mean'})
     """
     key, equals, value = text.partition("=")
-    keys = dotted(key)
+    keys = _dotted(key)
     if not equals or not keys:
         raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
     given: Any
@@ -97,14 +97,8 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     return keys, dict(given)
 
 
-def dotted(key: str) -> tuple[str, ...]:
-    """Return the parts of a dotted key of TOML; nothing if it is none.
-
-    Examples
-    --------
-    >>> dotted('arms."5x5".shaping')
-    ('arms', '5x5', 'shaping')
-    """
+def _dotted(key: str) -> tuple[str, ...]:
+    """Return the parts of a dotted key of TOML such as ``arms."5x5".shaping``; () if it is none."""
     try:
         node: Any = tomllib.loads(f"{key.strip()} = 0")
     except tomllib.TOMLDecodeError:

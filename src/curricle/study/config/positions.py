@@ -16,24 +16,16 @@ from curricle.study.config.task_names import table
 
 @dataclass(frozen=True)
 class Positions:
-    """Where the keys of a study file stand.
-
-    Parameters
-    ----------
-    file : str
-        What messages call it.
-    study : dict
-        Its content, with what was set.
-    lines : dict of key path to int
-        The line of each key.
-    given : sequence of key path
-        What was set from outside.
-    """
+    """Where the keys of a study file are."""
 
     file: str
+    """What messages call it."""
     study: Mapping[str, Any]
+    """Its content, with what was set from outside."""
     lines: Mapping[KeyPath, int] = field(default_factory=dict)
+    """The line of each key."""
     given: Sequence[KeyPath] = ()
+    """What was set from outside."""
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the table it is in; 0 if it is not in the file."""

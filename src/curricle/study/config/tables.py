@@ -162,17 +162,10 @@ def word(
     function: bool = False,
     other: Callable[[Any], Any] = lambda value: value,
 ) -> BeforeValidator:
-    """Return the validator of a value that is a word, or something else that is no text.
+    """Return the validator of a value that is one of some words, or is no text.
 
-    Parameters
-    ----------
-    rule : str
-        What the value must be, for messages.
-    words : collection of str
-    function : bool
-        Whether it may be a function too, as ``module:function``.
-    other : callable
-        Validates what is no text.
+    `rule` is what the value must be, for messages; `function` allows ``module:function`` too, and
+    `other` validates what is no text.
     """
 
     def checked(value: Any) -> Any:
@@ -199,22 +192,15 @@ class Choice:
     """Annotation of a value that is one of several tables, or something simpler.
 
     Unlike Pydantic's unions it reports only what is wrong with the one table that was meant.
-
-    Parameters
-    ----------
-    tables : tuple of Table classes
-    choose : callable
-        Returns the table that a dict is meant to be.
-    simple : callable
-        Validates what is not a table.
-    simple_type : type, optional
-        Of what `simple` accepts, for the JSON Schema.
     """
 
     tables: tuple[type[Table], ...]
     choose: Callable[[dict[str, Any]], type[Table]]
+    """Returns the table that a dict is meant to be."""
     simple: Callable[[Any], Any] = as_table
+    """Validates what is not a table."""
     simple_type: Any = None
+    """The type of what `simple` accepts, for the JSON Schema."""
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler

@@ -9,13 +9,7 @@ KINDS = ("maze", "pursuit", "gymnasium", "deep")
 
 
 def template(kind: str) -> str:
-    """Return a commented study file of one of the :data:`KINDS` that runs as it is.
-
-    Examples
-    --------
-    >>> template("maze").splitlines()[0]
-    '# A maze learnt from its corner. Run it with: curricle run FILE'
-    """
+    """Return a commented study file of one of the :data:`KINDS` that runs as it is."""
     if kind not in KINDS:
         raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
     return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
