@@ -90,7 +90,7 @@ class Arms:
             }
         data = study.to_data()["arms"]
         if study.scratch:
-            data = {SCRATCH: _alone(next(iter(data.values())), target), **data}
+            data = {SCRATCH: _scratch_data(next(iter(data.values())), target), **data}
         keys = {
             (arm, name): key
             for arm, curriculum in given.items()
@@ -99,7 +99,7 @@ class Arms:
         return cls(given, target, budget, total, node.eval_freq, keys)
 
 
-def _alone(arm: dict[str, Any], target: str) -> dict[str, Any]:
+def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
     """Return the arm that learns the target of another arm from scratch, as data."""
     tasks = {name: dict(task) for name, task in arm["tasks"].items()}
     for which in OF_TARGETS:

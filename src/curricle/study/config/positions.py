@@ -39,9 +39,9 @@ class Positions:
         line = self.line(path)
         given = any(path[: len(one)] == one for one in self.given)
         where = f", line {line}" if line else ", as set" if given else ""
-        return f"{self.file}{where}: {spelt(path) or 'the study'} {' '.join(text.split())}"
+        return f"{self.file}{where}: {path_text(path) or 'the study'} {' '.join(text.split())}"
 
-    def written(self, arm: str, path: KeyPath) -> KeyPath:
+    def in_file(self, arm: str, path: KeyPath) -> KeyPath:
         """Return where the file has a part of an arm's complete curriculum, given by its path."""
         patch = table(table(self.study.get("arms")).get(arm))
         chosen = patch.get("transfers")
@@ -58,12 +58,12 @@ class Positions:
         return min(homes, key=lambda home: len(home) - _reach(self.study, home))
 
 
-def spelt(path: KeyPath) -> str:
+def path_text(path: KeyPath) -> str:
     """Return a key path as messages name it.
 
     Examples
     --------
-    >>> spelt(("transfers", 0, "scale")), spelt(("tasks", "5 by 5", "size"))
+    >>> path_text(("transfers", 0, "scale")), path_text(("tasks", "5 by 5", "size"))
     ('transfers[0].scale', 'tasks."5 by 5".size')
     """
     text = ""
@@ -106,7 +106,7 @@ class Problems:
             yield
         except CurricleError as error:
             self.cause = self.cause or error
-            self.add([(self.positions.written(arm, path), f"is refused: {error}")])
+            self.add([(self.positions.in_file(arm, path), f"is refused: {error}")])
 
     def raise_any(self) -> None:
         """Raise ConfigError if anything is wrong."""

@@ -91,7 +91,7 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
         in_arms += [(("arms", arm, *path), text) for path, text in wrong_names(curriculum)]
     for path, text in in_arms:
         inside = path[0] == "arms"
-        wrong.append((positions.written(str(path[1]), path[2:]) if inside else path, text))
+        wrong.append((positions.in_file(str(path[1]), path[2:]) if inside else path, text))
     found.add(wrong)
     found.raise_any()
     return config

@@ -88,14 +88,14 @@ class ArmTables(Table):
 
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
-        if found := list(self._misfits()):
+        if found := list(self._mismatches()):
             raise wrong_at(*found)
         return self
 
-    def _misfits(self) -> Iterator[tuple[KeyPath, str]]:
+    def _mismatches(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield what does not go together: tables with what is for observations, and vice versa."""
         for name, task in self.tasks.items():
-            for path, text in task.misfits(name):
+            for path, text in task.mismatches(name):
                 yield ("tasks", name, *path), text
         for index, transfer in enumerate(self.transfers):
             if not {transfer.source, transfer.target} <= self.tasks.keys():
@@ -107,7 +107,7 @@ class ArmTables(Table):
                     f"must have tables as its target has: {transfer.source} is seen through "
                     "observations",
                 )
-            for key, text in transfer.misfits(deep=target.deep):
+            for key, text in transfer.mismatches(deep=target.deep):
                 yield ("transfers", index, key), text
 
     @classmethod
@@ -116,8 +116,8 @@ class ArmTables(Table):
         return (*cls.model_fields, *Settings.model_fields)
 
 
-Later = WrapValidator(lambda value, _: as_table(value))
-"""A table that is validated when what it leaves open has been filled in."""
+Unvalidated = WrapValidator(lambda value, _: as_table(value))
+"""A table that is validated only once it is complete, but is in the JSON Schema."""
 
 
 class ArmPatch(Settings):
@@ -134,13 +134,13 @@ class ArmPatch(Settings):
 class FileTable(RunTable, Settings):
     """A study as it is written in a file."""
 
-    tasks: dict[str, Annotated[AnyTask, Later]] = Field(
+    tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(
         description="The tasks by name, each with settings of its own.", min_length=1
     )
     transfers: tuple[TransferTable, ...] = Field(
         default=(), description="The transfers between tasks."
     )
-    arms: dict[str, Annotated[ArmPatch, Later]] = Field(
+    arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field(
         default={}, description="What is compared: by name, what each changes; one arm by default."
     )
 

@@ -86,12 +86,12 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
-def meant(word: Any, known: Iterable[str]) -> str:
+def suggestion(word: Any, known: Iterable[str]) -> str:
     """Return ``, did you mean 'that'?`` for the known word that is closest; empty if none is.
 
     Examples
     --------
-    >>> meant("predatrs", ["size", "predators"])
+    >>> suggestion("predatrs", ["size", "predators"])
     ", did you mean 'predators'?"
     """
     by_lower_case = {one.lower(): one for one in known}
@@ -101,7 +101,7 @@ def meant(word: Any, known: Iterable[str]) -> str:
 
 def not_one_of(value: Any, known: Collection[str]) -> str:
     """Return that a value must be one of the known words."""
-    return f"must be one of {', '.join(known)}: got {shown(value)}{meant(value, known)}"
+    return f"must be one of {', '.join(known)}: got {shown(value)}{suggestion(value, known)}"
 
 
 def unknown(word: Any, known: Collection[str]) -> str:
@@ -113,7 +113,7 @@ def unknown(word: Any, known: Collection[str]) -> str:
     ("is unknown, did you mean 'predators'?", 'is unknown: known are size, predators')
     """
     others = f": known are {', '.join(known)}" if known else ""
-    return f"is unknown{meant(word, known) or others}"
+    return f"is unknown{suggestion(word, known) or others}"
 
 
 def _message(error: Any, keys: Collection[str]) -> str:
@@ -128,7 +128,7 @@ def _message(error: Any, keys: Collection[str]) -> str:
     context = error.get("ctx", {})
     phrase = PHRASES.get(kind, "is not understood").format(**context)
     words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
-    return f"{phrase}: got {shown(error['input'])}{meant(error['input'], words)}"
+    return f"{phrase}: got {shown(error['input'])}{suggestion(error['input'], words)}"
 
 
 def as_table(value: Any) -> dict[str, Any]:
@@ -173,7 +173,7 @@ def word(
             return other(value)
         if value in words or (function and ":" in value):
             return value
-        raise wrong(f"must {rule}: got {value!r}{meant(value, words)}")
+        raise wrong(f"must {rule}: got {value!r}{suggestion(value, words)}")
 
     return BeforeValidator(checked)
 

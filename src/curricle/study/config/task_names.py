@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, NamedTuple
 
-from curricle.study.config.tables import KeyPath, meant, shown
+from curricle.study.config.tables import KeyPath, shown, suggestion
 
 DRAWN = ("maze", "crop")
 """Types of tasks that a crop may be a part of."""
@@ -108,4 +108,4 @@ def _whole(graph: NameGraph) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _no_task(name: str, graph: NameGraph) -> str:
-    return f"must name a task: got {shown(name)}{meant(name, graph.parts)}"
+    return f"must name a task: got {shown(name)}{suggestion(name, graph.parts)}"

@@ -29,8 +29,7 @@ from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.task import generative_model
 
-Cell = tuple[Whole, Whole]
-Ranges = tuple[Whole, Whole]
+Pair = tuple[Whole, Whole]
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
 ]
@@ -42,9 +41,11 @@ class TaskTable(ObjectTable, Settings):
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
 
-    def misfits(self, name: str) -> Iterator[tuple[KeyPath, str]]:
+    def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
-        return _misfits_of_networks(self, name) if self.deep else _misfits_of_tables(self, name)
+        return (
+            _mismatches_of_networks(self, name) if self.deep else _mismatches_of_tables(self, name)
+        )
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the task."""
@@ -58,7 +59,7 @@ class TaskTable(ObjectTable, Settings):
         return super().build(folder)
 
 
-def _misfits_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
+def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
     """Yield the settings that do not suit a task that is learnt by a network."""
     if not task.deep_learner:
         yield (
@@ -85,7 +86,7 @@ def _misfits_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, s
         )
 
 
-def _misfits_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
+def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
     """Yield the settings that do not suit a task that is learnt in a table."""
     if task.deep_learner:
         yield (
@@ -98,7 +99,7 @@ def _misfits_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str
 
 
 def _in_order(value: Any) -> Any:
-    """Return in one order what is a set, but written as a list."""
+    """Return a list that stands for a set sorted, without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
 
@@ -107,7 +108,7 @@ def _without_margins(drawing: str) -> str:
 
 
 Start = Annotated[
-    Literal["map", "uniform"] | tuple[Cell, ...],
+    Literal["map", "uniform"] | tuple[Pair, ...],
     word("be 'map', 'uniform' or a list of cells", ("map", "uniform")),
     AfterValidator(_in_order),
 ]
@@ -162,10 +163,10 @@ class CropTask(TaskTable):
 
     type: Literal["crop"] = "crop"
     of: Name = Field(description="The maze (or crop) it is a part of, by its name in [tasks].")
-    rows: Ranges = Field(
+    rows: Pair = Field(
         description="First row and the one after the last, in the map's coordinates."
     )
-    columns: Ranges = Field(description="First column and the one after the last.")
+    columns: Pair = Field(description="First column and the one after the last.")
     start: Start = Field(default="uniform", description="As in a maze.")
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:

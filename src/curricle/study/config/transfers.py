@@ -88,7 +88,7 @@ class _TransferTable(ObjectTable):
             )
         return self
 
-    def misfits(self, *, deep: bool) -> Iterator[tuple[str, str]]:
+    def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
         """Yield the keys that do not suit the target, each with what is wrong about it.
 
         A target that is `deep` is seen through observations.
