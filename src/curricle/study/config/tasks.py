@@ -43,9 +43,8 @@ class TaskTable(ObjectTable, Settings):
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
-        return (
-            _mismatches_of_networks(self, name) if self.deep else _mismatches_of_tables(self, name)
-        )
+        found = _mismatches_of_networks if self.deep else _mismatches_of_tables
+        return found(self, name)
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the task."""
