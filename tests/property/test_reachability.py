@@ -50,9 +50,7 @@ def graphs(draw):
 def test_reachable_states_are_those_of_a_search(mdp, data):
     shape = mdp.outcome_row.shape
     allowed = data.draw(st.none() | arrays(np.bool_, shape))
-    found = reachable_states(
-        mdp.start, mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state, allowed
-    )
+    found = reachable_states(mdp, allowed)
     expected = naive_reach(mdp, np.ones(shape, bool) if allowed is None else allowed)
     assert set(np.flatnonzero(found).tolist()) == expected
 
@@ -60,6 +58,4 @@ def test_reachable_states_are_those_of_a_search(mdp, data):
 def test_nothing_is_reached_through_a_terminal_state():
     """The pit in the middle ends the episode, so its far side is out of reach."""
     maze = cr.GridWorld(["SP.", "##T"])
-    mdp = maze.mdp
-    tables = mdp.start, mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state
-    assert np.flatnonzero(reachable_states(*tables)).tolist() == [0, 1]
+    assert np.flatnonzero(reachable_states(maze.mdp)).tolist() == [0, 1]

@@ -80,6 +80,10 @@ TASKS = {
         lambda: outcomes([[[(0.5, 1, 0.0, True), (0.5, 1, 0.0, False)]], [[]]]),
         "always or never: state 1 does both",
     ),
+    "start out of range": (
+        lambda: outcomes([[[(1.0, 1, 0.0, True)]], [[]]], start=2),
+        r"start state must lie in 0\.\.1: got 2",
+    ),
     "next state": (lambda: outcomes([[[(1, 2, 0, True)]], [[]]]), r"0\.\.1: got 0\.\.2"),
     "negative next state": (lambda: outcomes([[[(1, -1, 0, True)]], [[]]]), r"0\.\.1: got -1"),
     "outcome row": (

@@ -78,9 +78,7 @@ def naive_quality(phi, mdp):
         for a in range(q.shape[1]):
             above += phi[s, a] > q[s, a] + 1e-6
             excess += phi[s, a] - q[s, a]
-    visited = reachable_states(
-        mdp.start, mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state, optimal
-    )
+    visited = reachable_states(mdp, optimal)
     worst = (0.0, -1)
     for s in np.flatnonzero(visited & ~mdp.terminal):
         below = min(q[s].max(), 0.0) - phi[s].max()

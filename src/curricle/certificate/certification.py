@@ -137,8 +137,7 @@ def _reason_to_sample(task: Task) -> str | None:
         return f"states x actions x outcomes of the task exceed {LARGEST_EXACT:,}"
     mdp = tables(task)
     if mdp.discount == 1:
-        rows = mdp.terminal, mdp.outcome_row, mdp.probability, mdp.next_state
-        improper = improper_states(*rows)
+        improper = improper_states(mdp)
         if improper.size:
             place = state_name(mdp.states, int(improper[0]))
             return f"from {place} an episode can go on for ever at discount 1"

@@ -53,8 +53,7 @@ class Reachable:
     @classmethod
     def of(cls, mdp: FiniteMDP) -> "Reachable":
         """Return the reachable part of a task."""
-        tables = mdp.outcome_row, mdp.probability, mdp.next_state
-        met = reachable_states(mdp.start, mdp.terminal, *tables)
+        met = reachable_states(mdp)
         states = np.flatnonzero(met & ~mdp.terminal)
         rows = mdp.outcome_row[states].ravel()
         possible = mdp.probability[rows] > 0

@@ -104,17 +104,11 @@ class TabularPlanningModel:
         """Raise SettingError if the policy (some policy if None) may never end."""
         if policy is not None and policy.ndim == 1:
             policy = np.arange(self.n_actions) == policy[:, None]
-        endless = improper_states(
-            self.terminal,
-            self.mdp.outcome_row,
-            self.mdp.probability,
-            self.mdp.next_state,
-            None if policy is None else policy > 0,
-        )
-        if endless.size:
+        improper = improper_states(self.mdp, None if policy is None else policy > 0)
+        if improper.size:
             raise SettingError(
                 "discount 1 needs every policy considered to end: from state "
-                f"{endless[0]} an episode can go on for ever"
+                f"{improper[0]} an episode can go on for ever"
             )
 
     def counting_steps(self) -> Self:

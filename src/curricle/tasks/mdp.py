@@ -21,7 +21,13 @@ from curricle.tasks.generative_models import (
     cumulated,
     learning_model,
 )
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_rows, outcome_tables
+from curricle.tasks.outcomes import (
+    PROBABILITY_TOLERANCE,
+    check_rows,
+    outcome_lists,
+    outcome_tables,
+    terminal_states,
+)
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
 
@@ -184,13 +190,14 @@ class FiniteMDP:
         >>> mdp.terminal
         array([False,  True])
         """
-        p, successor, r, ended = outcome_tables(outcomes, terminal, start)
+        lists = outcome_lists(outcomes)
+        begins = start_distribution(start, len(lists))
+        if terminal is None:
+            terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
         return cls._one_row_a_pair(
-            p,
-            successor,
-            r,
-            terminal=ended,
-            start=start_distribution(start, len(p)),
+            *outcome_tables(lists),
+            terminal=np.asarray(terminal),
+            start=begins,
             discount=discount,
             time_limit=time_limit,
             states=states,
@@ -273,9 +280,7 @@ class FiniteMDP:
     def _check_discount(self) -> None:
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            improper = improper_states(
-                self.terminal, self.outcome_row, self.probability, self.next_state
-            )
+            improper = improper_states(self)
             if improper.size:
                 raise TaskError(
                     "discount 1 needs a time limit or a task where every policy ends: from state "

@@ -1,6 +1,5 @@
 """Outcome lists, the form of the tables of Gymnasium's toy-text tasks, and checks of outcomes."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,36 +11,31 @@ FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
 
 
-def outcome_tables(
-    outcomes: Any, terminal: npt.ArrayLike | None, start: npt.ArrayLike
-) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.bool_]]:
-    """Return probabilities, successors and rewards, (S, A, O) each, and terminal flags, (S,).
-
-    The arguments are those of :meth:`FiniteMDP.from_outcomes`; without `terminal`, the flags are
-    collected from the outcomes.
-    """
-    n_states = len(outcomes)
-    n_actions = len(outcomes[0]) if n_states and _has_first(outcomes) else 0
-    if not n_actions:
-        raise TaskError(
-            "outcomes need states from 0, each with at least one action (without outcomes if it is "
-            f"terminal): got {n_states} states, and state 0 "
-            + ("lists no action" if n_states and _has_first(outcomes) else "is none of them")
-        )
+def outcome_lists(outcomes: Any) -> list[list[Any]]:
+    """Return the outcomes that :meth:`FiniteMDP.from_outcomes` takes as lists, [state][action]."""
     try:
-        for s in range(n_states):
-            if len(outcomes[s]) != n_actions:
-                raise TaskError(
-                    f"every state must list the same number of actions: state {s} lists "
-                    f"{len(outcomes[s])}, state 0 lists {n_actions}"
-                )
-        lists = [[outcomes[s][a] for a in range(n_actions)] for s in range(n_states)]
+        lists = [[outcomes[s][a] for a in range(len(outcomes[s]))] for s in range(len(outcomes))]
     except KeyError as missing:
         raise TaskError(
-            f"outcome dicts need the keys 0..{n_states - 1} and 0..{n_actions - 1}: {missing} is "
-            "missing"
+            f"states and actions of outcome dicts must be numbered from 0: {missing} is missing"
         ) from None
-    shape = (n_states, n_actions, max(1, max(len(pair) for row in lists for pair in row)))
+    if not lists or not lists[0]:
+        raise TaskError(
+            "outcomes need at least one state, and one action in each (without outcomes if it is "
+            f"terminal): got {'no action in state 0' if lists else 'no state'}"
+        )
+    for s, row in enumerate(lists):
+        if len(row) != len(lists[0]):
+            raise TaskError(
+                f"every state must list the same number of actions: state {s} lists {len(row)}, "
+                f"state 0 lists {len(lists[0])}"
+            )
+    return lists
+
+
+def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+    """Return probabilities, successors and rewards of outcome lists, (S, A, O) each."""
+    shape = len(lists), len(lists[0]), max(1, max(len(pair) for row in lists for pair in row))
     p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
     for s, row in enumerate(lists):
         for a, pair in enumerate(row):
@@ -52,21 +46,14 @@ def outcome_tables(
                         f"terminated flag: state {s}, action {a} has {outcome}"
                     )
                 p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
-    if terminal is not None:
-        return p, successor, r, np.asarray(terminal)
-    first = [int(np.asarray(start))] if np.ndim(start) == 0 else np.flatnonzero(start).tolist()
-    return p, successor, r, _terminal_states(lists, first)
+    return p, successor, r
 
 
-def _has_first(outcomes: Any) -> bool:
-    return not isinstance(outcomes, dict) or 0 in outcomes
-
-
-def _terminal_states(lists: Sequence[Any], first: list[int]) -> npt.NDArray[np.bool_]:
+def terminal_states(lists: list[list[Any]], first: list[int]) -> npt.NDArray[np.bool_]:
     """Collect the ``terminated`` flags of outcome lists into one flag a state.
 
-    Only reachable states count: tables such as Taxi's also list impossible states, whose flags
-    contradict the others.
+    Only states that can be reached from the `first` count: tables such as Taxi's also list
+    impossible states, whose flags contradict the others.
     """
     flags: dict[int, bool] = {}
     waiting, seen = list(first), set(first)
@@ -106,22 +93,18 @@ def check_rows(
     """
     sums = probability.sum(axis=1)
     rules = (
-        ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE),
-        ("transition probabilities must not be negative", probability >= 0),
-        ("rewards must be finite", np.isfinite(reward)),
+        ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE, sums),
+        ("transition probabilities must not be negative", probability >= 0, probability),
+        ("rewards must be finite", np.isfinite(reward), reward),
     )
-    for rule, holds in rules:
+    for rule, holds, values in rules:
         if holds.all():
             continue
         used = np.zeros(len(probability), dtype=bool)
         used[outcome_row[~terminal]] = True
         bad = np.flatnonzero(used & ~holds.reshape(len(used), -1).all(axis=1))
         if bad.size:
-            owner = (outcome_row == bad[0]) & ~terminal[:, None]
-            state, action = np.argwhere(owner)[0]
-            if "sum" in rule:
-                value = f"sums to {sums[bad[0]]:.10g}"
-            else:
-                table = reward if "reward" in rule else probability
-                value = f"has {table[bad[0]].tolist()}"
-            raise TaskError(f"{rule}: state {state}, action {action} {value}")
+            state, action = np.argwhere((outcome_row == bad[0]) & ~terminal[:, None])[0]
+            value = values[bad[0]]
+            found = f"sums to {value:.10g}" if values is sums else f"has {value.tolist()}"
+            raise TaskError(f"{rule}: state {state}, action {action} {found}")

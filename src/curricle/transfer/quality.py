@@ -151,8 +151,7 @@ def _largest_underestimate(
 ) -> tuple[float, int]:
     """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
     mdp = tables(task)
-    transitions = mdp.outcome_row, mdp.probability, mdp.next_state
-    visited = reachable_states(mdp.start, mdp.terminal, *transitions, solution.optimal)
+    visited = reachable_states(mdp, solution.optimal)
     below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
     below[~visited | mdp.terminal] = 0.0
     state = int(below.argmax())
