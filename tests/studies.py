@@ -42,6 +42,32 @@ target = "hunt"
 project = { predator = "predator_2" }
 scale = 2
 """
+VECTOR_HUNT = """
+name = "hunt"
+seeds = 2
+learner = { learning_rate = 0.2, epsilon = 0.2 }
+aggregate = "minimum"
+[tasks.chase]
+type = "pursuit"
+size = 3
+predators = 1
+budget = 3_000
+[tasks.hunt]
+type = "vector_pursuit"
+size = 3
+predators = 2
+time_limit = 30
+budget = 2_000
+learner = { type = "deep", settings = { learning_rate = 1e-3 } }
+[[transfers]]
+source = "chase"
+target = "hunt"
+project = { predator = "predator_1" }
+[[transfers]]
+source = "chase"
+target = "hunt"
+project = { predator = "predator_2" }
+"""
 MAZE = """
 name = "maze"
 [tasks.maze]

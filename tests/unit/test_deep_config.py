@@ -3,8 +3,6 @@
 None of it needs torch.
 """
 
-import textwrap
-
 import numpy as np
 import pytest
 
@@ -12,36 +10,11 @@ import curricle as cr
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
-from curricle.study import StudyConfig, json_schema, read_study
+from curricle.study import StudyConfig, json_schema
 from curricle.study.arms import Arms
 from curricle.study.config.templates import template
+from tests.studies import VECTOR_HUNT as HUNT, reader
 
-HUNT = """
-name = "hunt"
-seeds = 2
-learner = { learning_rate = 0.2, epsilon = 0.2 }
-aggregate = "minimum"
-[tasks.chase]
-type = "pursuit"
-size = 3
-predators = 1
-budget = 3_000
-[tasks.hunt]
-type = "vector_pursuit"
-size = 3
-predators = 2
-time_limit = 30
-budget = 2_000
-learner = { type = "deep", settings = { learning_rate = 1e-3 } }
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_1" }
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_2" }
-"""
 CART = """
 name = "cart"
 [learner]
@@ -96,15 +69,13 @@ class Extractor:
 def read(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
 
-    def read_text(text, *changes):
+    def read_changed(text, *changes):
         for old, new in changes:
             assert old in text
             text = text.replace(old, new, 1)
-        path = tmp_path / "study.toml"
-        path.write_text(textwrap.dedent(text))
-        return read_study(path)
+        return reader(tmp_path)(text)
 
-    return read_text
+    return read_changed
 
 
 @pytest.fixture

@@ -15,34 +15,7 @@ from curricle.comparison.task_differences import differences
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.arms import Arms
 from curricle.study.cost import costs
-from tests.studies import reader
-
-HUNT = """
-name = "hunt"
-seeds = 2
-learner = { learning_rate = 0.2, epsilon = 0.2 }
-aggregate = "minimum"
-[tasks.chase]
-type = "pursuit"
-size = 3
-predators = 1
-budget = 3_000
-[tasks.hunt]
-type = "vector_pursuit"
-size = 3
-predators = 2
-time_limit = 30
-budget = 2_000
-learner = { type = "deep", settings = { learning_rate = 1e-3 } }
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_1" }
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_2" }
-"""
+from tests.studies import VECTOR_HUNT, reader
 
 
 @pytest.fixture
@@ -51,7 +24,7 @@ def read(tmp_path):
 
 
 def test_costs_are_foreseen(read):
-    study = read(HUNT, set=["seeds=2"])
+    study = read(VECTOR_HUNT, set=["seeds=2"])
     found = {(one.arm, one.task): one for one in costs(study, Arms.of(study))}
     assert found["scratch", "hunt"].steps == 5000
     assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
@@ -141,7 +114,7 @@ def test_tasks_seen_through_observations_are_told_apart(plan):
 
 
 def test_checking_needs_no_torch_and_says_what_does(tmp_path):
-    (tmp_path / "study.toml").write_text(HUNT)
+    (tmp_path / "study.toml").write_text(VECTOR_HUNT)
     code = """
         import sys
         class Missing:
