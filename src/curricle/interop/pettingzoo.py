@@ -39,12 +39,10 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
     ----------
     pursuit : Pursuit
     observation : {"index", "components", "vector"}
-        What every agent observes, always the whole state. Its number, ``Discrete(S)``, the same for
-        all, with which tables and potentials of the task are read. Or cells, ``MultiDiscrete``:
-        first the agent's own, then the prey's, then those of the other predators in the order of
-        their names, so that one policy can serve all agents. Or a vector,
-        ``Box(-1, 1, (2 + 4 predators,), float32)``, that of :class:`PursuitVectors` with the agent
-        as the first predator.
+        How every agent observes the state. Its number, ``Discrete(S)``, by which tables and
+        potentials of the task are read. Or cells, ``MultiDiscrete``: the agent's own, the prey's,
+        then those of the other predators in the order of their names, so that one policy can serve
+        all agents. Or the vector of :class:`PursuitVectors` with the agent as the first predator.
     render_mode : {"rgb_array", "ansi"}, optional
         As in :class:`TaskEnvironment`.
 
@@ -186,9 +184,8 @@ def agent_mappings(
     Parameters
     ----------
     target : Pursuit
-        With any number of predators.
     source : Pursuit
-        With one.
+        With one predator.
     unmapped_value : float
         As in :func:`project`; used where the source's grid is smaller.
 
@@ -196,11 +193,6 @@ def agent_mappings(
     -------
     dict of str to ComponentMapping
         By the agents' names.
-
-    Raises
-    ------
-    MappingError
-        When the source has several predators.
 
     Examples
     --------

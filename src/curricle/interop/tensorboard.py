@@ -22,20 +22,6 @@ class TensorBoard:
     or an earlier run of the study is overwritten. TensorBoard shows all files of a folder as one
     run. The settings, with arm and node, are the run's hyperparameters; seeds that share them are
     one group.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from curricle import GridWorld, learn
-    >>> board = TensorBoard()
-    >>> with tempfile.TemporaryDirectory() as place:
-    ...     board.start("corridor", {"budget": 100}, Path(place))
-    ...     board.record("scratch", "maze", learn(GridWorld("S.T"), budget=100, seeds=2))
-    ...     board.close()
-    ...     for folder in sorted(Path(place).rglob("seed-*")):
-    ...         print(folder.relative_to(place).as_posix())
-    tensorboard/scratch/maze/seed-0
-    tensorboard/scratch/maze/seed-1
     """
 
     def __init__(self) -> None:
@@ -61,13 +47,7 @@ class TensorBoard:
             self._written[path] = len(events)
 
     def close(self) -> None:
-        """Read the files back as TensorBoard does.
-
-        Raises
-        ------
-        StoreError
-            When events that were written are not there.
-        """
+        """Read the files back as TensorBoard does; StoreError when an event is not there."""
         short = {path: n for path, n in self._written.items() if _count(path) != n}
         if short:
             path, n = next(iter(short.items()))

@@ -77,7 +77,7 @@ class Trackers:
     Attributes
     ----------
     failures : list of str
-        The sentences reported of failures.
+        What was reported of them.
 
     Examples
     --------

@@ -36,8 +36,8 @@ class PursuitVectors:
     right. Rows and columns are scaled from -1, the first, to 1, the last; displacements are divided
     by ``size - 1``. On a torus they are the shortest; of two equal ones, up or to the left.
 
-    A network need not learn differences, then. A predator's numbers are side by side, so a
-    pursuit's vector begins with that of the pursuit with fewer predators.
+    So a network need not learn differences. A predator's numbers are adjacent, so a pursuit's
+    vector begins with that of the pursuit with fewer predators.
 
     Parameters
     ----------
@@ -80,24 +80,13 @@ class PursuitVectors:
         return Box(-1.0, 1.0, (2 + 4 * self.pursuit.predators,), np.float32)
 
     def of(self, cells: IntArray) -> Vectors:
-        """Return the vectors of the cells of the prey and of each predator, (n, 1 + N) int.
-
-        Returns
-        -------
-        (n, 2 + 4 N) float32
-        """
+        """Return vectors, (n, 2 + 4 N) float32, of the prey's and predators' cells, (n, 1 + N)."""
         where = self._row_column[cells].reshape(len(cells), -1)
         found: Vectors = self._numbers[where @ self._looked_up + self._begins]
         return found
 
     def cells(self, observations: npt.ArrayLike) -> IntArray:
-        """Return the cells of the prey and of each predator, (n, 1 + N) int64.
-
-        Parameters
-        ----------
-        observations : (n, 2 + 4 N) float array
-            As :meth:`of` returns them.
-        """
+        """Return the cells, (n, 1 + N) int64, of vectors as :meth:`of` returns them."""
         cells = np.asarray(observations, np.float64) @ self._weights + (self._middle + 0.5)
         return np.asarray(cells.astype(np.int64))  # cutting off x + 1/2 rounds x
 
@@ -117,11 +106,6 @@ class VectorPursuit(TaskEnvironment):
         That is the task of one agent among several, as in :class:`PursuitParallelEnv`.
     render_mode : {"rgb_array", "ansi"}, optional
         As in :class:`TaskEnvironment`.
-
-    Raises
-    ------
-    SettingError
-        When it is no pursuit or a setting is unknown, and as :class:`TaskEnvironment` does.
 
     Examples
     --------
@@ -193,11 +177,6 @@ def observed_pursuit(pursuit: Pursuit, *, acting: Acting = "all") -> Observation
         As in :class:`VectorPursuit`; ``"first"`` is one agent's task, on which potentials for
         agents that share one model are made.
 
-    Raises
-    ------
-    TaskError
-        When it is no pursuit, or `acting` is unknown.
-
     Examples
     --------
     >>> hunt = Pursuit(size=5, predators=3)
@@ -257,13 +236,6 @@ def predator_mapping(
     >>> seen = PursuitVectors(Pursuit(size=5, predators=3)).of(np.array([[12, 0, 11, 24]]))
     >>> by_second.pairs(TableValues(q), seen)[0, :15]  # of moves (0, 0..2, 0..4)
     array([-2., -2., -2., -2., -2., -3., -3., -3., -3., -3., -1., -1., -1., -1., -1.])
-
-    Each of three agents sees itself as the first predator.
-
-    >>> agent = observed_pursuit(Pursuit(size=5, predators=3), acting="first")
-    >>> alone = predator_mapping(agent, chase, predator="predator_1")
-    >>> alone.pairs(TableValues(q), seen[:, [0, 1, *range(6, 10), *range(2, 6), *range(10, 14)]])
-    array([[-2., -3., -1., -3., -3.]])
     """
     mine = _environment("target", target)
     tabular = isinstance(source, Pursuit)
@@ -287,7 +259,7 @@ def predator_mapping(
     return ObservationMapping(target, source, vectors, status=status, **known)
 
 
-# Mappings call functions of the module, not closures, so that they can be pickled.
+# Functions of the module, not closures, so that mappings can be pickled.
 
 
 def _states(seen: PursuitVectors, shares: IntArray, observations: Any) -> IntArray:
@@ -321,7 +293,7 @@ def _cells_of(pursuit: Pursuit, states: IntArray) -> IntArray:
 
 
 def _environment(role: str, task: Any) -> VectorPursuit:
-    """Return the environment of a task, if it is a pursuit observed as vectors."""
+    """Return the environment of a task, which must be a pursuit observed as vectors."""
     made = task.make().unwrapped if isinstance(task, ObservationTask) else None
     if not isinstance(made, VectorPursuit) or task.observations != made.observation_space:
         raise MappingError(
