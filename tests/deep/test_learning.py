@@ -1,6 +1,7 @@
 """Training deep learners: curves, budgets, stopping, shapings, and runs that are resumed."""
 
 import random
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -128,13 +129,27 @@ def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
     assert len(list((tmp_path / "in").glob("*/seed-0.checkpoint"))) == 1
 
 
-def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch):
+class Infos(BaseCallback):
+    """Keeps what steps tell."""
+
+    seen: ClassVar = []
+
+    def _on_step(self):
+        self.seen.extend(self.locals["infos"])
+        return True
+
+
+@pytest.mark.parametrize("shaped", [False, True])
+def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch, shaped):
     class Shy(cr.interop.TaskEnvironment):
         def __reduce__(self):
             raise TypeError("this environment cannot be pickled")
 
     task = cr.tasks.ObservationTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
     save = training.Recorder._save
+    row = cr.transfer.FunctionValues(state_values=lambda cells: cells[:, 0].astype(float))
+    settings = {"saves": tmp_path, "shaping": cr.StateShaping(row) if shaped else None}
+    learner = cr.deep.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Infos()])
 
     def killed(recorder):
         save(recorder)
@@ -142,9 +157,12 @@ def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monk
 
     monkeypatch.setattr(training.Recorder, "_save", killed)
     with pytest.raises(KeyboardInterrupt):
-        cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
+        cr.deep.learn_deep(task, learner, 200, **settings)
     monkeypatch.setattr(training.Recorder, "_save", save)
-    result = cr.deep.learn_deep(task, DQN, 200, saves=tmp_path)
+    Infos.seen.clear()
+    result = cr.deep.learn_deep(task, learner, 200, **settings)
+    assert Infos.seen
+    assert all(("shaping" in info) is shaped for info in Infos.seen)
     assert result.steps_used.tolist() == [200]
     assert np.isfinite(result.greedy_return).all()
 

@@ -46,8 +46,8 @@ class AgentsVecEnv(VecEnv):
     Raises
     ------
     SettingError
-        When it is no ParallelEnv, or its agents' spaces differ; from :meth:`reset` and
-        :meth:`step_wait`, when an agent is missing or ends alone.
+        When its agents' spaces differ; from :meth:`reset` and :meth:`step_wait`, when an agent is
+        missing or ends alone.
 
     Examples
     --------
@@ -157,6 +157,7 @@ class AgentsVecEnv(VecEnv):
         return concatenate(space, [observed[agent] for agent in self.agents], empty)
 
     def _many(self, indices: Indices) -> int:
+        """Return how many indices are meant."""
         return len(list(self._get_indices(indices)))
 
     def _check_all(self, observed: dict[str, Any]) -> None:

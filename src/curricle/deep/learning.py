@@ -47,8 +47,7 @@ def learn_deep(
     budget : int, Episodes or StoppingRule
         As in :func:`learn`. A run ends at the exact step, even within a rollout.
     seeds : int or sequence of int
-        As in :func:`learn`: a seed's result depends on the seed, the stream and the settings alone
-        (and on torch's version and the machine, which round differently).
+        As in :func:`learn`; torch's version and the machine round differently.
     shaping : Shaping or sequence of K Shaping, optional
         One for all seeds or one for each, of an :class:`ObservationPotential` or another
         ``ValueSource``:
@@ -58,12 +57,10 @@ def learn_deep(
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
         - :class:`WeightTransfer`: learning starts with the one source's network.
         - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
-    eval_freq : int, optional
-        Steps between checkpoints of the curves; a hundredth of the budget by default.
+    eval_freq, stream, warm_up, charged
+        As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
         By rollouts, 5 by default.
-    stream, warm_up, charged
-        As in :func:`learn`.
     saves : path, optional
         A folder for checkpoints, from which a killed run resumes, with the same result: network,
         optimizer, replay buffer, environments, generators.

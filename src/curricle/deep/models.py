@@ -59,15 +59,20 @@ def model_for(
     elif potential is not None and isinstance(shaping, PolicyReuse) and "buffer_size" in settings:
         guided = potential.of_actions
         algorithm = reusing(algorithm) if guided else algorithm
-    venv: VecEnv = DummyVecEnv([lambda: Monitor(task.environment())] * learner.envs)
-    if (phi := subtracted(shaping)) is not None:
-        venv = ShapedVecEnv(venv, phi)
+    venv = environments(task, learner, shaping)
     model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     if guided:
         model.guide = potential
     elif potential is not None and isinstance(shaping, WeightTransfer | PolicyReuse):
         _carry_over(model, potential, everything=isinstance(shaping, WeightTransfer))
     return model
+
+
+def environments(task: ObservationTask, learner: DeepLearner, shaping: Shaping | None) -> VecEnv:
+    """Return new sub-environments, with their rewards shaped where the shaping does so."""
+    venv = DummyVecEnv([lambda: Monitor(task.environment())] * learner.envs)
+    phi = subtracted(shaping)
+    return venv if phi is None else ShapedVecEnv(venv, phi)
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:

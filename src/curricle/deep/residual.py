@@ -21,13 +21,8 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     Parameters
     ----------
     algorithm : type
-        DQN or QRDQN, or a class derived from one.
+        DQN or QRDQN, or a class derived from one; others are refused with SettingError.
     policy : {"MlpPolicy", "CnnPolicy", "MultiInputPolicy"}
-
-    Raises
-    ------
-    SettingError
-        When the algorithm has no such policy, as it does not learn values of numbered actions.
 
     Examples
     --------

@@ -26,15 +26,12 @@ BoolArray = npt.NDArray[np.bool_]
 class ShapedVecEnv(VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
-    It is :class:`VectorPotentialShaping` for the vector environments of Stable-Baselines3: Phi(s')
+    It is :class:`VectorPotentialShaping` for the vector environments of Stable-Baselines3. Phi(s')
     is 0 where an episode terminated; where it was cut off (``info["TimeLimit.truncated"]``) s' is
-    ``info["terminal_observation"]``, from which the algorithms bootstrap; and the observation that
-    is returned with an end is where the next episode begins. All observations of a step are read in
-    one batch.
+    ``info["terminal_observation"]``, from which the algorithms bootstrap.
 
-    Each sub-environment's ``info`` holds ``original_reward``, ``shaping`` (F) and ``potential``
-    (Phi(s')); with several sources ``shaping_terms``, F_i of each; and at an episode's end
-    ``original_return`` and ``telescoping_residual``, all as in :class:`PotentialShaping`.
+    Each sub-environment's ``info`` holds what :class:`PotentialShaping` puts there;
+    ``shaping_terms`` only where there are several sources.
 
     Wrappers inside see the task's own rewards, wrappers outside the shaped ones. `Monitor`,
     `VecMonitor` and wrappers that clip rewards belong inside: then ``rollout/ep_rew_mean`` is that

@@ -10,7 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from curricle.deep import checkpoint
 from curricle.deep.learner import SAVES, DeepLearner
-from curricle.deep.models import model_for, subtracted
+from curricle.deep.models import environments, model_for, subtracted
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.learning.record import NO_WARM_UP, Record, WarmUp
@@ -60,16 +60,16 @@ class DeepRun(NamedTuple):
             values = NetworkValues(model.policy, subtracted(shaping))
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
+            if model.env is None:  # it could not be pickled: a new episode begins
+                venv = environments(self.task, self.learner, shaping)
+                venv.seed(splitmix64_number(start ^ model.num_timesteps) >> 33)
+                model.set_env(venv, force_reset=True)
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
         return Outcome(progress.record, values, progress.steps, progress.episodes, False)  # type: ignore[arg-type]
 
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
-        if model.env is None:  # it could not be pickled: a new episode begins
-            other = model_for(self.task, self.learner, seed=recorder.start >> 33, steps=1)
-            other.env.seed(splitmix64_number(recorder.start ^ model.num_timesteps) >> 33)
-            model.set_env(other.env, force_reset=True)
         rollout = getattr(model, "n_steps", 1) * model.n_envs
         if rollout > left and hasattr(model, "rollout_buffer"):
             raise SettingError(
