@@ -1,6 +1,6 @@
 """Checkpoints of a run: all that it needs to resume with the same result.
 
-They are pickles, of one's own run, for one's own machine; results never are.
+Checkpoints are pickles: read only those of your own runs. Results are no pickles.
 """
 
 import random
@@ -17,7 +17,7 @@ from curricle.errors import StoreError
 from curricle.files import write_whole
 
 LEFT_OUT = ("_logger",)
-"""Attributes of a model that hold files or the screen, and are made anew."""
+"""Attributes of a model that hold open files, and are created again."""
 
 
 class Saved(NamedTuple):

@@ -32,7 +32,7 @@ class DeepLearner:
         Other arguments of the algorithm, such as ``learning_rate``, ``buffer_size`` or
         ``policy_kwargs``. gamma is the task's discount.
     callbacks : callable, optional
-        Returns the callbacks (``BaseCallback``) of one run, made anew for each seed.
+        Returns new callbacks (``BaseCallback``); called for each seed.
     progress_bar : bool
         Whether Stable-Baselines3 shows its progress bar.
     threads : int

@@ -118,7 +118,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
             )
         self._states = Coding(rules.states, observation)
         self._actions = Coding(rules.actions, action)
-        self.observation_space, self.action_space = self._states.held, self._actions.held
+        self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
         users_code = isinstance(self._model, Functions)
         self._begun, self._moved = compiled(_begun, users_code), compiled(_moved, users_code)
@@ -136,20 +136,18 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         else:
             self._state = self._begun(self._model, self._stream)
         self._steps, self._under_way = 0, True
-        return self._states.shown(self._state), self._info()
+        return self._states.coded(self._state), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Act; return observation, reward, terminated, truncated and info."""
         if not self._under_way:
             raise SettingError("step() needs an episode under way: call reset() first")
-        number = self._actions.point(action)
-        self._state, reward, terminated = self._moved(
-            self._model, self._state, number, self._stream
-        )
+        move = self._actions.number(action)
+        self._state, reward, terminated = self._moved(self._model, self._state, move, self._stream)
         self._steps += 1
         truncated = not terminated and self._steps == self._rules.time_limit
         self._under_way = not (terminated or truncated)
-        return self._states.shown(self._state), reward, terminated, truncated, self._info()
+        return self._states.coded(self._state), reward, terminated, truncated, self._info()
 
     def render(self) -> Any:
         """Return a picture of the state, (height, width, 3) uint8, or text, by `render_mode`."""

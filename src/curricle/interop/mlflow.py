@@ -17,7 +17,7 @@ SETTINGS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
 }
-"""Environment variables of MLflow that the user may set otherwise."""
+"""Defaults of MLflow's environment variables."""
 
 
 class MLflow:

@@ -94,7 +94,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         own_first = [[own, *(each for each in predators if each != own)] for own in predators]
         prey_at = 0 if observation == "vector" else 1
         self._views = np.insert(own_first, prey_at, 0, axis=1)
-        self.state_space = self._cells.held
+        self.state_space = self._cells.gym_space
         self.observation_spaces = {agent: self._space() for agent in self.possible_agents}
         self.action_spaces = {agent: Discrete(pursuit.moves) for agent in self.possible_agents}
 
@@ -124,7 +124,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
 
     def state(self) -> npt.NDArray[np.int64]:
         """Return the cells of the prey and of each predator, (1 + predators,) int64."""
-        return np.array(self._cells.places(self._joint.state))
+        return np.array(self._cells.offsets(self._joint.state))
 
     def render(self) -> Any:
         """Return a picture, (height, width, 3) uint8, or text, by `render_mode`."""
@@ -141,7 +141,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
     def _space(self) -> Any:
         if self._observation == "vector":
             return self._vectors.space
-        return Coding(self.task.states, self._observation).held
+        return Coding(self.task.states, self._observation).gym_space
 
     def _observed(self) -> ByAgent:
         if self._observation == "index":

@@ -129,7 +129,7 @@ class VectorPursuit(TaskEnvironment):
         """The space of the moves that an action stands for."""
         self._own = Coding(self.moves, "index")
         self._moves_of_others = pursuit.actions.size // self.moves.size
-        self.observation_space, self.action_space = self.vectors.space, self._own.held
+        self.observation_space, self.action_space = self.vectors.space, self._own.gym_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,7 +140,7 @@ class VectorPursuit(TaskEnvironment):
 
     def step(self, action: Any) -> tuple[Vectors, float, bool, bool, dict[str, Any]]:
         """Act; return observation, reward, terminated, truncated and info."""
-        joint = self._own.point(action) * self._moves_of_others
+        joint = self._own.number(action) * self._moves_of_others
         if self._moves_of_others > 1:
             joint += int(self.np_random.integers(self._moves_of_others))
         state, reward, terminated, truncated, info = super().step(joint)
@@ -151,7 +151,7 @@ class VectorPursuit(TaskEnvironment):
         return self.vectors.cells(observations)
 
     def _seen(self, state: int) -> Vectors:
-        seen: Vectors = self.vectors.of(np.array([self._states.places(state)]))[0]
+        seen: Vectors = self.vectors.of(np.array([self._states.offsets(state)]))[0]
         return seen
 
 
