@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.checks import instance
 from curricle.errors import SettingError
+from curricle.tasks.observation_task import stack
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -86,11 +86,10 @@ class AgentsVecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Begin an episode, with the seed and options given before; return n observations."""
-        options = self._options[0] or None
-        observed = self._begun(seed=self._seeds[0], options=options)
+        observations = self._begin(seed=self._seeds[0], options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
-        return self._stacked(observed)
+        return observations
 
     def step_async(self, actions: npt.NDArray[Any]) -> None:
         """Take the agents' actions, one each."""
@@ -101,9 +100,13 @@ class AgentsVecEnv(VecEnv):
         chosen = dict(zip(self.agents, self._actions, strict=True))
         observed, reward, terminated, truncated, info = self.environment.step(chosen)
         self.joint_steps += 1
-        self._check_all(observed)
+        observations = self._stacked(observed)
         over = np.array([terminated[agent] or truncated[agent] for agent in self.agents], np.bool_)
-        self._check_together(over)
+        if over.any() and not over.all():
+            ended = ", ".join(np.array(self.agents)[over])
+            raise SettingError(
+                f"agents must begin and end together: the episode ended for {ended} alone"
+            )
         rewards = np.array([reward[agent] for agent in self.agents], np.float32)
         infos = [
             {**info[agent], "TimeLimit.truncated": bool(truncated[agent] and not terminated[agent])}
@@ -112,8 +115,8 @@ class AgentsVecEnv(VecEnv):
         if over[0]:
             for agent, last in zip(self.agents, infos, strict=True):
                 last["terminal_observation"] = deepcopy(observed[agent])
-            observed = self._begun()
-        return self._stacked(observed), rewards, over, infos
+            observations = self._begin()
+        return observations, rewards, over, infos
 
     def close(self) -> None:
         """Close the environment."""
@@ -144,32 +147,22 @@ class AgentsVecEnv(VecEnv):
         """Return False for each index: Gymnasium's wrappers do not wrap agents."""
         return [False] * self._many(indices)
 
-    def _begun(self, **settings: Any) -> dict[str, Any]:
-        """Reset the environment and keep the infos; return the agents' observations."""
+    def _begin(self, **settings: Any) -> Any:
+        """Reset the environment and keep the infos; return the agents' observations, stacked."""
         observed, infos = self.environment.reset(**settings)
-        self._check_all(observed)
+        observations = self._stacked(observed)
         self.reset_infos = [infos[agent] for agent in self.agents]
-        return observed  # type: ignore[no-any-return]
+        return observations
 
     def _stacked(self, observed: dict[str, Any]) -> Any:
-        space = self.observation_space
-        empty: Any = create_empty_array(space, self.num_envs)
-        return concatenate(space, [observed[agent] for agent in self.agents], empty)
-
-    def _many(self, indices: Indices) -> int:
-        """Return how many indices are meant."""
-        return len(list(self._get_indices(indices)))
-
-    def _check_all(self, observed: dict[str, Any]) -> None:
+        """Return the agents' observations, stacked; SettingError when one is missing."""
         missing = [agent for agent in self.agents if agent not in observed]
         if missing:
             raise SettingError(
                 f"agents must begin and end together: {', '.join(missing)} observed nothing"
             )
+        return stack(self.observation_space, [observed[agent] for agent in self.agents])
 
-    def _check_together(self, over: npt.NDArray[np.bool_]) -> None:
-        if over.any() and not over.all():
-            ended = ", ".join(np.array(self.agents)[over])
-            raise SettingError(
-                f"agents must begin and end together: the episode ended for {ended} alone"
-            )
+    def _many(self, indices: Indices) -> int:
+        """Return how many indices are meant."""
+        return len(list(self._get_indices(indices)))

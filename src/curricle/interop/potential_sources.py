@@ -11,13 +11,14 @@ from typing import Any, ClassVar, TypeGuard
 import gymnasium
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
-from gymnasium.vector.utils import concatenate, create_empty_array, iterate
+from gymnasium.spaces import Discrete, MultiDiscrete
+from gymnasium.vector.utils import iterate
 
 from curricle.checks import numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule
+from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space, whole
 from curricle.tasks.task import generative_model
 from curricle.transfer.observation_potential import ObservationPotential
@@ -179,14 +180,6 @@ def source(
 def over_a_task(potential: Any) -> TypeGuard[TaskPotential]:
     """Return whether a potential is over the states of a task."""
     return isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
-
-
-def stack(space: gymnasium.Space[Any], rows: list[Any]) -> Any:
-    """Return observations of a space as one batch, as vector environments stack them."""
-    if isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
-        return np.array(rows, dtype=space.dtype)
-    empty: Any = create_empty_array(space, len(rows))
-    return concatenate(space, rows, empty)
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:

@@ -24,11 +24,11 @@ from curricle.interop.potential_sources import (
     each_step,
     over_a_task,
     source,
-    stack,
     unstack,
     weights,
 )
 from curricle.learning.schedules import Schedule, schedule
+from curricle.tasks.observation_task import stack
 from curricle.tasks.task import generative_model
 from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate

@@ -1,6 +1,6 @@
 """Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -9,7 +9,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.spaces import Discrete
+from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
@@ -173,6 +174,14 @@ def _shape(space: gymnasium.Space[Any]) -> str:
 def is_observation_task(task: Any) -> bool:
     """Return whether a task is seen through observations."""
     return isinstance(task, ObservationTask)
+
+
+def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
+    """Return observations of a space as one batch, as vector environments stack them."""
+    if isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
+        return np.array(observations, dtype=space.dtype)  # as `concatenate` does, and quicker
+    empty: Any = create_empty_array(space, len(observations))
+    return concatenate(space, observations, empty)
 
 
 def batch_size(observations: Any) -> int:

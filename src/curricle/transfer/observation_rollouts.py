@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.draws import splitmix64_number, stream_start
-from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
+from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
 from curricle.tasks.spaces import frozen
 from curricle.transfer.observation_potential import ObservationPotential
 
@@ -69,7 +68,7 @@ class Environments:
         terminated, running = [False] * n, list(range(n))
         for _ in range(self.max_steps):
             rows = [current[k] for k in running]
-            actions, values = policy(stacked(self.task, rows))
+            actions, values = policy(stack(self.task.observations, rows))
             still_running = []
             for k, row, action, value in zip(running, rows, actions, values, strict=True):
                 current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
@@ -92,12 +91,6 @@ class Environments:
         """Close the environments."""
         for environment in self.environments:
             environment.close()
-
-
-def stacked(task: ObservationTask, observations: Sequence[Any]) -> Any:
-    """Return n observations stacked as the task's space stacks them."""
-    out: Any = create_empty_array(task.observations, len(observations))
-    return concatenate(task.observations, observations, out)
 
 
 def evaluation_environments(task: ObservationTask, evaluation: GreedyEvaluation) -> Environments:
@@ -202,7 +195,7 @@ def _returns_to_go(
         return_to_go[t] = total
     if episode.terminated:
         return return_to_go, np.zeros(n), np.zeros(n)
-    value = float(potential.v(stacked(task, [episode.last_observation]))[0])
+    value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
     return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
 
 
@@ -244,7 +237,8 @@ class ObservationTarget:
             found = greedy_episodes(potential, episodes=COVERAGE_EPISODES)
         else:
             found = random_episodes(self.task, episodes=COVERAGE_EPISODES)
-        return stacked(self.task, [row for episode in found for row in episode.observations])
+        rows = [row for episode in found for row in episode.observations]
+        return stack(self.task.observations, rows)
 
 
 def target_of(

@@ -13,7 +13,7 @@ import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
-from curricle.interop.potential_sources import stack
+from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregation import aggregate, aggregate_numbers
 from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.value_sources import FunctionValues, TableValues
