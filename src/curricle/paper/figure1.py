@@ -1,9 +1,7 @@
 """F1: the target states that Svetlik's mapping covers (paper E4)."""
 
-import numpy as np
-
 from curricle import GridWorld
-from curricle.paper.settings import Claim, FigureResult, Tick, verdict
+from curricle.paper.settings import Claim, FigureResult, Tick, stacked, verdict
 from curricle.plotting import draw_maze, new_figure
 from curricle.transfer import relative_objects
 
@@ -23,15 +21,14 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)
     axes[0, 0].set_title("source")
-    rows = []
+    parts = []
     for panel, (name, target) in zip(axes[0, 1:], targets.items(), strict=True):
         matched = mappings[name].mapped_states()
         draw_maze(panel, target, marked=matched)
         free = ~target.mdp.terminal
         panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
-        rows += [
-            (name, int(r), int(c), bool(m)) for (r, c), m in zip(target.cells, matched, strict=True)
-        ]
+        row, column = target.cells.T
+        parts.append({"target": name, "row": row, "column": column, "matched": matched})
     tick("coverage of Svetlik's mapping")
     coverage = {name: mapping.coverage() for name, mapping in mappings.items()}
     shares = {name: cover.mapped for name, cover in coverage.items()}
@@ -43,15 +40,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         "pit, so the source matches nowhere and no state gets a value. Exact; nothing is "
         "sampled.",
         figure=figure,
-        tables={
-            "figure1": dict(
-                zip(
-                    ("target", "row", "column", "matched"),
-                    (np.array(column) for column in zip(*rows, strict=True)),
-                    strict=True,
-                )
-            )
-        },
+        tables={"figure1": stacked(parts)},
         claims=(
             Claim(
                 "f1.coverage",

@@ -1,8 +1,18 @@
 """F2: the maze with its optimal path, and learning it with and without transfer."""
 
+from typing import Any
+
 from curricle import solve
 from curricle.paper import maze_runs as runs
-from curricle.paper.settings import Claim, FigureResult, Tick, maze, over_seeds, verdict
+from curricle.paper.settings import (
+    Claim,
+    FigureResult,
+    Tick,
+    draw_threshold,
+    maze,
+    over_seeds,
+    verdict,
+)
 from curricle.planning import Solution, Trajectory, rollout
 from curricle.plotting import COLOURS, draw_curve, draw_maze, new_figure
 from curricle.statistics import Curve, time_to_threshold
@@ -25,24 +35,13 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
     panel = axes[0, 1]
-    draw_curve(panel, scratch.curve, label="scratch", colour="black", window=runs.WINDOW)
-    draw_curve(
-        panel,
-        curve,
-        label=f"from the top-right {SIZE}x{SIZE} (weak transfer)",
-        colour="blue",
-        window=runs.WINDOW,
-    )
-    draw_curve(
-        panel,
-        curve,
-        label="the same, source steps counted (strong)",
-        colour="sky",
-        window=runs.WINDOW,
-        strong=True,
-        dashes="--",
-    )
-    panel.axhline(scratch.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
+    weak = f"from the top-right {SIZE}x{SIZE} (weak transfer)"
+    strong = "the same, source steps counted (strong)"
+    smoothed: Any = {"window": runs.WINDOW}
+    draw_curve(panel, scratch.curve, label="scratch", colour="black", **smoothed)
+    draw_curve(panel, curve, label=weak, colour="blue", **smoothed)
+    draw_curve(panel, curve, label=strong, colour="sky", strong=True, dashes="--", **smoothed)
+    draw_threshold(panel, scratch.threshold)
     panel.annotate(
         "threshold", (0, scratch.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
     )
@@ -95,7 +94,7 @@ def _claims(
             "f2.faster",
             "Transfer from a sub-maze reaches the threshold earlier",
             f"source of size {SIZE}, step reward -5; paired over seeds",
-            verdict(saved[False]["low"] > 0),
+            verdict(saved[False].low > 0),
             {
                 "scratch, steps to threshold": over_seeds(scratch.times.steps),
                 "steps saved (weak transfer)": saved[False],

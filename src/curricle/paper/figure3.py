@@ -18,6 +18,7 @@ from curricle.paper.settings import (
     over_seeds,
     stacked,
     verdict,
+    whiskers,
 )
 from curricle.planning import rollout
 from curricle.plotting import COLOURS, draw_potential, new_figure
@@ -42,13 +43,19 @@ class Arm:
         Source steps.
     reached : int
         Seeds that reached the threshold.
-    source_values : (K, S', A') float64
+    best : (K, S') float64
+        max_a Q of the source.
     """
 
     saved: npt.NDArray[np.float64]
     cost: npt.NDArray[np.int64]
     reached: int
-    source_values: npt.NDArray[np.float64]
+    best: npt.NDArray[np.float64]
+
+    @property
+    def net(self) -> npt.NDArray[np.float64]:
+        """Target and source steps to the threshold, scratch minus transfer, (K,)."""
+        return self.saved - self.cost
 
 
 def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
@@ -97,7 +104,7 @@ def _arm(
         saved=scratch.times.steps - times.steps,
         cost=result.source_steps("target"),
         reached=int(times.reached.sum()),
-        source_values=result["source"].values,
+        best=result["source"].values.max(axis=2),
     )
 
 
@@ -105,25 +112,16 @@ def _arm(
 
 
 def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> None:
-    for label, colour, shift in (
-        ("weak transfer", "blue", -0.1),
-        ("strong transfer (source steps counted)", "orange", 0.1),
+    for label, colour, shift, strong in (
+        ("weak transfer", COLOURS["blue"], -0.1, False),
+        ("strong transfer (source steps counted)", COLOURS["orange"], 0.1, True),
     ):
-        panel.plot(1 + shift, 0, "o", color=COLOURS[colour], label=label, ms=5)
+        panel.plot(1 + shift, 0, "o", color=colour, label=label, ms=5)
         for size in SIZES:
-            arm = arms[size]
-            saved = arm.saved - (arm.cost if colour == "orange" else 0)
-            mean = over_seeds(saved / 1000)
-            panel.errorbar(
-                size + shift,
-                mean["estimate"],
-                capsize=2,
-                color=COLOURS[colour],
-                fmt="o",
-                ms=5,
-                yerr=_error_bar(mean),
-                mfc=COLOURS[colour] if arm.reached == seeds else "white",
-            )
+            mean = over_seeds((arms[size].net if strong else arms[size].saved) / 1000)
+            filling = colour if arms[size].reached == seeds else "white"
+            style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
+            panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
     panel.axhline(0, color=COLOURS["grey"], lw=0.8)
     panel.set(
         xlabel="size of the source (cells a side)",
@@ -134,39 +132,24 @@ def _draw_saved(panel: Any, arms: Mapping[Any, Arm], seeds: int, title: str) -> 
     panel.legend(loc="lower right")
 
 
-def _error_bar(mean: Mapping[str, float]) -> list[list[float]]:
-    """Return an interval as distances below and above the estimate, for Matplotlib."""
-    return [[mean["estimate"] - mean["low"]], [mean["high"] - mean["estimate"]]]
-
-
 def _draw_corner(panel: Any, arm: Arm) -> None:
     arena = maze(-5)
-    block = runs.corner(arena, 3)
     path = rollout(arena, solve(arena).policy).states
-    values, title = arm.source_values.max(axis=2).mean(axis=0), "the 3x3 source"
-    draw_potential(panel, block, values, label=title, unit="max Q of the source (return)")
+    values, title = arm.best.mean(axis=0), "the 3x3 source, and the target's optimal path"
+    unit = "max Q of the source (return)"
+    draw_potential(panel, runs.corner(arena, 3), values, label=title, unit=unit)
     cells = arena.cells[path]
     panel.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
-    panel.set_title("the 3x3 source, and the target's optimal path")
 
 
 def _draw_control(panel: Any, results: Mapping[float, Mapping[Any, Arm]]) -> None:
     labels = []
     for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
         arm = results[step][start]
-        for shift, values, colour in (
-            (-0.2, arm.saved, "blue"),
-            (0.2, arm.saved - arm.cost, "orange"),
-        ):
+        for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
             mean = over_seeds(values / 1000)
-            panel.bar(
-                x + shift,
-                mean["estimate"],
-                0.38,
-                color=COLOURS[colour],
-                yerr=_error_bar(mean),
-                capsize=2,
-            )
+            style = {"color": COLOURS[colour], "capsize": 2}
+            panel.bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
     panel.axhline(0, color=COLOURS["grey"], lw=0.8)
     panel.set(
@@ -196,10 +179,8 @@ def _table(results: Mapping[float, Mapping[Any, Arm]]) -> dict[str, npt.NDArray[
 
 
 def _corner_table(arm: Arm) -> dict[str, npt.NDArray[Any]]:
-    block = runs.corner(maze(-5), 3)
-    best = arm.source_values.max(axis=2)
-    seeds, (rows, columns) = np.arange(len(best))[:, None], block.cells.T
-    return stacked([{"seed": seeds, "row": rows, "column": columns, "max_q": best}])
+    seeds, (rows, columns) = np.arange(len(arm.best))[:, None], runs.corner(maze(-5), 3).cells.T
+    return stacked([{"seed": seeds, "row": rows, "column": columns, "max_q": arm.best}])
 
 
 def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, Arm]) -> list[Claim]:
@@ -208,17 +189,17 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
         setting = f"step reward {step:g} ({STEP_REWARDS[step]}), 800 target episodes"
         tag = STEP_REWARDS[step].replace(" ", "-")
         saved = {size: over_seeds(arms[size].saved) for size in SIZES}
-        net = {size: over_seeds(arms[size].saved - arms[size].cost) for size in SIZES}
+        net = {size: over_seeds(arms[size].net) for size in SIZES}
         large = [saved[size] for size in range(4, 11)]
-        mean = np.mean([s["estimate"] for s in large])
-        alike = all(s["low"] > 0 and abs(s["estimate"] - mean) < mean / 3 for s in large)
+        mean = float(np.mean([s.estimate for s in large]))
+        alike = all(s.low > 0 and abs(float(s.estimate) - mean) < mean / 3 for s in large)
         n_seeds = len(arms[3].saved)
         claims += [
             Claim(
                 f"f3.size-3-hurts.{tag}",
                 "A source of size 3 makes learning slower",
                 setting,
-                verdict(saved[3]["high"] < 0),
+                verdict(saved[3].high < 0),
                 {
                     "steps saved within 800 episodes (at most)": saved[3],
                     "seeds that reached the threshold": f"{arms[3].reached} of {n_seeds}",
@@ -237,7 +218,7 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
                 f"f3.strong-smaller.{tag}",
                 "(Not counted in the paper.) With source steps counted the gains are smaller",
                 setting,
-                verdict(all(net[s]["estimate"] < saved[s]["estimate"] for s in SIZES)),
+                verdict(all(net[s].estimate < saved[s].estimate for s in SIZES)),
                 {f"net steps saved, size {size}": net[size] for size in SIZES},
             ),
             _control(arms, setting, tag),
@@ -248,8 +229,8 @@ def _claims(results: Mapping[float, Mapping[Any, Arm]], longer: Mapping[float, A
 def _control(arms: Mapping[Any, Arm], setting: str, tag: str) -> Claim:
     """Answer whether a random start explains why a full-size source beats scratch."""
     fixed, uniform = arms["fixed"], arms[10]
-    net_fixed, net_uniform = (over_seeds(arm.saved - arm.cost) for arm in (fixed, uniform))
-    explained = net_fixed["low"] < 500 and net_uniform["low"] > max(0, net_fixed["high"])
+    net_fixed, net_uniform = (over_seeds(arm.net) for arm in (fixed, uniform))
+    explained = net_fixed.low < 500 and net_uniform.low > max(0, net_fixed.high)
     return Claim(
         f"f3.random-start.{tag}",
         f"{_QUESTION} {_YES if explained else _NO}",

@@ -32,6 +32,7 @@ from curricle.paper.settings import (
     LEARNING_RATE,
     FigureResult,
     Tick,
+    in_thousands,
     stacked,
 )
 from curricle.plotting import draw_curve, new_figure
@@ -72,13 +73,13 @@ class Setting:
     colocated : bool
         Whether states in which the predators share a cell are mapped.
     aggregates : tuple of str
-        Which aggregates to run, at scale 1.
+        Aggregates to run, at scale 1.
     baseline : bool
-        Whether to run learning from scratch too.
+        Whether to learn from scratch too.
     scales : tuple of float
-        Scales of the source's Q to run under the mean instead.
+        Scales of the source's Q to run with the mean.
     source_budget, target_steps
-        Budgets; a number is steps.
+        A number is steps.
     """
 
     title: str
@@ -142,30 +143,22 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
 
 def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[str, LearningResult]:
     """Return the training results of a setting by arm: baseline, source, one for each potential."""
-    eval_freq = setting.target_steps // CHECKPOINTS
+    eval_freq, hunt, steps = setting.target_steps // CHECKPOINTS, setting.hunt, setting.target_steps
     arms = {}
     if setting.baseline:
-        arms["baseline"] = learn(
-            setting.hunt,
-            setting.learner,
-            setting.target_steps,
-            seeds=seeds,
-            eval_freq=eval_freq,
-            evaluation=ROLLOUTS,
-            stream="hunt",
-            workers=workers,
-        )
+        how: Any = {"eval_freq": eval_freq, "evaluation": ROLLOUTS, "stream": "hunt"}
+        arms["baseline"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
         tick(f"{setting.title}: baseline")
     f = mappings(setting)
     plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
     plans += [(f"scale {scale:g}", mean, scale) for scale in setting.scales]
     for name, aggregate, scale in plans:
         curriculum = Curriculum(
-            tasks={"chase": f[0].source, "hunt": setting.hunt},
+            tasks={"chase": f[0].source, "hunt": hunt},
             transfers=[Transfer("chase", "hunt", one, scale=scale) for one in f],
             aggregate=aggregate,
             learner=setting.learner,
-            budget={"chase": setting.source_budget, "hunt": setting.target_steps},
+            budget={"chase": setting.source_budget, "hunt": steps},
             eval_freq={"hunt": eval_freq, "chase": 2_000},
             evaluation=ROLLOUTS,
         )
@@ -222,7 +215,7 @@ def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: s
     panel.set_yticks([], minor=True)
     low, high = panel.dataLim.intervaly
     panel.set_ylim(1.15 * low, min(-0.5, high + 1))
-    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+    in_thousands(panel)
     panel.set(xlabel="steps (thousands)", ylabel="training return" if training else "greedy return")
 
 
@@ -233,11 +226,8 @@ def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt
             "arm": arm,
             "seed": np.array(result.seeds)[:, None],
             "steps": result.steps,
-            "source_steps": (
-                0 * result.steps_used
-                if arm in ("baseline", "source")
-                else arms["source"].steps_used
-            )[:, None],
+            "source_steps": (arm not in ("baseline", "source"))
+            * arms["source"].steps_used[:, None],
             "training_return": result.training_return,
             "greedy_return": result.greedy_return,
         }

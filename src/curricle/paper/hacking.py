@@ -1,5 +1,7 @@
 """Reward hacking, which the paper describes: a bonus that makes the agent loop for ever."""
 
+from typing import Any
+
 import numpy as np
 
 from curricle import GridWorld, QLearning, Rewards, StateActionPotential, learn
@@ -46,30 +48,23 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         "as a bonus": RewardBonus(hint),
         "as a potential": StateShaping(hint),
     }
+    how: Any = {"seeds": seeds, "evaluation": SUMMED, "workers": workers}
     results = {}
     for name, shaping in arms.items():
-        results[name] = learn(
-            MAZE,
-            LEARNER,
-            STEPS,
-            seeds=seeds,
-            shaping=shaping,
-            evaluation=SUMMED,
-            workers=workers,
-        )
+        results[name] = learn(MAZE, LEARNER, STEPS, shaping=shaping, **how)
         tick(f"reward hacking: {name}")
     figure, axes = new_figure(1, 3, width=11, height=3.6)
     for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
-        policy = greedy_policy(results[name].values[0])
-        episode = rollout(MAZE, policy)
+        episode = rollout(MAZE, greedy_policy(results[name].values[0]))
         draw_maze(panel, MAZE, path=episode.states)
         end = "reaches the treasure" if episode.terminated else "loops until truncated"
         panel.set_title(f"{name}: {end}")
-    for name, result in results.items():
-        draw_curve(axes[0, 2], Curve.of(result), label=name, colour=COLOURS[name])
+    curves = {name: Curve.of(result) for name, result in results.items()}
+    for name, curve in curves.items():
+        draw_curve(axes[0, 2], curve, label=name, colour=COLOURS[name])
     axes[0, 2].set(xlabel="steps", ylabel="greedy return, bonus not counted", title="true return")
     axes[0, 2].legend(loc="center right")
-    final = {name: result.greedy_return[:, -1] for name, result in results.items()}
+    final = {name: curve.values[:, -1] for name, curve in curves.items()}
     return FigureResult(
         name="hacking",
         title="Reward hacking: a bonus is not a potential",
@@ -77,7 +72,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
         f"{seeds} seeds with 95 % bootstrap bands.",
         figure=figure,
-        tables={"hacking": curve_table({n: Curve.of(r) for n, r in results.items()})},
+        tables={"hacking": curve_table(curves)},
         claims=(
             Claim(
                 "hacking.bonus-loops",
@@ -85,8 +80,8 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
                 "finishing (E3); as a potential the same hint keeps the optimal policy",
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(
-                    bool((final["as a bonus"] <= -CAP).mean() > 0.9)
-                    and bool((final["as a potential"] > 0).all())
+                    (final["as a bonus"] <= -CAP).mean() > 0.9
+                    and (final["as a potential"] > 0).all()
                 ),
                 {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
             ),

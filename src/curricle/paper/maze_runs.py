@@ -38,7 +38,6 @@ class Scratch:
     Parameters
     ----------
     maze : GridWorld
-    result : LearningResult
     curve : Curve
     threshold : float
         Return midway between the lowest and highest of the curve.
@@ -47,7 +46,6 @@ class Scratch:
     """
 
     maze: GridWorld
-    result: LearningResult
     curve: Curve
     threshold: float
     times: Times
@@ -55,25 +53,35 @@ class Scratch:
 
 def scratch(maze: GridWorld, seeds: int, workers: int | None) -> Scratch:
     """Return the maze learnt from scratch, and the threshold that this sets."""
-    result = learn(
-        maze,
-        LEARNER,
-        TARGET_BUDGET,
-        seeds=seeds,
-        eval_freq=EVERY,
-        evaluation=SUMMED,
-        stream="target",
-        workers=workers,
-    )
-    curve = Curve.of(result)
+    curve = Curve.of(learnt_alone(maze, TARGET_BUDGET, seeds, workers))
     threshold = midpoint(curve, window=WINDOW, after=SETTLED)
     times = time_to_threshold(curve, threshold, window=WINDOW)
-    return Scratch(maze, result, curve, threshold, times)
+    return Scratch(maze, curve, threshold, times)
+
+
+def learnt_alone(
+    maze: GridWorld, budget: int | Episodes, seeds: int, workers: int | None
+) -> LearningResult:
+    """Return the training of the maze without sources."""
+    how: Any = {"eval_freq": EVERY, "evaluation": SUMMED, "stream": "target"}
+    return learn(maze, LEARNER, budget, seeds=seeds, workers=workers, **how)
 
 
 def corner(maze: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
-    """Return the top-right `size` x `size` block of the 10x10 maze."""
+    """Return the top-right `size` x `size` cells of the 10x10 maze."""
     return maze.crop(rows=(0, size), columns=(10 - size, 10), start=start)
+
+
+def plan(maze: GridWorld, source: GridWorld, budget: int | Episodes, name: str) -> Curriculum:
+    """Return the curriculum in which the Q of the target starts as that of the source, `name`."""
+    return Curriculum(
+        tasks={name: source, "target": maze},
+        transfers=[Transfer(name, "target", same_position(maze, source))],
+        learner=LEARNER,
+        budget={name: SOURCE_BUDGET, "target": budget},
+        eval_freq={name: 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
+        evaluation=SUMMED,
+    )
 
 
 def transferred(
@@ -85,15 +93,7 @@ def transferred(
     budget: int | Episodes = TARGET_BUDGET,
 ) -> tuple[Curve, CurriculumResult]:
     """Return the curve of a target whose Q starts as the source's, and the whole training."""
-    curriculum = Curriculum(
-        tasks={"source": source, "target": maze},
-        transfers=[Transfer("source", "target", same_position(maze, source))],
-        learner=LEARNER,
-        budget={"source": SOURCE_BUDGET, "target": budget},
-        eval_freq={"source": 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
-        evaluation=SUMMED,
-    )
-    result = curriculum.train(seeds, workers=workers)
+    result = plan(maze, source, budget, "source").train(seeds, workers=workers)
     return Curve.of(result["target"], result.source_steps("target")), result
 
 

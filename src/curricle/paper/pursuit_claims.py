@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from curricle import Pursuit, evaluate, maximum, mean, minimum, solve, total
 from curricle.learning import LearningResult
-from curricle.paper.settings import Claim, answer, evidence, over_seeds, verdict
+from curricle.paper.settings import Claim, answer, over_seeds, verdict
 from curricle.planning import greedy_policy
-from curricle.statistics import paired_difference
+from curricle.statistics import Interval, paired_difference
 from curricle.transfer import StateActionMapping, find_projections
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ VALUES: dict[tuple[int, Any], float] = {
 """Mean of V* over all states (caught ones counted as 0), discount 0.99, computed independently."""
 
 TRANSFERS = ("max", "mean", "min", "total")
-TAIL = 4
+AVERAGED = 4
 """Checkpoints (40,000 steps) averaged for "at the start" (after the first) and "at the end"."""
 
 
@@ -46,16 +46,16 @@ def claims(
 
 
 def _start(result: LearningResult) -> FloatArray:
-    """The greedy return over the first checkpoints, (K,)."""
-    return np.asarray(result.greedy_return[:, :TAIL].mean(axis=1))
+    """Return the mean greedy return of the first checkpoints, (K,)."""
+    return np.asarray(result.greedy_return[:, :AVERAGED].mean(axis=1))
 
 
 def _end(result: LearningResult) -> FloatArray:
-    return np.asarray(result.greedy_return[:, -TAIL:].mean(axis=1))
+    return np.asarray(result.greedy_return[:, -AVERAGED:].mean(axis=1))
 
 
-def _better(a: FloatArray, b: FloatArray) -> dict[str, Any]:
-    return evidence(paired_difference(a, b))
+def _end_minus_start(arms: Arms) -> dict[str, Interval]:
+    return {name: paired_difference(_end(arms[name]), _start(arms[name])) for name in TRANSFERS}
 
 
 def _exact_values() -> Claim:
@@ -75,59 +75,60 @@ def _exact_values() -> Claim:
 
 def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, episodes end at the first touch, shared cells unmapped (Q = 0)"
-    ahead = {n: _better(_start(arms[n]), _start(arms["baseline"])) for n in TRANSFERS}
+    ahead = {n: paired_difference(_start(arms[n]), _start(arms["baseline"])) for n in TRANSFERS}
     yield Claim(
         "f4.published.good-start",
         "Transfer gives a far better start than no transfer",
         setting,
-        verdict(all(gap["low"] > 0 for gap in ahead.values())),
+        verdict(all(gap.low > 0 for gap in ahead.values())),
         {f"{n} minus baseline, first checkpoints": gap for n, gap in ahead.items()},
     )
-    fall = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
+    fall = _end_minus_start(arms)
     yield Claim(
         "f4.published.collapse",
         "After the good start performance collapses",
         setting,
-        verdict(all(gap["high"] < 0 for gap in fall.values())),
+        verdict(all(gap.high < 0 for gap in fall.values())),
         {f"{n}, end minus start": gap for n, gap in fall.items()},
     )
     gaps = {
-        "max minus mean, at the end": _better(_end(arms["max"]), _end(arms["mean"])),
-        "mean minus min, at the end": _better(_end(arms["mean"]), _end(arms["min"])),
+        "max minus mean, at the end": paired_difference(_end(arms["max"]), _end(arms["mean"])),
+        "mean minus min, at the end": paired_difference(_end(arms["mean"]), _end(arms["min"])),
     }
     yield Claim(
         "f4.published.order",
         "At the end max is better than mean, mean better than min",
         setting,
-        verdict(all(gap["low"] > 0 for gap in gaps.values())),
+        verdict(all(gap.low > 0 for gap in gaps.values())),
         gaps,
     )
-    drift = _better(_end(arms["baseline"]), _start(arms["baseline"]))
-    gain = _better(_start(arms["mean"]), _start(arms["baseline"]))
+    drift = paired_difference(_end(arms["baseline"]), _start(arms["baseline"]))
+    gain = paired_difference(_start(arms["mean"]), _start(arms["baseline"]))
     yield Claim(
         "f4.published.flat-baseline",
         "The baseline hardly improves",
         setting,
-        verdict(abs(drift["estimate"]) < 0.2 * gain["estimate"]),
+        verdict(abs(float(drift.estimate)) < 0.2 * gain.estimate),
         {"baseline, end minus start": drift, "for comparison, the jumpstart of mean": gain},
     )
-    cured = {n: _better(_end(control[n]), _start(control[n])) for n in TRANSFERS}
+    cured = _end_minus_start(control)
     yield Claim(
         "f4.published.why-collapse",
         "Open question: why does performance collapse? As published it is the unmapped states: "
         "their Q stays at 0 among negative values, so they have the highest values. Mapping "
         "them removes the collapse, everything else as published",
         "control: the same run with the states of shared cells mapped",
-        answer(all(gap["low"] > -0.25 for gap in cured.values())),
+        answer(all(gap.low > -0.25 for gap in cured.values())),
         {f"{n}, every state mapped, end minus start": gap for n, gap in cured.items()},
     )
 
 
 def _as_stated(arms: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, both must catch, every state mapped"
-    ends = {n: over_seeds(_end(arms[n])) for n in ("baseline", *TRANSFERS)}
+    end = {n: _end(arms[n]) for n in ("baseline", *TRANSFERS)}
+    ends = {n: over_seeds(values) for n, values in end.items()}
     best = {
-        f"min minus {n}, at the end": _better(_end(arms["min"]), _end(arms[n]))
+        f"min minus {n}, at the end": paired_difference(end["min"], end[n])
         for n in ("mean", "total", "max")
     }
     yield Claim(
@@ -136,17 +137,16 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
         "worst of the aggregates",
         setting,
         verdict(
-            all(gap["low"] > 0 for gap in best.values())
-            and ends["max"]["high"] < 3 * ends["mean"]["low"]
+            all(gap.low > 0 for gap in best.values()) and ends["max"].high < 3 * ends["mean"].low
         ),
         {**best, **{f"{n}, at the end": value for n, value in ends.items()}},
     )
-    change = {n: _better(_end(arms[n]), _start(arms[n])) for n in TRANSFERS}
+    change = _end_minus_start(arms)
     yield Claim(
         "f4.stated.no-collapse",
         "(Against the paper.) With softmax 0.2 nothing collapses when the task is as stated",
         setting,
-        verdict(all(gap["low"] > -0.25 for gap in change.values())),
+        verdict(all(gap.low > -0.25 for gap in change.values())),
         {f"{n}, end minus start": gap for n, gap in change.items()},
     )
 
@@ -155,14 +155,11 @@ def _collapse(
     arms: Arms, setting: Any, mappings: Callable[[Any], Sequence[StateActionMapping]]
 ) -> Iterator[Claim]:
     """Answer whether the collapse is optimism, and whether scaling cures it."""
-    change = {
-        name: _better(
-            np.nanmean(result.training_return[:, -TAIL:], axis=1),
-            np.nanmean(result.training_return[:, 1 : TAIL + 1], axis=1),
-        )
-        for name, result in arms.items()
-        if name != "source"
-    }
+    change = {}
+    for scale in (name for name in arms if name != "source"):
+        values = arms[scale].training_return[:, 1:]
+        first, last = values[:, :AVERAGED], values[:, -AVERAGED:]
+        change[scale] = paired_difference(np.nanmean(last, axis=1), np.nanmean(first, axis=1))
     best = solve(setting.hunt).action_values
     alive = ~setting.hunt.mdp.terminal
     read = [f.read(arms["source"].values.mean(axis=0)) for f in mappings(setting)]
@@ -171,8 +168,8 @@ def _collapse(
     where = (
         "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
     )
-    cured = change["scale 1"]["high"] < 0 < change["scale 2"]["low"]
-    worse = change["scale 0.5"]["high"] < change["scale 1"]["low"]
+    cured = change["scale 1"].high < 0 < change["scale 2"].low
+    worse = change["scale 0.5"].high < change["scale 1"].low
     yield Claim(
         "f4.scaling-cures",
         "Open question: would scaling the source's Q values cure the collapse? Yes, but "
@@ -196,17 +193,15 @@ def _why_max(
     settings: Mapping[str, Any], mappings: Callable[[Any], Sequence[StateActionMapping]]
 ) -> Claim:
     """Compare the greedy policies of the exact aggregates in both definitions of the task."""
-    found = {}
+    found = dict[str, dict[str, float]]()
     for name in ("as published", "as published, all mapped", "as stated"):
         f = mappings(settings[name])
         source = solve(f[0].source).action_values
         read = np.stack([one.read(source) for one in f])
-        found[name] = {
-            g.__name__: float(
-                evaluate(settings[name].hunt, greedy_policy(g(read), tolerance=1e-7)).values.mean()
-            )
-            for g in (maximum, mean, minimum, total)
-        }
+        found[name] = {}
+        for g in (maximum, mean, minimum, total):
+            policy = greedy_policy(g(read), tolerance=1e-7)
+            found[name][g.__name__] = float(evaluate(settings[name].hunt, policy).values.mean())
     stated, mapped = found["as stated"], found["as published, all mapped"]
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
     holds &= mapped["mean"] > mapped["maximum"]
@@ -224,23 +219,18 @@ def _why_max(
 
 def _mapping_found(hand_made: Sequence[StateActionMapping]) -> Claim:
     """Search for the mappings instead of writing them."""
-    found = find_projections(hand_made[0].target, hand_made[0].source)
+    hunt, chase = hand_made[0].target, hand_made[0].source
+    found = find_projections(hunt, chase)
     exact = [one for one in found if one.error < 1e-9]
     recovered = len(exact) == len(hand_made) and all(
         any(np.array_equal(one.mapping.index, f.index) for one in exact) for f in hand_made
     )
-    hunt, chase = hand_made[0].target, hand_made[0].source
     source = solve(chase).action_values
-    wrong = [one for one in found if one.error >= 1e-9][: len(exact)]
-    starts = {
-        name: evaluate(
-            hunt,
-            greedy_policy(
-                minimum(np.stack([one.mapping.read(source) for one in some])), tolerance=1e-7
-            ),
-        ).start_value
-        for name, some in (("the two found", exact), ("control: the next best two", wrong))
-    }
+    others = [one for one in found if one.error >= 1e-9]
+    starts = {}
+    for name, some in (("the two found", exact), ("control: the next best two", others[:2])):
+        aggregate = minimum(np.stack([one.mapping.read(source) for one in some]))
+        starts[name] = evaluate(hunt, greedy_policy(aggregate, tolerance=1e-7)).start_value
     return Claim(
         "f4.mapping-found",
         "Open question: can transfer work without a hand-made mapping? Here it can: of all "
@@ -252,8 +242,6 @@ def _mapping_found(hand_made: Sequence[StateActionMapping]) -> Claim:
             **{f"greedy start on the minimum of {name}": start for name, start in starts.items()},
             "assignments tried": len(found),
             "with no disagreement": ", ".join(str(one.states) for one in exact),
-            "disagreement of the next best": next(
-                (one.error for one in found if one.error >= 1e-9), float("nan")
-            ),
+            "disagreement of the next best": others[0].error,
         },
     )

@@ -1,19 +1,20 @@
 """Run the paper: every figure into a folder, with its data, its claims and one page."""
 
-import io
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 
+from curricle.checks import one_of
 from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Tick
 from curricle.plotting import STYLE
+from curricle.plotting.picture import content_of
 from curricle.report import render
+from curricle.statistics import Interval
 from curricle.study import StudyStore
 
 FIGURES = {
@@ -60,8 +61,7 @@ def reproduce(
     """
     wanted = list(dict.fromkeys(figures))
     for name in wanted:
-        if name not in FIGURES:
-            raise SettingError(f"a figure must be one of {', '.join(FIGURES)}: got {name!r}")
+        one_of("a figure", name, FIGURES, SettingError)
     if seeds < 2:
         raise SettingError(f"intervals over seeds need at least 2 seeds: got {seeds}")
     if workers is not None and workers < 1:
@@ -82,12 +82,8 @@ def _summary(name: str) -> str:
 
 
 def _save(store: StudyStore, name: str, result: FigureResult) -> None:
-    for kind in ("png", "svg"):
-        buffer = io.BytesIO()
-        # Without a date the same results give the same file.
-        undated = {"Date": None} if kind == "svg" else None
-        result.figure.savefig(buffer, format=kind, metadata=undated)
-        store.write(f"{result.name}.{kind}", buffer.getvalue())
+    for ending in (".png", ".svg"):
+        store.write(result.name + ending, content_of(result.figure, ending))
     for table, columns in result.tables.items():
         store.write_table(f"data/{table}.parquet", columns)
     store.write_json(
@@ -105,8 +101,16 @@ def _save(store: StudyStore, name: str, result: FigureResult) -> None:
 
 
 def _as_dict(figure: str, claim: Claim) -> dict[str, Any]:
-    fields = {**asdict(claim), "evidence": dict(claim.evidence)}
-    return {"id": fields.pop("id"), "figure": figure, **fields}
+    evidence = {name: _as_data(value) for name, value in claim.evidence.items()}
+    return {"id": claim.id, "figure": figure, **vars(claim), "evidence": evidence}
+
+
+def _as_data(value: Any) -> Any:
+    """Return an interval as estimate, low, high and seeds; other evidence as it is."""
+    if not isinstance(value, Interval):
+        return value
+    ends = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
+    return {**ends, "seeds": value.n}
 
 
 def _assemble(store: StudyStore) -> list[dict[str, Any]]:

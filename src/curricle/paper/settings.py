@@ -7,9 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, Rewards
+from curricle.plotting import COLOURS
 from curricle.statistics import Interval, bootstrap
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
@@ -42,7 +44,7 @@ class Claim:
         Where it was tested.
     verdict : {"reproduced", "not reproduced", "explained"}
     evidence : dict
-        Numbers; those over seeds as ``{"estimate", "low", "high", "seeds"}``.
+        Name -> number, text, or interval over seeds.
     """
 
     id: str
@@ -70,19 +72,34 @@ def maze(step: float) -> GridWorld:
     return GridWorld(MAP, rewards=Rewards(step=step), discount=DISCOUNT, time_limit=EPISODE_CAP)
 
 
-def verdict(holds: bool) -> Verdict:
+def verdict(holds: Any) -> Verdict:
     """Return the verdict on a claim that holds or does not."""
     return "reproduced" if holds else "not reproduced"
 
 
-def answer(holds: bool) -> Verdict:
+def answer(holds: Any) -> Verdict:
     """Return the verdict on an open question that a control answers or does not."""
     return "explained" if holds else "not reproduced"
 
 
-def over_seeds(values: npt.ArrayLike) -> dict[str, Any]:
-    """Return the mean over seeds with its 95 % bootstrap interval, as evidence."""
-    return evidence(bootstrap(np.asarray(values, dtype=np.float64)))
+def over_seeds(values: npt.ArrayLike) -> Interval:
+    """Return the mean over seeds, (K,), with its 95 % bootstrap interval."""
+    return bootstrap(np.asarray(values, dtype=np.float64))
+
+
+def whiskers(interval: Interval) -> list[list[Any]]:
+    """Return an interval as distances below and above the estimate, for Matplotlib."""
+    return [[interval.estimate - interval.low], [interval.high - interval.estimate]]
+
+
+def in_thousands(panel: Axes) -> None:
+    """Write the horizontal axis in thousands."""
+    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+
+
+def draw_threshold(panel: Axes, threshold: float) -> None:
+    """Draw a return to be reached as a dotted line."""
+    panel.axhline(threshold, color=COLOURS["grey"], lw=0.8, ls=":")
 
 
 def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:
@@ -99,13 +116,3 @@ def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArr
         columns.append([np.ravel(column) for column in np.broadcast_arrays(*part.values())])
     whole = [np.concatenate(column) for column in zip(*columns, strict=True)]
     return dict(zip(names, whole, strict=True))
-
-
-def evidence(interval: Interval) -> dict[str, Any]:
-    """Return an interval as evidence."""
-    return {
-        "estimate": float(interval.estimate),
-        "low": float(interval.low),
-        "high": float(interval.high),
-        "seeds": interval.n,
-    }

@@ -1,6 +1,5 @@
 """The claims of the trust figure: answers to the paper's questions, each with a control."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,36 +8,38 @@ from curricle import QInitialisation, RewardBonus, StateShaping, certify
 from curricle.learning import LearningResult
 from curricle.paper import hacking
 from curricle.paper.maze_runs import WINDOW
-from curricle.paper.settings import Claim, answer, evidence, over_seeds
+from curricle.paper.settings import Claim, answer, over_seeds
 from curricle.paper.trust_runs import EXAMINED, SWEEP, TrustRuns, tenths
-from curricle.statistics import Curve, paired_difference, time_to_threshold
+from curricle.statistics import Curve, Interval, paired_difference, time_to_threshold
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
 NEAR = 1.05
 """Cost of a calibrated arm at most, relative to the best scale set by hand."""
 
 
-def claims(found: TrustRuns) -> Iterator[Claim]:
-    """Yield the claims."""
-    yield _certified(found)
-    yield _ranking(found)
-    yield _collapse_predicted(found)
-    yield _calibrated(found)
-    yield _larger(found)
-    yield _placebo(found)
-    yield _not_just_longer(found)
-    yield _refused(found)
-    yield _guarded(found)
-    yield _attributed(found)
+def claims(found: TrustRuns) -> tuple[Claim, ...]:
+    """Return the claims of the trust figure."""
+    return (
+        _certified(found),
+        _ranking(found),
+        _collapse_predicted(found),
+        _calibrated(found),
+        _larger(found),
+        _placebo(found),
+        _not_just_longer(found),
+        _refused(found),
+        _guarded(found),
+        _attributed(found),
+    )
 
 
 def _end(result: LearningResult) -> Any:
     return tenths(result)[:, -1]
 
 
-def _change(result: LearningResult) -> dict[str, Any]:
+def _change(result: LearningResult) -> Interval:
     parts = tenths(result)
-    return evidence(paired_difference(parts[:, -1], parts[:, 0]))
+    return paired_difference(parts[:, -1], parts[:, 0])
 
 
 def _certified(found: TrustRuns) -> Claim:
@@ -61,14 +62,13 @@ def _certified(found: TrustRuns) -> Claim:
 
 def _ranking(found: TrustRuns) -> Claim:
     rows = {name: found.forecast[name].mean("start") for name in found.forecast.ranking}
-    first = {
-        name: over_seeds(found.compared[name].curve.values[:, 0]) for name in ("min", "mean", "max")
-    }
-    order = [first[name]["estimate"] for name in ("min", "mean", "max")]
+    curves = {name: found.compared[name].curve for name in ("min", "mean", "max")}
+    first = {name: over_seeds(curve.values[:, 0]) for name, curve in curves.items()}
+    order = [float(one.estimate) for one in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     return Claim(
         "trust.forecast-ranks",
-        "Open question: why does max win? A forecast before training says that it does not: as "
+        "Open question: why does max win? A forecast before training shows that it does not: as "
         "stated, the exact starts of the greedy policies have the order min, mean, max",
         f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
         answer(seen and order == sorted(order, reverse=True)),
@@ -86,7 +86,7 @@ def _collapse_predicted(found: TrustRuns) -> Claim:
         "Open question: why does performance collapse? Overestimation; measured before training, "
         "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
-        answer(right and measured["mean"]["high"] < 0 < measured["min"]["low"]),
+        answer(right and measured["mean"].high < 0 < measured["min"].low),
         {f"{name}, predicted": value for name, value in words.items()}
         | {f"{name}, measured": value for name, value in measured.items()},
     )
@@ -98,14 +98,14 @@ def _calibrated(found: TrustRuns) -> Claim:
     for name in ("min", "mean"):
         ends = {c: float(_end(found.hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
         ends[1.0] = float(_end(found.hunts[5, name]).mean())
-        best = max(ends, key=lambda c: ends[c])
+        best = max(ends, key=ends.__getitem__)
         fitted = found.hunts[5, f"{name}, calibrated"]
         numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
         numbers[f"{name}, best scale by hand"] = best
         numbers[f"{name}, last tenth at that scale"] = ends[best]
         numbers[f"{name}, calibrated, last minus first tenth"] = _change(fitted)
         near &= float(_end(fitted).mean()) > NEAR * ends[best]
-        rising &= _change(fitted)["low"] > 0
+        rising &= bool(_change(fitted).low > 0)
     return Claim(
         "trust.calibration",
         "Open question: would scaling the source Q values cure the collapse? A scale fitted to "
@@ -118,15 +118,10 @@ def _calibrated(found: TrustRuns) -> Claim:
 
 
 def _larger(found: TrustRuns) -> Claim:
-    numbers = {
-        f"{name}{way}, last tenth": over_seeds(_end(found.hunts[7, f"{name}{way}"]))
-        for name in ("min", "mean")
-        for way in ("", ", calibrated")
-    }
+    arms = ("min", "min, calibrated", "mean", "mean, calibrated")
+    ends = {name: over_seeds(_end(found.hunts[7, name])) for name in arms}
     halved = all(
-        numbers[f"{name}, calibrated, last tenth"]["estimate"]
-        > numbers[f"{name}, last tenth"]["estimate"] / 2
-        for name in ("min", "mean")
+        ends[f"{name}, calibrated"].estimate > ends[name].estimate / 2 for name in ("min", "mean")
     )
     return Claim(
         "trust.calibration-7x7",
@@ -134,7 +129,7 @@ def _larger(found: TrustRuns) -> Claim:
         "final cost",
         "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, limit 200, 1,000,000 steps",
         answer(halved),
-        numbers,
+        {f"{name}, last tenth": value for name, value in ends.items()},
     )
 
 
@@ -144,11 +139,11 @@ def _placebo(found: TrustRuns) -> Claim:
     others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
     return Claim(
         "trust.placebo",
-        "The knowledge of the source helps, not the size of its values: shuffled (placebo) or "
+        "What the source has learnt helps, not the size of its values: shuffled (placebo) or "
         "negated they do not help",
         f"{WHERE}; mean return above scratch, source steps counted",
-        answer(bool(main.low > 0) and all(one.high < main.low / 2 for one in others)),
-        {name: evidence(one) for name, one in gains.items()},
+        answer(main.low > 0 and all(one.high < main.low / 2 for one in others)),
+        gains,
     )
 
 
@@ -165,7 +160,7 @@ def _not_just_longer(found: TrustRuns) -> Claim:
         "from its own start or from anywhere, do not give it",
         f"{WHERE}; mean return above scratch, source steps counted",
         answer(all(one.high < main.low / 2 for one in gains.values())),
-        {name: evidence(one) for name, one in gains.items()} | {"transfer": evidence(main)},
+        gains | {"transfer": main},
     )
 
 
@@ -182,10 +177,9 @@ def _refused(found: TrustRuns) -> Claim:
 
 
 def _guarded(found: TrustRuns) -> Claim:
+    threshold = found.scratch.threshold
     steps = {
-        name: time_to_threshold(
-            Curve(result.steps, result.greedy_return), found.scratch.threshold, window=WINDOW
-        ).steps
+        name: time_to_threshold(Curve.of(result), threshold, window=WINDOW).steps
         for name, result in found.maze.items()
     }
     saved = {
@@ -197,7 +191,7 @@ def _guarded(found: TrustRuns) -> Claim:
         "trust.guard",
         "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
         "10x10 maze, step reward -5; target steps to the threshold saved",
-        answer(guarded["high"] >= 0 and saved["from the 3x3 corner"]["high"] < -10_000),
+        answer(guarded.high >= 0 and saved["from the 3x3 corner"].high < -10_000),
         {f"{name}, steps saved": value for name, value in saved.items()}
         | {"scratch, steps to threshold": over_seeds(steps["scratch"])},
     )

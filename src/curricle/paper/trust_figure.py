@@ -6,7 +6,14 @@ import numpy as np
 
 from curricle.comparison import Forecast
 from curricle.paper import maze_runs as runs
-from curricle.paper.settings import FigureResult, Tick, stacked
+from curricle.paper.settings import (
+    FigureResult,
+    Tick,
+    draw_threshold,
+    in_thousands,
+    stacked,
+    whiskers,
+)
 from curricle.paper.trust_claims import claims
 from curricle.paper.trust_runs import EXAMINED, HUNTS, LARGE_SEEDS, TrustRuns, run
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
@@ -46,7 +53,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         f"with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": _table(found)},
-        claims=tuple(claims(found)),
+        claims=claims(found),
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1; Q starts as phi",
@@ -61,11 +68,9 @@ def _draw_forecast(panel: Any, forecast: Forecast) -> None:
     names, low = forecast.ranking[::-1], forecast.random_return
     for y, name in enumerate(names):
         one = forecast[name]
-        panel.barh(y, one.mean("start") - low, 0.55, low)
+        panel.barh(y, one.mean("start") - low, 0.55, low, color=COLOURS["sky"])
         words = f"{one.mean('optimistic'):.0%} of pairs above Q*, by {one.mean('excess'):.2g}"
         panel.text(low, y + 0.33, f" {words}; c = {one.scale:.2g}", fontsize=7.5)
-    for bar in panel.patches:
-        bar.set_color(COLOURS["sky"])
     bounds = {"random policy": (low, "left"), "optimum": (forecast.optimum, "right")}
     for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
@@ -86,7 +91,7 @@ def _draw_hunt(panel: Any, found: TrustRuns, size: int) -> None:
         result = found.hunts[size, name]
         curve = Curve(result.steps[1:], result.training_return[:, 1:])
         draw_curve(panel, curve, label=name, colour=colour, dashes=dashes)
-    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+    in_thousands(panel)
     panel.set(
         xlabel="target steps (thousands)",
         ylabel="training return (sum of rewards)",
@@ -96,25 +101,13 @@ def _draw_hunt(panel: Any, found: TrustRuns, size: int) -> None:
 
 
 def _draw_controls(panel: Any, found: TrustRuns) -> None:
-    contrasts = {
-        **{
-            name: found.compared.contrasts[name]
-            for name in ("min", "min, calibrated", "mean", "max")
-        },
-        **found.controls.contrasts,
-    }
+    shown = ("min", "min, calibrated", "mean", "max")
+    contrasts = {name: found.compared.contrasts[name] for name in shown} | found.controls.contrasts
     names = list(contrasts)[::-1]
     for y, name in enumerate(names):
         gain, control = contrasts[name].strong_gain, name.startswith("mean, calibrated,")
-        panel.errorbar(
-            gain.estimate,
-            y,
-            xerr=[[gain.estimate - gain.low], [gain.high - gain.estimate]],
-            fmt="o",
-            ms=5,
-            capsize=2,
-            color=COLOURS["grey" if control else "blue"],
-        )
+        style = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["grey" if control else "blue"]}
+        panel.errorbar(gain.estimate, y, xerr=whiskers(gain), **style)
     panel.axvline(0, color=COLOURS["grey"], lw=0.8)
     panel.set(
         yticks=range(len(names)),
@@ -130,8 +123,8 @@ def _draw_guard(panel: Any, found: TrustRuns) -> None:
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
         draw_curve(panel, curve, label=name, colour=colour, window=runs.WINDOW)
-    panel.axhline(found.scratch.threshold, color=COLOURS["grey"], lw=0.8, ls=":")
-    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+    draw_threshold(panel, found.scratch.threshold)
+    in_thousands(panel)
     panel.set(
         xlabel="target steps (thousands)",
         ylabel="greedy return (sum of rewards)",

@@ -19,18 +19,16 @@ from curricle import (
     calibrate,
     compare,
     forecast,
-    learn,
     maximum,
     mean,
     minimum,
     project,
-    same_position,
 )
 from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult, MappedPotential
 from curricle.paper import maze_runs as runs
-from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, Tick, maze
+from curricle.paper.settings import EPSILON, LEARNING_RATE, Tick, maze
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
 LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
@@ -139,12 +137,12 @@ def _prefixed(tick: Tick, where: str) -> Tick:
 
 def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
     """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
-    plans = {name: hunt(size, name) for name in ("min", "mean")}
-    plans |= {f"{name}, calibrated": hunt(size, name, calibrate=True) for name in ("min", "mean")}
-    if size == 5:
-        plans |= {
-            f"{name} x {c:g}": hunt(size, name, scale=c) for name in ("min", "mean") for c in SWEEP
-        }
+    plans = dict[str, Curriculum]()
+    for name in ("min", "mean"):
+        plans[name] = hunt(size, name)
+        plans[f"{name}, calibrated"] = hunt(size, name, calibrate=True)
+        for scale in SWEEP if size == 5 else ():
+            plans[f"{name} x {scale:g}"] = hunt(size, name, scale=scale)
     sources = plans["mean"].train(seeds, only=["chase"], workers=workers).sources
     return {
         (size, name): plan.train(seeds, trained=sources, workers=workers)["hunt"]
@@ -155,15 +153,7 @@ def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], 
 def corner_plan(size: int) -> Curriculum:
     """Return the curriculum from the top-right `size` x `size` corner to the maze."""
     arena = maze(-5)
-    block = runs.corner(arena, size)
-    return Curriculum(
-        tasks={"corner": block, "target": arena},
-        transfers=[Transfer("corner", "target", same_position(arena, block))],
-        learner=runs.LEARNER,
-        budget={"corner": runs.SOURCE_BUDGET, "target": MAZE_STEPS},
-        eval_freq={"corner": 10_000, "target": runs.EVERY},
-        evaluation=SUMMED,
-    )
+    return runs.plan(arena, runs.corner(arena, size), MAZE_STEPS, "corner")
 
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], Attribution]:
@@ -173,18 +163,7 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
         "from the 3x3 corner": plan,
         "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
     }
-    results = {
-        "scratch": learn(
-            plan.tasks["target"],
-            runs.LEARNER,
-            MAZE_STEPS,
-            seeds=seeds,
-            eval_freq=runs.EVERY,
-            evaluation=SUMMED,
-            stream="target",
-            workers=workers,
-        )
-    }
+    results = {"scratch": runs.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
     for name, arm in arms.items():
         results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
     return results, attribute(plan, steps=EXAMINED, seeds=seeds, trained=sources, workers=workers)

@@ -80,14 +80,18 @@ def save(figure: Figure, path: str | Path) -> None:
     curricle.errors.SettingError: a picture's file must end in .png, .svg, .pdf: got picture.bmp
     """
     place = check_path(path)
-    kind = place.suffix.lower()
-    content = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        figure.savefig(content, format=kind[1:], metadata=METADATA[kind])
     try:
-        write_whole(place, content.getvalue())
+        write_whole(place, content_of(figure, place.suffix.lower()))
     except OSError as error:
         raise SettingError(f"a picture cannot be written to {place} ({error.strerror})") from error
+
+
+def content_of(figure: Figure, ending: str) -> bytes:
+    """Return the content of a figure's file that ends in .png, .svg or .pdf."""
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(content, format=ending[1:], metadata=METADATA[ending])
+    return content.getvalue()
 
 
 def check_path(path: str | Path) -> Path:
