@@ -160,10 +160,7 @@ def test_mappings_are_functions_of_batches(read):
     carts[:, 2] = [-0.05, 0.05, 0.5]
     q = cr.transfer.TableValues(np.array([[1.0, 2.0, 0.0, 0.0], [3.0, 4.0, 0.0, 0.0]]))
     assert mapping.pairs(q, carts).tolist() == [[2, -9], [4, -9], [-9, -9]]
-    assert (
-        mapping.description
-        == "observations by leaning, actions as 1 -1, where by upright finds them"
-    )
+    assert mapping.description == "observations by leaning, actions as 1 -1, status by upright"
     made = ('mapping = "identity"', 'factory = "own:made"')
     mapping = read(CART, source, tabular, made).curriculum("transfer").transfers[0].mapping
     assert mapping.pairs(q, carts).tolist() == [[2, 1], [4, 3], [4, 3]]

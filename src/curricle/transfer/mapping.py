@@ -179,10 +179,10 @@ def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float, scale: float, shift: float
 ) -> FloatArray:
-    """Return what a target reads: Q scaled and shifted, of ended pairs 0, of unmapped ones neither.
+    """Return scale Q + shift of mapped pairs, shift of ended ones, and `unmapped_value` elsewhere.
 
-    `values` are Q of the pairs read, only those with an `index` of at least 0 count; `index` may
-    also be `UNMAPPED` or `ENDED`, and broadcasts against `values`.
+    `values` are Q of the source pairs; they count where `index` is at least 0. Elsewhere it is
+    `ENDED`, where Q is 0, or `UNMAPPED`. It broadcasts against `values`.
 
     Examples
     --------

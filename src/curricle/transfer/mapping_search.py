@@ -20,7 +20,6 @@ from curricle.tasks.task import Task, tables
 from curricle.transfer.component_mapping import source_points
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 MAX_ASSIGNMENTS = 10_000
 

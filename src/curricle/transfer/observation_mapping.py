@@ -128,10 +128,8 @@ class ObservationMapping:
 
     def _describe(self) -> str:
         parts = {"observations": self.observations, "actions": self.actions}
-        words = [f"{part} {_function_name(given)}" for part, given in parts.items()]
-        if self.status is not None:
-            words.append(f"where {_function_name(self.status)} finds them")
-        return ", ".join(words)
+        parts |= {} if self.status is None else {"status": self.status}
+        return ", ".join(f"{part} {_function_name(given)}" for part, given in parts.items())
 
     @property
     def _source_actions(self) -> int | None:

@@ -12,7 +12,6 @@ from curricle.errors import PotentialError
 from curricle.tasks.observation_task import batch_size
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @runtime_checkable
