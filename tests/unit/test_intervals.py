@@ -87,10 +87,10 @@ def test_the_fast_mean_equals_the_general_path():
     np.testing.assert_allclose(fast.high, general.high, atol=1e-14)
 
 
-def test_blocks_do_not_change_the_result(monkeypatch):
+def test_chunks_do_not_change_the_result(monkeypatch):
     values = normal(12, 5)
     whole = bootstrap(values, np.median, resamples=101)
-    monkeypatch.setattr("curricle.statistics.intervals.BLOCK", 7)
+    monkeypatch.setattr("curricle.statistics.intervals.CHUNK", 7)
     assert np.array_equal(bootstrap(values, np.median, resamples=101).low, whole.low)
 
 

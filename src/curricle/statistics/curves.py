@@ -1,7 +1,7 @@
 """Learning curves: the return of one arm at each checkpoint, one row per seed.
 
-A curve may be NaN in the leading checkpoints of a seed, where no episode has ended yet. A leading
-NaN never counts as reaching a threshold; everywhere else the seed's first measured value is used.
+A row may begin with NaN, where no episode of the seed has ended yet. A leading NaN never counts as
+reaching a threshold; everywhere else the seed's first measured value is used.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class Curve:
     steps : (T,) int64
         Checkpoints in target steps, from 0 or later, increasing.
     values : (K, T) float64
-        Unshaped return at each checkpoint. NaN is allowed only in the leading places of a row,
-        where the seed has measured nothing yet; the last place is always measured.
+        Unshaped return at each checkpoint. NaN is allowed only in leading places of a row, before
+        the seed's first measurement; the last place is always measured.
     source_steps : (K,) int64
-        Steps each seed spent on source tasks before its first target step; one number stands
-        for all seeds, and the default is 0.
+        Steps each seed spent on source tasks before its first target step; a single number is
+        repeated for all seeds.
 
     Raises
     ------
@@ -110,12 +110,7 @@ class Curve:
         return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
     def filled(self) -> FloatArray:
-        """Return the values with each seed's first measured value in its leading NaN.
-
-        Returns
-        -------
-        (K, T) float64
-            Return, without NaN.
+        """Return the values with each seed's first measured value in its leading NaN, (K, T).
 
         Examples
         --------
@@ -142,7 +137,7 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
     Returns
     -------
     (K, T) float64
-        Return. A constant row stays exactly constant, so that rounding moves no threshold.
+        A constant row stays exactly constant, so that rounding moves no threshold.
 
     Raises
     ------
@@ -174,19 +169,14 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
 
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
     from there on its own value at x - source_steps_k target steps. Any measure of the result is
-    that measure under strong transfer, at the same total budget.
+    that measure under strong transfer, at the same total budget. Its source steps are 0.
 
     Parameters
     ----------
     baseline : Curve
-        The learner from scratch, K seeds and T checkpoints, without source steps.
+        The learner from scratch, without source steps.
     transfer : Curve
-        The same seeds and checkpoints.
-
-    Returns
-    -------
-    Curve
-        K seeds, T checkpoints; its source steps are 0.
+        The same K seeds and T checkpoints.
 
     Raises
     ------

@@ -17,9 +17,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import permutation_test
 
-from curricle.checks import numbers, whole_number
+from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.statistics.intervals import Interval, by_task, draw_counts, percentiles, resample
+from curricle.statistics.intervals import (
+    Interval,
+    by_task,
+    check_each,
+    draw_counts,
+    percentiles,
+    resample,
+    vector,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,7 +61,7 @@ def performance_profile(
     Returns
     -------
     Interval
-        Arrays (L,) from 0 to 1; the bounds hold for each threshold separately.
+        Arrays (L,) from 0 to 1, each threshold with an interval of its own.
 
     Raises
     ------
@@ -67,7 +75,7 @@ def performance_profile(
 
     References
     ----------
-    Agarwal et al., NeurIPS 2021, section 4.3; Dolan and Moré, Mathematical Programming 91, 2002.
+    Agarwal et al., section 4.3; Dolan and Moré, Mathematical Programming 91, 2002.
 
     Examples
     --------
@@ -75,13 +83,9 @@ def performance_profile(
     array([1.  , 0.5 , 0.25])
     """
     runs, sizes = by_task(scores)
-    tau = numbers("thresholds", thresholds, SettingError)
-    if tau.ndim != 1 or tau.size == 0:
-        raise SettingError(f"thresholds must have shape (L,) with L at least 1: got {tau.shape}")
+    tau = vector("thresholds", thresholds, "L")
     if np.isnan(tau).any():
-        raise SettingError(
-            f"thresholds must be numbers: threshold {np.argmax(np.isnan(tau))} is nan"
-        )
+        raise SettingError(f"thresholds must be numbers: threshold {np.isnan(tau).argmax()} is nan")
     column = runs[:, np.newaxis]
     above = np.where(np.isnan(column), np.nan, column > tau)
     return resample(above, sizes, np.mean, confidence, resamples, seed)
@@ -103,15 +107,10 @@ def probability_of_improvement(
     Parameters
     ----------
     a, b : (K,) float64
-        Any unit, larger is better; the arms need not share seeds and may differ in K. May be
-        infinite. A NaN makes the result NaN.
+        Larger is better; may be infinite. The arms need not share seeds and may differ in K. A NaN
+        makes the result NaN.
     confidence, resamples, seed
         As in :func:`bootstrap`.
-
-    Returns
-    -------
-    Interval
-        Floats from 0 to 1; 1/2 if neither arm is ahead.
 
     Raises
     ------
@@ -120,23 +119,19 @@ def probability_of_improvement(
 
     Notes
     -----
-    This is how often a beats b, not by how much. If every run of one arm beats every run of the
-    other the interval has no width, since all resamples are alike.
+    This is how often a beats b (1/2 if neither is ahead), not by how much. If every run of one arm
+    beats every run of the other the interval has no width, since all resamples are alike.
 
     References
     ----------
-    Mann and Whitney, Annals of Mathematical Statistics 18, 1947; Agarwal et al., NeurIPS 2021,
-    section 4.3.
+    Mann and Whitney, Annals of Mathematical Statistics 18, 1947; Agarwal et al., section 4.3.
 
     Examples
     --------
     >>> print(probability_of_improvement([3.0, 5.0, 7.0, 9.0], [4.0, 5.0, 6.0]))
     0.62 [0.17, 1.00], 3 seeds
     """
-    first, second = numbers("a", a, SettingError), numbers("b", b, SettingError)
-    for name, arm in (("a", first), ("b", second)):
-        if arm.ndim != 1 or arm.size == 0:
-            raise SettingError(f"{name} must have shape (K,) with K at least 1: got {arm.shape}")
+    first, second = vector("a", a), vector("b", b)
     row, column = second, first[:, np.newaxis]
     wins = np.where(np.isnan(column) | np.isnan(row), np.nan, (column > row) + (column == row) / 2)
     counts = draw_counts(wins.shape, resamples, seed)
@@ -149,12 +144,12 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     """Return the two-sided p-value of paired differences under random signs.
 
     p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``. All are
-    counted for up to 14 seeds; beyond, p = (1 + count) / (1 + resamples) over random ones.
+    counted for up to 14 seeds; for more, p = (1 + count) / (1 + resamples) over random ones.
 
     Parameters
     ----------
     differences : (K,) float64
-        Any unit; a_k - b_k of matched seeds.
+        a_k - b_k of matched seeds.
     resamples : int
         Sign vectors drawn for more than 14 seeds, at least 1.
     seed : int
@@ -187,13 +182,8 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     >>> sign_flip_test([1.0, 2.0, 3.0, 1.5, 2.5, 0.5])
     0.03125
     """
-    array = numbers("differences", differences, SettingError)
-    if array.ndim != 1 or array.size == 0:
-        raise SettingError(f"differences must have shape (K,) with K at least 1: got {array.shape}")
-    wrong = ~np.isfinite(array)
-    if wrong.any():
-        place = int(np.argmax(wrong))
-        raise SettingError(f"differences must be finite: seed {place} has {array[place]}")
+    array = vector("differences", differences)
+    check_each("differences must be finite", np.isfinite(array), array, "seed")
     draws = whole_number("resamples", resamples, 1, SettingError)
     total = np.abs(array).sum()
     if array.size == 1 or total == 0:
@@ -217,39 +207,25 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
 
     adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). If those of
     at most alpha are called significant, the probability of any false alarm among the M tests is at
-    most alpha, however the tests depend on each other.
+    most alpha, however the tests depend on each other (Holm 1979).
 
     Parameters
     ----------
     p_values : (M,) float64
-        One for each of M tests, from 0 to 1.
-
-    Returns
-    -------
-    (M,) float64
-        In the order given.
+        From 0 to 1, in any order, which is kept.
 
     Raises
     ------
     SettingError
         If there are no p-values or one is not in [0, 1].
 
-    References
-    ----------
-    Holm 1979.
-
     Examples
     --------
     >>> holm([0.01, 0.04, 0.03])
     array([0.03, 0.06, 0.06])
     """
-    array = numbers("p-values", p_values, SettingError)
-    if array.ndim != 1 or array.size == 0:
-        raise SettingError(f"p-values must have shape (M,) with M at least 1: got {array.shape}")
-    wrong = ~((array >= 0) & (array <= 1))
-    if wrong.any():
-        place = int(np.argmax(wrong))
-        raise SettingError(f"p-values must lie in [0, 1]: test {place} has {array[place]}")
+    array = vector("p-values", p_values, "M")
+    check_each("p-values must lie in [0, 1]", (array >= 0) & (array <= 1), array, "test")
     order = np.argsort(array, kind="stable")
     scaled = np.minimum(1.0, np.arange(array.size, 0, -1) * array[order])
     adjusted = np.empty_like(array)

@@ -1,12 +1,11 @@
 """Measures of transfer, computed from learning curves.
 
-Weak transfer ignores the steps spent on source tasks; strong transfer charges them. On the strong
-axis (:func:`charge_source`) an arm's curve starts after its source steps; until then it has the
-first value of the learner from scratch. Both arms are compared at the same total number of steps.
+Weak transfer ignores the steps spent on source tasks. Strong transfer charges them, so that both
+arms are compared at the same total number of steps (:func:`charge_source`).
 
-Definitions follow Taylor and Stone, "Transfer learning for reinforcement learning domains: a
-survey", JMLR 10, 2009, and Narvekar et al., "Curriculum learning for reinforcement learning
-domains: a framework and survey", JMLR 21(181), 2020.
+Sources: Taylor and Stone, "Transfer learning for reinforcement learning domains: a survey", JMLR
+10, 2009; Narvekar et al., "Curriculum learning for reinforcement learning domains: a framework and
+survey", JMLR 21(181), 2020.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
-    """Return how much better transfer starts than learning from scratch, seed by seed.
+    """Return how much better transfer starts than learning from scratch (Taylor and Stone 2009).
 
     transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
     strong: the baseline has then learnt for as many steps as the sources took.
@@ -36,17 +35,13 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     Returns
     -------
     (K,) float64
-        Return. NaN for a seed with more source steps than the baseline's curve has. The baseline
-        is linearly interpolated between checkpoints.
+        Return, seed by seed; NaN if the source steps exceed the baseline's curve, which is linearly
+        interpolated between checkpoints.
 
     Raises
     ------
     SettingError
         If the curves do not pair, or if strong and `baseline` has source steps.
-
-    References
-    ----------
-    Taylor and Stone, JMLR 10, 2009.
 
     Examples
     --------
@@ -68,7 +63,7 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
 
 
 def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray:
-    """Return the mean return over the last checkpoints, seed by seed.
+    """Return the mean return over the last checkpoints, (K,) (Taylor and Stone 2009).
 
     mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1. For strong
     transfer pass ``charge_source(baseline, transfer)``.
@@ -76,23 +71,13 @@ def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray
     Parameters
     ----------
     curve : Curve
-        K seeds, T checkpoints.
     fraction : float
         Share of the checkpoints, above 0 and at most 1.
-
-    Returns
-    -------
-    (K,) float64
-        Return.
 
     Raises
     ------
     SettingError
         If `fraction` is out of range.
-
-    References
-    ----------
-    Taylor and Stone, JMLR 10, 2009.
 
     Examples
     --------
@@ -107,29 +92,16 @@ def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray
 
 
 def mean_return(curve: Curve) -> FloatArray:
-    """Return the normalised area under the learning curve, seed by seed.
+    """Return the normalised area under the learning curve, (K,), in return.
 
-    (area from the first to the last checkpoint) / (steps between them), by the trapezoid rule. For
-    strong transfer pass ``charge_source(baseline, transfer)``.
-
-    Parameters
-    ----------
-    curve : Curve
-        K seeds, T checkpoints, T at least 2.
-
-    Returns
-    -------
-    (K,) float64
-        Return: the total reward of Taylor and Stone, divided by the steps.
+    (area from the first to the last checkpoint) / (steps between them), by the trapezoid rule: the
+    total reward of Taylor and Stone (2009) divided by the steps. For strong transfer pass
+    ``charge_source(baseline, transfer)``.
 
     Raises
     ------
     SettingError
         If the curve has a single checkpoint.
-
-    References
-    ----------
-    Taylor and Stone, JMLR 10, 2009.
 
     Examples
     --------
@@ -143,7 +115,7 @@ def mean_return(curve: Curve) -> FloatArray:
 
 
 def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
-    """Return the relative gain in area under the curve, seed by seed.
+    """Return the relative gain in area under the curve (Taylor and Stone 2009).
 
     ``(area with transfer - area without) / |area without|``. The absolute value keeps a gain
     positive where returns are negative.
@@ -158,18 +130,14 @@ def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) ->
     Returns
     -------
     (K,) float64
-        No unit. NaN for a seed whose baseline area is 0; near 0 the ratio is unstable, and the
-        difference of :func:`mean_return` is the better measure.
+        Seed by seed, without unit; NaN where the baseline's area is 0. Near 0 the ratio is unstable
+        and the difference of :func:`mean_return` the better measure.
 
     Raises
     ------
     SettingError
         If the curves do not pair, have a single checkpoint, or if strong and `baseline` has
         source steps.
-
-    References
-    ----------
-    Taylor and Stone, JMLR 10, 2009.
 
     Examples
     --------

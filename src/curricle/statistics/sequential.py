@@ -1,7 +1,7 @@
-"""Adding seeds until the answer is clear, with the false alarms of repeated looks accounted for.
+"""Adding seeds until the answer is clear, without more false alarms.
 
-Looking after every batch of seeds and stopping at the first interval that excludes 0 gives far more
-false alarms than each interval states. Here the number of looks is planned, and each look's
+Testing after every batch of seeds and stopping at the first interval that excludes 0 gives far more
+false alarms than each interval states. Here the number of interim analyses is planned, and each
 interval is wider accordingly (Bonferroni), so that all of them hold at once.
 
 Sources: Armitage, McPherson and Rowe, "Repeated significance tests on accumulating data", Journal
@@ -11,18 +11,17 @@ of the Royal Statistical Society A 132, 1969; Student, "The probable error of a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t
+from scipy.stats import sem, t
 
 from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
-from curricle.statistics.intervals import Interval
+from curricle.statistics.intervals import Interval, check_confidence
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,12 +38,12 @@ class AddedSeeds:
         Of seeds 0 .. K-1, in the unit of the measure.
     interval : Interval
         The mean of `values`. Its confidence is that of the whole procedure: it is wider because
-        of the planned looks.
+        of the planned interim analyses.
     stopped_by : {"precision", "difference", "most"}
         A half-width of at most `precision`, an interval that excludes 0, or neither after all
         seeds allowed.
     looks, planned : int
-        Looks made and looks planned.
+        Interim analyses ("looks") made and planned.
 
     Examples
     --------
@@ -94,11 +93,6 @@ def add_seeds(
     confidence : float
         Of the whole procedure, between 0 and 1.
 
-    Returns
-    -------
-    AddedSeeds
-        Values (K,), their interval, and why it stopped.
-
     Raises
     ------
     SettingError
@@ -115,10 +109,6 @@ def add_seeds(
 
     If all first seeds agree, the interval has no width: values that seldom differ need a larger
     `first`. A difference found early is overestimated on average.
-
-    References
-    ----------
-    Armitage, McPherson and Rowe 1969; Student 1908.
 
     Examples
     --------
@@ -137,14 +127,16 @@ def add_seeds(
         )
     if precision is not None and number("precision", precision, SettingError) <= 0:
         raise SettingError(f"precision must be above 0: got {precision}")
-    if not 0 < number("confidence", confidence, SettingError) < 1:
-        raise SettingError(f"confidence must be between 0 and 1: got {confidence}")
-    planned = _planned(first, most)
+    check_confidence(confidence)
+    planned = [first]
+    while planned[-1] < most:
+        planned.append(min(2 * planned[-1], most))
     values = np.empty(0)
     for seeds in planned:
         values = np.append(values, _measured(measure, range(values.size, seeds)))
         mean = float(values.mean())
-        half = _half_width(values, 1 - (1 - confidence) / len(planned))
+        level = 1 - (1 - confidence) / len(planned)
+        half = float(t.ppf((1 + level) / 2, values.size - 1) * sem(values))
         enough = abs(mean) > half if precision is None else half <= precision
         if enough:
             break
@@ -153,14 +145,6 @@ def add_seeds(
     interval = Interval(mean, mean - half, mean + half, confidence, values.size)
     looks = planned.index(values.size) + 1
     return AddedSeeds(values, interval, goal if enough else "most", looks, len(planned))
-
-
-def _planned(first: int, most: int) -> list[int]:
-    """Return the seeds K at each look: doubled until `most`."""
-    looks = [first]
-    while looks[-1] < most:
-        looks.append(min(2 * looks[-1], most))
-    return looks
 
 
 def _measured(measure: Measure, seeds: range) -> FloatArray:
@@ -173,14 +157,8 @@ def _measured(measure: Measure, seeds: range) -> FloatArray:
         )
     wrong = ~np.isfinite(values)
     if wrong.any():
-        place = int(np.argmax(wrong))
+        place = int(wrong.argmax())
         raise SettingError(
             f"measure must return finite numbers: seed {seeds[place]} has {values[place]}"
         )
     return values
-
-
-def _half_width(values: FloatArray, confidence: float) -> float:
-    """Return half the width of Student's interval of the mean."""
-    error = float(values.std(ddof=1)) / math.sqrt(values.size)
-    return float(t.ppf((1 + confidence) / 2, values.size - 1)) * error

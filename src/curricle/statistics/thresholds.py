@@ -1,8 +1,7 @@
-"""Time to threshold: how many steps a learner needs to become good enough.
+"""Thresholds, and the steps that a learner takes to reach one.
 
 A seed that never reaches the threshold is censored, not dropped: its time is known only to exceed
-the steps for which it was followed. Leaving it out, or taking those steps for its time, would
-flatter the arm. The thresholds themselves are here too.
+its observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
 """
 
 from __future__ import annotations
@@ -17,7 +16,13 @@ from scipy.stats import CensoredData, ecdf
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, require_pair, smooth
-from curricle.statistics.intervals import Interval, bootstrap, draw_rows, percentiles
+from curricle.statistics.intervals import (
+    Interval,
+    bootstrap,
+    check_each,
+    draw_rows,
+    percentiles,
+)
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
@@ -33,8 +38,8 @@ class Times:
     Attributes
     ----------
     steps : (K,) float64
-        Steps to the threshold; for a seed that never reached it, the steps for which it was
-        followed, which its true time exceeds (right-censored).
+        Steps to the threshold; for a seed that never reached it, its observed steps, which its
+        true time exceeds (right-censored).
     reached : (K,) bool
         Whether the seed reached the threshold.
 
@@ -60,29 +65,24 @@ class Times:
                 "steps and reached must both have shape (K,) with K at least 1:"
                 f" got {steps.shape} and {reached.shape}"
             )
-        wrong = ~(np.isfinite(steps) & (steps >= 0))
-        if wrong.any():
-            seed = int(np.argmax(wrong))
-            raise SettingError(
-                f"steps must be finite and at least 0: seed {seed} has {steps[seed]}"
-            )
-        steps.setflags(write=False)
-        reached.setflags(write=False)
-        object.__setattr__(self, "steps", steps)
-        object.__setattr__(self, "reached", reached)
+        valid = np.isfinite(steps) & (steps >= 0)
+        check_each("steps must be finite and at least 0", valid, steps, "seed")
+        for name, array in (("steps", steps), ("reached", reached)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     def survival(self) -> Any:
         """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.
 
         share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
-        n_i are followed until then and have not reached it before. What ends the observation of a
+        n_i are observed until then and have not reached it before. What ends the observation of a
         seed must not depend on how the seed does, as a budget of steps does not.
 
         Returns
         -------
         EmpiricalDistributionFunction
             Of ``scipy.stats.ecdf``: ``quantiles`` (L,) are steps, ``probabilities`` (L,) the shares
-            from these steps on; it can plot itself and has ``confidence_interval``.
+            from these steps on. It has ``plot`` and ``confidence_interval``.
 
         References
         ----------
@@ -139,22 +139,21 @@ class Times:
         """Return the mean time within a horizon with its bootstrap interval, in steps.
 
         mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
-        By default each seed counts with the steps for which it was followed: the mean time if all
-        seeds reached the threshold, else a lower bound of it.
+        By default each seed counts with its observed steps: the mean time if all seeds reached the
+        threshold, else a lower bound of it.
 
         Parameters
         ----------
         horizon : float, optional
-            Steps, above 0, at most the steps for which any censored seed was followed. Arms are
-            comparable only within the same horizon.
+            Above 0, at most the observed steps of any censored seed. Arms are comparable only
+            within the same horizon.
         confidence, resamples, seed
             As in :func:`bootstrap`.
 
         Raises
         ------
         SettingError
-            If `horizon` exceeds the time at which a seed was censored, or a setting is out of
-            range.
+            If a setting is out of range.
 
         References
         ----------
@@ -175,7 +174,7 @@ class Times:
             if short.any():
                 place = int(np.argmax(short))
                 raise SettingError(
-                    f"horizon must not exceed the steps for which a seed was followed: got"
+                    f"horizon must not exceed the observed steps of a censored seed: got"
                     f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
                 )
             within = np.minimum(self.steps, horizon)
@@ -196,17 +195,17 @@ class Times:
 
 
 def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
-    """Return the threshold midway between a curve's lowest and highest value, in return.
+    """Return the threshold midway between a curve's lowest and highest value (paper, figure 3).
 
-    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the smoothed curve. A seed's
-    leading NaN count as its first measured value, so that the mean is always over the same seeds.
+    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the smoothed curve, with leading
+    NaN replaced by the seed's first measured value (:meth:`Curve.filled`).
 
     Parameters
     ----------
     curve : Curve
         Usually that of learning from scratch.
     window : int
-        Checkpoints to smooth over.
+        Checkpoints to smooth over; 10 in the paper.
     after : int
         Steps; earlier checkpoints do not count. An untrained table breaks all its ties at random,
         which can be far worse than anything later.
@@ -215,10 +214,6 @@ def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
     ------
     SettingError
         If `window` or `after` does not fit the curve.
-
-    Notes
-    -----
-    Source: the paper, figure 3 (with a window of 10).
 
     Examples
     --------
@@ -237,14 +232,8 @@ def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
 def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
     """Return the threshold a fraction of the way from the worst return to the optimum.
 
-    worst + fraction (optimum - worst), which works for negative returns as for positive ones.
-
-    Parameters
-    ----------
-    optimum, worst : float
-        Return of the optimal policy, and of one that has learnt nothing.
-    fraction : float
-        From 0 to 1; 1 gives the optimum exactly.
+    worst + fraction (optimum - worst), for positive and negative returns alike. A fraction of 1
+    gives the optimum exactly.
 
     Raises
     ------
@@ -274,18 +263,12 @@ def time_to_threshold(
     Parameters
     ----------
     curve : Curve
-        K seeds, T checkpoints.
     threshold : float
         Return.
     window : int
         Checkpoints to smooth over.
     strong : bool
         Whether to charge the source steps.
-
-    Returns
-    -------
-    Times
-        Steps (K,) and reached (K,).
 
     Raises
     ------
@@ -314,7 +297,7 @@ def time_to_threshold(
 def steps_saved(
     baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1, strong: bool = False
 ) -> FloatArray:
-    """Return the steps to threshold that transfer saved, seed by seed.
+    """Return the steps to threshold that transfer saved, seed by seed, (K,).
 
     time_to_threshold(baseline)_k - time_to_threshold(transfer)_k, negative where transfer cost
     more than it saved.
@@ -325,11 +308,6 @@ def steps_saved(
         The same K seeds and T checkpoints.
     threshold, window, strong
         As in :func:`time_to_threshold`.
-
-    Returns
-    -------
-    (K,) float64
-        Steps.
 
     Raises
     ------
