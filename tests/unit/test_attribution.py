@@ -135,7 +135,7 @@ def test_numbers_and_names_are_checked():
     ):
         cr.comparison.attribute(LINE, steps=10)
     with pytest.raises(
-        cr.errors.CurriculumError, match="needs transfers into the task: 'line' has none"
+        cr.errors.CurriculumError, match="needs a task with transfers into it: 'line' has none"
     ):
         cr.comparison.attribute(cr.Curriculum(tasks={"line": LINE}), steps=10)
     with pytest.raises(cr.errors.SettingError, match="at least 2 seeds: got 1"):

@@ -173,7 +173,7 @@ def test_an_underestimate_on_the_way_needs_a_guard():
     verdict = row_of(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
     assert verdict == (
         "starts at 98.5, 0% optimistic: expect steady learning; underestimates state 1 (row 0, "
-        "column 1), on the optimal policy's way, by 31: learn with a guard"
+        "column 1), which the optimal policy visits, by 31: learn with a guard"
     )
     # Up to 20 typical rewards, of -1 here, are let pass.
     assert "underestimates" not in row_of(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict

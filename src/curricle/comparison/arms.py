@@ -1,6 +1,6 @@
-"""One arm of a comparison: the curves of its seeds on the axis that all arms share."""
+"""One arm of a comparison: the curves of its seeds on an axis common to all arms."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -51,11 +51,11 @@ class Arm:
         *,
         control: bool = False,
     ) -> Self:
-        """Return a training of the target on the axis that all arms share.
+        """Return an arm from the target's learning result.
 
-        Seed k learns for total - spent_k steps; after these its last value is kept. `total` is the
-        steps of every arm, sources included, `spent` (K,) the source steps, `eval_freq` the steps
-        between checkpoints.
+        Seed k learns for total - spent_k steps, after which its last value is repeated. `total` are
+        the steps of every arm, sources included, `spent` (K,) the source steps, `eval_freq` the
+        steps between checkpoints.
         """
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
@@ -85,18 +85,13 @@ class Arm:
         return np.where(np.abs(mine - base) > noise, np.subtract(mine, base), 0.0)
 
 
-def joined(batches: Sequence[Mapping[str, Arm]]) -> dict[str, Arm]:
-    """Return the arms of several batches of seeds as arms of all seeds."""
-    return {
-        name: Arm(
-            Curve(
-                arm.curve.steps,
-                np.concatenate([batch[name].curve.values for batch in batches]),
-                np.concatenate([batch[name].curve.source_steps for batch in batches]),
-            ),
-            np.concatenate([batch[name].training_return for batch in batches]),
-            np.concatenate([batch[name].guard_share for batch in batches]),
-            arm.control,
-        )
-        for name, arm in batches[0].items()
-    }
+def concatenated(arms: Sequence[Arm]) -> Arm:
+    """Return the arms of several batches of seeds as one arm of all seeds."""
+    curve = Curve(
+        arms[0].curve.steps,
+        np.concatenate([arm.curve.values for arm in arms]),
+        np.concatenate([arm.curve.source_steps for arm in arms]),
+    )
+    training = np.concatenate([arm.training_return for arm in arms])
+    guard_share = np.concatenate([arm.guard_share for arm in arms])
+    return Arm(curve, training, guard_share, arms[0].control)

@@ -1,7 +1,7 @@
 """Attribution: which source made which greedy choices in the target better or worse.
 
-Each transfer is left out in turn, with everything else and all random numbers the same. The
-difference, state by state, is the effect of that transfer.
+Each transfer is left out in turn, all other settings and random numbers being the same. The
+difference in each state is the effect of that transfer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +12,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from curricle.checks import instance, one_of, whole_number
+from curricle.checks import one_of, whole_number
+from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt
 from curricle.errors import CurriculumError, SettingError
@@ -27,10 +28,10 @@ from curricle.transfer.edges import Transfer, transfer_names
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-SURE = 3.0
+STANDARD_ERRORS = 3.0
 """Standard errors that a change must exceed."""
 LEAST = 0.5
-"""Share of seeds in which a state must have changed."""
+"""Share of seeds in which the choice in a state must have changed."""
 SHOWN = 3
 """Regions that are printed."""
 
@@ -107,7 +108,7 @@ class Attribution:
         one_of("a transfer", name, self.names, CurriculumError)
         n = self.names.index(name)
         worse = self.wrong[n] if harmed else -self.wrong[n]
-        return np.asarray((worse > SURE * self.error[n]) & (worse >= least))
+        return np.asarray((worse > STANDARD_ERRORS * self.error[n]) & (worse >= least))
 
     def regions(
         self, name: str, *, harmed: bool = True, least: float = LEAST
@@ -169,7 +170,7 @@ def attribute(
     CurriculumError
         If the target is unknown, not unique or has no transfer into it.
     SettingError
-        If a number is out of range. Nothing has been trained then.
+        If a number is out of range, before any training.
 
     Examples
     --------
@@ -183,11 +184,7 @@ def attribute(
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
     """
-    instance("the curriculum of an attribution", curriculum, Curriculum, CurriculumError)
-    name = curriculum.target if target is None else target
-    edges = curriculum.in_edges(name)
-    if not edges:
-        raise CurriculumError(f"an attribution needs transfers into the task: {name!r} has none")
+    name, edges = transfers_into(curriculum, target, "an attribution")
     numbers = seed_tuple(seeds)
     if len(numbers) < 2:
         raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")

@@ -20,12 +20,7 @@ BoolArray = npt.NDArray[np.bool_]
 def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
     """Return the states, (S,) bool, in which every action of the highest value is optimal.
 
-    `values` and `optimal` are those of :func:`flips`, which also raises the same errors.
-
-    Examples
-    --------
-    >>> right_states([[1.0, 2.0], [3.0, 3.0]], [[False, True], [False, True]])
-    array([ True, False])
+    Arguments and errors are those of :func:`flips`.
     """
     table, best = numbers("values", values, SettingError), np.asarray(optimal)
     if best.dtype != np.bool_:
@@ -58,7 +53,6 @@ def flips(
     Returns
     -------
     (S,) int64
-        0 if the choice is right at both times, or wrong at both.
 
     Raises
     ------
@@ -67,10 +61,9 @@ def flips(
 
     Notes
     -----
-    Values of an earlier time need not have been kept: :func:`learn` with a smaller budget in steps
-    and the same other arguments (seeds, stream, potential) returns exactly the table that the
-    longer training had then. Before the first step it is the initial value, or phi if Q starts at
-    phi.
+    Values of an earlier time need not be stored: :func:`learn` with a smaller budget in steps and
+    the same other arguments (seeds, stream, potential) returns exactly the table that the longer
+    training had then. Before the first step it is the initial value, or phi if Q starts at phi.
 
     Examples
     --------
@@ -83,27 +76,12 @@ def flips(
 
 
 def expected_visits(task: Task, policy: npt.ArrayLike) -> FloatArray:
-    """Return the expected number of visits to each state in an episode of a policy.
+    """Return the expected number of visits to each state in an episode of a policy, (S,).
 
     n(s) = sum_t P(s_t = s), s not terminal, up to the task's time limit. Without one the sum ends
     when a discounted reward would weigh less than 1e-9, or P(not yet terminated) is below that.
 
-    Parameters
-    ----------
-    task : Task
-        With tables.
-    policy : (S,) int array or (S, A) float array
-        As in :func:`evaluate`.
-
-    Returns
-    -------
-    (S,) float64
-        Steps in an episode; their sum is its expected length.
-
-    Raises
-    ------
-    SettingError
-        If the policy is malformed.
+    The task must have tables; `policy` is (S,) or (S, A) as in :func:`evaluate`.
 
     Examples
     --------

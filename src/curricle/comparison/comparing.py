@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.checks import instance, number, whole_number
-from curricle.comparison.arms import Arm, joined
+from curricle.comparison.arms import Arm, concatenated
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import (
     Control,
@@ -52,16 +52,16 @@ def compare(
     workers: int | None = None,
     progress: Callable[[str], Any] | None = None,
 ) -> Comparison:
-    """Return curricula compared with learning their target from scratch, at one total budget.
+    """Return a comparison of curricula with learning their target from scratch.
 
-    The total is the target's budget plus the steps that the most expensive arm spends on its
+    All have one total budget: the target's plus the steps that the most expensive arm spends on its
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
-    spends all of it in the target, every other arm what its sources leave, seed by seed.
+    spends all of it in the target, every other arm the rest after its sources, seed by seed.
 
     Parameters
     ----------
     arms : Curriculum or dict of str to Curriculum
-        All with the same target; the name "scratch" is taken.
+        All with the same target; the name "scratch" is reserved.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
@@ -71,7 +71,7 @@ def compare(
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
     window : int
-        Checkpoints over which curves are smoothed before they are held against the threshold.
+        Checkpoints over which curves are smoothed to find when they reach the threshold.
     precision : float, optional
         Add seeds until the half-width of the first arm's strong gain is at most this return.
     difference : bool
@@ -83,16 +83,12 @@ def compare(
     progress : callable, optional
         Called with the name of each arm when it is done.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     CurriculumError
         If arms are not comparable; the message names the differences of their targets.
     SettingError
-        If a setting is out of range. Nothing has been trained then.
+        If a setting is out of range, before any training.
 
     Examples
     --------
@@ -115,8 +111,9 @@ def compare(
             f"window must be at most {most}, the checkpoints within the target's budget: "
             f"got {window}"
         )
-    if threshold is None:
-        target = plan.solved_target()
+    if threshold is None:  # the target is solved before any training, as that may fail
+        evaluation = plan.first.setting("evaluation", plan.target)
+        target = target_of(plan.first.tasks[plan.target], evaluation)
     else:
         threshold = number("threshold", threshold, SettingError)
     if precision is None and not difference:
@@ -210,14 +207,14 @@ class _Plan:
         spent: npt.NDArray[np.int64],
     ) -> Arm:
         """Return a control with one source, for as many steps as the curriculum's took a seed."""
-        parts, order = list[dict[str, Arm]](), []
+        parts = []
         for steps in np.unique(spent):
             rows = np.flatnonzero(spent == steps)
             other = source_control(curriculum, control, int(steps))
             result = self._trained(other, [seeds[k] for k in rows.tolist()])
-            parts.append({control: self._arm(result[self.target], spent[rows], control=True)})
-            order.append(rows)
-        return joined(parts)[control].take(np.argsort(np.concatenate(order)))
+            parts.append(self._arm(result[self.target], spent[rows], control=True))
+        # The parts hold the seeds sorted by their source steps.
+        return concatenated(parts).take(np.argsort(np.argsort(spent, kind="stable")))
 
     def _trained(self, curriculum: Curriculum, seeds: Sequence[int]) -> CurriculumResult:
         """Return the trained curriculum, its target for the steps that its sources leave."""
@@ -242,12 +239,7 @@ class _Plan:
             return arm.strong_gain(scratch)
 
         add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
-        return joined(batches)
-
-    def solved_target(self) -> Target | ObservationTarget:
-        """Return the target, solved if it can be."""
-        evaluation = self.first.setting("evaluation", self.target)
-        return target_of(self.first.tasks[self.target], evaluation)
+        return {name: concatenated([batch[name] for batch in batches]) for name in batches[0]}
 
 
 def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:
@@ -267,7 +259,7 @@ def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Cur
 def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> float:
     """Return nine tenths of the way from the random policy's return to the optimum.
 
-    It is the midpoint of the curve of scratch if the optimum is unknown or not above that return.
+    If the optimum is unknown or not above that return, return the midpoint of the curve of scratch.
     """
     if target.solution is None:
         return midpoint(scratch.curve)
@@ -280,10 +272,11 @@ def most_source_steps(curriculum: Curriculum) -> int:
     """Return an upper bound of the steps that a curriculum's sources take."""
     most = 0
     for name in curriculum.ancestors(curriculum.target):
-        retrain = curriculum.setting("retrain", name)
-        sources = {edge.source for edge in curriculum.in_edges(name)}
         most += curriculum.node(name).most_steps
-        most += 0 if retrain is None else retrain.times * retrain.steps * len(sources)
+        retrain = curriculum.setting("retrain", name)
+        if retrain is not None:
+            sources = {edge.source for edge in curriculum.in_edges(name)}
+            most += retrain.times * retrain.steps * len(sources)
     return most
 
 

@@ -1,4 +1,4 @@
-"""The result of a comparison: arms on one axis, what transfer gained, and how certain that is."""
+"""The result of a comparison: arms on one axis, their gains, and how certain these are."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -58,7 +58,7 @@ class Contrast:
 
     @property
     def verdict(self) -> str:
-        """Whether the arm pays: "pays", "costs more than it brings" or "no difference shown"."""
+        """Either "pays", "costs more than it brings" or "no difference shown"."""
         if not self.adjusted_p < SIGNIFICANT:
             return "no difference shown"
         return "pays" if self.strong_gain.estimate > 0 else "costs more than it brings"
@@ -83,7 +83,7 @@ class Comparison:
     threshold : float
         Return.
     window : int
-        Checkpoints over which curves are smoothed before they are held against the threshold.
+        Checkpoints over which curves are smoothed to find when they reach the threshold.
     """
 
     target: str
@@ -157,7 +157,7 @@ class Comparison:
     def rows(self) -> list[dict[str, Any]]:
         """Return the table as data: a dict for each arm, intervals as name, name_low, name_high.
 
-        All have the same keys; what compares an arm with scratch is NaN for scratch itself.
+        All have the same keys; those of a :class:`Contrast` are NaN for scratch.
         """
         return [{"arm": name, **self._row(name)} for name in self.arms]
 

@@ -1,4 +1,4 @@
-"""Controls: arms that equal a curriculum except in what is supposed to help.
+"""Controls: arms that equal a curriculum except for what is supposed to help.
 
 - ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
   helps as much, visiting many states helped, not the easier task.
@@ -14,7 +14,7 @@ An observation task has no numbered states, so ``placebo`` and ``random_start`` 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.observation_potential import ObservationPotential
 
 Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
-CONTROLS: tuple[Control, ...] = ("random_start", "pretraining", "placebo", "scaled", "negated")
+CONTROLS: tuple[Control, ...] = get_args(Control)
 SOURCE = "control source"
 
 
@@ -86,13 +86,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
     """Return a curriculum whose only source is its target, trained for `steps`.
 
-    Parameters
-    ----------
-    curriculum : Curriculum
-    control : {"random_start", "pretraining"}
-        With a uniform start, or the target's own.
-    steps : int
-        The steps that the curriculum's own sources took.
+    The source starts uniformly for ``random_start``, as the target for ``pretraining``.
 
     Examples
     --------
@@ -104,11 +98,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     name = curriculum.target
     task = curriculum.tasks[name]
     source = _with_uniform_start(task) if control == "random_start" else task
-    settings = {
-        which: {SOURCE: own, name: own}
-        for which in ("learner", "evaluation")
-        for own in [curriculum.setting(which, name)]
-    }
+    learner, evaluation = (curriculum.setting(which, name) for which in ("learner", "evaluation"))
     storage = curriculum.setting("storage", name)
     return Curriculum(
         tasks={SOURCE: source, name: task},
@@ -117,7 +107,8 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
         budget={SOURCE: steps, name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
         storage={SOURCE: replace(storage, save_values=True), name: storage},
-        **settings,
+        learner={SOURCE: learner, name: learner},
+        evaluation={SOURCE: evaluation, name: evaluation},
     )
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from curricle.checks import instance, one_of
+from curricle.checks import one_of
+from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.errors import CurriculumError
@@ -28,14 +29,14 @@ AnyTarget = Target | ObservationTarget
 # Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
 GAIN, GOOD = 0.1, 0.5
 """Shares of the way from the random policy's return to the optimum: weak start, good start."""
-MOST = 0.5
+OPTIMISTIC = 0.5
 """Share of optimistic pairs above which learning keeps lowering values."""
 SLIPS, COLLAPSES = 0.2, 0.25
 """Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
 ESTIMATED = 0.45
 """The same if the excess is over the value of phi's own policy, which is less than V*."""
 UNDERESTIMATE = 20.0
-"""Typical rewards by which phi may be too low on the optimal policy's way."""
+"""Typical rewards by which phi may be too low in states that the optimal policy visits."""
 RAISED = 1.15
 """Scale above which a calibration is worth its steps."""
 
@@ -56,7 +57,7 @@ class ForecastRow:
     calibrations : tuple of K Calibration
         Of its scale, from rollouts of its greedy policy.
     verdict : str
-        What to expect, in words.
+        What to expect, and what to do, in words.
     """
 
     name: str
@@ -172,10 +173,6 @@ def forecast(
     workers : int, optional
         Threads over seeds.
 
-    Returns
-    -------
-    Forecast
-
     Raises
     ------
     CurriculumError
@@ -194,36 +191,32 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
-    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
+    name, edges = transfers_into(curriculum, target, "a forecast")
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
                 f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
             )
-    name = curriculum.target if target is None else target
-    edges = curriculum.in_edges(name)
-    if not edges:
-        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
     any_target = target_of(
         curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
     )
     sources = curriculum.train(
         seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
     ).sources
-    optimum, random_return = any_target.optimum, any_target.random_return
-    make_row = partial(
-        _row, any_target=any_target, optimum=optimum, random_return=random_return, workers=workers
-    )
+    make_row = partial(_row, any_target=any_target, workers=workers)
     found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), make_row)
     found.sort(key=lambda row: -np.nan_to_num(row.mean("start")))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     for label, edge in labels.items() if len(edges) > 1 else ():
         potentials = curriculum.potentials(name, sources, transfers=[edge])
         found.append(make_row(label, potentials, aggregate=False, used=False))
+    optimum, random_return = any_target.optimum, any_target.random_return
     return Forecast(
         target=name,
         coverage=_coverage(labels, any_target, curriculum.potentials(name, sources)[0]),
-        rows=tuple(found),
+        rows=tuple(
+            replace(row, verdict=_verdict(row, any_target, optimum, random_return)) for row in found
+        ),
         optimum=optimum,
         random_return=random_return,
         solved=any_target.solution is not None,
@@ -277,10 +270,9 @@ def _row(
     aggregate: bool,
     used: bool,
     any_target: AnyTarget,
-    optimum: float,
-    random_return: float,
     workers: int | None,
 ) -> ForecastRow:
+    """Return a row without its verdict."""
     if isinstance(any_target, ObservationTarget):
         threads, fit = 1, Calibrate(any_target.episodes)
         of_actions = potentials if potentials[0].of_actions else ()
@@ -291,18 +283,17 @@ def _row(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    row = ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
-    return replace(row, verdict=_verdict(row, any_target, optimum, random_return))
+    return ForecastRow(name, aggregate, used, tuple(seeds), calibrations, "")
 
 
 def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return: float) -> str:
-    """Return in words what to expect, and what to do."""
+    """Return what to expect of a potential and what to do, in words."""
     if np.isnan(row.mean("start")):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
     start = row.mean("start")
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
     words = [f"starts at {start:.3g}"]
-    # If the optimum is unknown any better start is a good one.
+    # If the optimum is unknown, any better start is a good one.
     gain, whole = start - random_return, np.nan_to_num(optimum - random_return)
     good = gain > GOOD * whole
     if not good:
@@ -311,7 +302,7 @@ def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return:
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
     advice = []
     # A weak start has little to lose, and its policy is little evidence of phi's scale.
-    if good and row.mean("optimistic") > MOST and excess >= slips:
+    if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
         outcome = "expect a collapse" if excess >= collapses else "may slip back"
         advice.append(f"{outcome} under epsilon-greedy")
     elif good:
@@ -323,7 +314,7 @@ def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return:
         task: Any = target.task
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
-            f"underestimates {where}, on the optimal policy's way, by"
+            f"underestimates {where}, which the optimal policy visits, by"
             f" {worst.largest_underestimate:.3g}: learn with a guard"
         )
     return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
