@@ -33,24 +33,13 @@ LONG = 150_000
 
 @dataclass(frozen=True)
 class Arm:
-    """One source against scratch, in steps, for K seeds.
+    """One source against scratch, in steps, for K seeds."""
 
-    Parameters
-    ----------
-    saved : (K,) float64
-        Target steps to the threshold, scratch minus transfer; an upper bound where not reached.
-    cost : (K,) int64
-        Source steps.
-    reached : int
-        Seeds that reached the threshold.
-    best : (K, S') float64
-        max_a Q of the source.
-    """
-
+    # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
     saved: npt.NDArray[np.float64]
-    cost: npt.NDArray[np.int64]
-    reached: int
-    best: npt.NDArray[np.float64]
+    cost: npt.NDArray[np.int64]  # (K,): source steps
+    reached: int  # seeds that reached the threshold
+    best: npt.NDArray[np.float64]  # (K, S'): max_a Q of the source
 
     @property
     def net(self) -> npt.NDArray[np.float64]:

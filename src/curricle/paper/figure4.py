@@ -62,34 +62,16 @@ ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
 
 @dataclass(frozen=True)
 class Setting:
-    """One way of running the experiment.
-
-    Parameters
-    ----------
-    title : str
-    hunt : Pursuit
-        Two predators, the target.
-    learner : Learner
-    colocated : bool
-        Whether states in which the predators share a cell are mapped.
-    aggregates : tuple of str
-        Aggregates to run, at scale 1.
-    baseline : bool
-        Whether to learn from scratch too.
-    scales : tuple of float
-        Scales of the source's Q to run with the mean.
-    source_budget, target_steps
-        A number is steps.
-    """
+    """One way of running the experiment."""
 
     title: str
-    hunt: Pursuit
+    hunt: Pursuit  # two predators, the target
     learner: Learner
-    colocated: bool = True
-    aggregates: tuple[str, ...] = tuple(AGGREGATES)
-    baseline: bool = True
-    scales: tuple[float, ...] = ()
-    source_budget: int | Episodes = SOURCE_BUDGET
+    colocated: bool = True  # whether states in which the predators share a cell are mapped
+    aggregates: tuple[str, ...] = tuple(AGGREGATES)  # to run at scale 1
+    baseline: bool = True  # whether to learn from scratch too
+    scales: tuple[float, ...] = ()  # of the source's Q, to run with the mean
+    source_budget: int | Episodes = SOURCE_BUDGET  # a number is steps, as below
     target_steps: int = TARGET_STEPS
 
 

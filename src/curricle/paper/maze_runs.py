@@ -33,22 +33,12 @@ SETTINGS = {
 
 @dataclass(frozen=True)
 class Scratch:
-    """The target learnt from scratch.
-
-    Parameters
-    ----------
-    maze : GridWorld
-    curve : Curve
-    threshold : float
-        Return midway between the lowest and highest of the curve.
-    times : Times
-        Steps to the threshold.
-    """
+    """The target learnt from scratch."""
 
     maze: GridWorld
     curve: Curve
-    threshold: float
-    times: Times
+    threshold: float  # return midway between the lowest and highest of the curve
+    times: Times  # steps to the threshold
 
 
 def scratch(maze: GridWorld, seeds: int, workers: int | None) -> Scratch:

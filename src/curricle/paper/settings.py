@@ -33,25 +33,13 @@ Verdict = Literal["reproduced", "not reproduced", "explained"]
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper, or an answer to an open question of it, and the verdict.
-
-    Parameters
-    ----------
-    id : str
-    claim : str
-        The statement.
-    setting : str
-        Where it was tested.
-    verdict : {"reproduced", "not reproduced", "explained"}
-    evidence : dict
-        Name -> number, text, or interval over seeds.
-    """
+    """A statement of the paper, or an answer to an open question of it, and the verdict."""
 
     id: str
-    claim: str
-    setting: str
+    claim: str  # the statement
+    setting: str  # where it was tested
     verdict: Verdict
-    evidence: Mapping[str, Any]
+    evidence: Mapping[str, Any]  # name -> number, text, or interval over seeds
 
 
 @dataclass(frozen=True)

@@ -49,39 +49,19 @@ SIZES = range(3, 11)
 
 @dataclass(frozen=True)
 class TrustRuns:
-    """The results of all runs.
+    """The results of all runs."""
 
-    Parameters
-    ----------
-    forecast : Forecast
-        Of 5x5 pursuit.
-    compared : Comparison
-        5x5: each aggregate uncalibrated, min and mean also calibrated.
-    controls : Comparison
-        5x5: mean, calibrated, with all controls.
-    hunts : dict
-        (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
-    maze : dict of str to LearningResult
-        The maze from scratch, from the 3x3 corner, and from there with a guard.
-    scratch : Scratch
-        The scratch baseline with the paper's budget, which sets the threshold.
-    attribution : Attribution
-        Of harm to the 3x3 corner.
-    refused : dict
-        Size of a maze source -> share of seeds whose calibration was refused.
-    calibrated : StateActionPotential or MappedPotential
-        Calibrated mean of seed 0 of the forecast.
-    """
-
-    forecast: Forecast
-    compared: Comparison
-    controls: Comparison
+    forecast: Forecast  # of 5x5 pursuit
+    compared: Comparison  # 5x5: each aggregate uncalibrated, min and mean also calibrated
+    controls: Comparison  # 5x5: mean, calibrated, with all controls
+    # (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
     hunts: Mapping[tuple[int, str], LearningResult]
+    # The maze from scratch, from the 3x3 corner, and from there with a guard.
     maze: Mapping[str, LearningResult]
-    scratch: runs.Scratch
-    attribution: Attribution
-    refused: Mapping[int, float]
-    calibrated: StateActionPotential | MappedPotential
+    scratch: runs.Scratch  # with the paper's budget; sets the threshold
+    attribution: Attribution  # of harm to the 3x3 corner
+    refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
+    calibrated: StateActionPotential | MappedPotential  # mean of seed 0 of the forecast
 
 
 def run(seeds: int, workers: int | None, tick: Tick) -> TrustRuns:

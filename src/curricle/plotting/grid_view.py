@@ -41,44 +41,16 @@ _CELL = re.compile(r"\((\d+), ?(\d+)\)")
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """Something that moves over a grid during an episode.
-
-    Attributes
-    ----------
-    letter, colour : str
-        The colour as ``#rrggbb``.
-    cells : (S,) int64
-        Its cell in each state, as ``row * columns + column``; -1 where that cell is not shown.
-    """
+    """Something that moves over a grid during an episode."""
 
     letter: str
-    colour: str
-    cells: IntArray
+    colour: str  # as #rrggbb
+    cells: IntArray  # (S,): row * columns + column in each state; -1 where that is not shown
 
 
 @dataclass(frozen=True, eq=False)
 class GridView:
     """Some states of a task as cells of a grid, seen from above.
-
-    Attributes
-    ----------
-    task : Task
-    states : (n,) int64
-        At most one a cell.
-    cells : (n, 2) int64
-        Row and column of each.
-    origin, shape : (int, int)
-        Top-left cell; rows and columns.
-    letters : tuple of (str, int, int)
-        The fixed components of the state: letter, row, column.
-    words : str
-        What is free and what is fixed, and what the letters mean.
-    is_map : bool
-        Whether cells are places of the task. In a strip they are states in order.
-    markers : tuple of Marker
-        What moves during an episode; empty for a view that is not replayed.
-    mover : str or None
-        The component of an action that moves what the cells stand for.
 
     Examples
     --------
@@ -91,15 +63,15 @@ class GridView:
     """
 
     task: Any
-    states: IntArray
-    cells: IntArray
-    origin: tuple[int, int]
-    shape: tuple[int, int]
-    letters: tuple[tuple[str, int, int], ...] = ()
-    words: str = ""
-    is_map: bool = True
-    markers: tuple[Marker, ...] = ()
-    mover: str | None = None
+    states: IntArray  # (n,): at most one a cell
+    cells: IntArray  # (n, 2): row and column of each
+    origin: tuple[int, int]  # top-left cell
+    shape: tuple[int, int]  # rows and columns
+    letters: tuple[tuple[str, int, int], ...] = ()  # of the fixed components: letter, row, column
+    words: str = ""  # what is free and what is fixed, and what the letters mean
+    is_map: bool = True  # whether cells are places of the task; in a strip they are states in order
+    markers: tuple[Marker, ...] = ()  # what moves during an episode; empty if it is not replayed
+    mover: str | None = None  # the component of an action that moves what the cells stand for
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":

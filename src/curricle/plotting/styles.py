@@ -56,22 +56,11 @@ GREY, GREYNESS = "#999999", 0.6
 
 @dataclass(frozen=True)
 class ArmStyle:
-    """How an arm is drawn.
+    """How an arm is drawn."""
 
-    Attributes
-    ----------
-    short : str
-        Its name, of a control without that of its curriculum.
-    colour : str
-        As ``#rrggbb``.
-    dashes : str or tuple
-        Line style of Matplotlib.
-    control : bool
-    """
-
-    short: str
-    colour: str
-    dashes: Any
+    short: str  # its name, of a control without that of its curriculum
+    colour: str  # as #rrggbb
+    dashes: Any  # line style of Matplotlib
     control: bool
 
     @property

@@ -31,25 +31,14 @@ TIMED = ("weak_steps_saved", "strong_steps_saved")
 
 @dataclass(frozen=True)
 class Finding:
-    """The finding about one arm.
-
-    Attributes
-    ----------
-    arm : str
-    control : bool
-    tone : {"pays", "costs", "open"}
-    verdict : str
-    sentences : tuple of str
-    gain : Interval
-        Of strong transfer, in return.
-    """
+    """The finding about one arm."""
 
     arm: str
     control: bool
-    tone: str
+    tone: str  # "pays", "costs" or "open"
     verdict: str
     sentences: tuple[str, ...]
-    gain: Interval
+    gain: Interval  # of strong transfer, in return
 
 
 @dataclass(frozen=True)

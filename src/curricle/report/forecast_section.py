@@ -24,30 +24,15 @@ LARGEST_CERTIFIED = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class ForecastSection:
-    """The forecast and certificates of curricula with the same graph.
-
-    Attributes
-    ----------
-    arms : tuple of str
-    forecast : Forecast or None
-        None where it was left out.
-    used : dict of str to tuple of str
-        Name of a forecast row -> the arms that used that potential.
-    measured : dict of str to float
-        Arm -> greedy return at the first target step, mean over all seeds.
-    certificates : tuple of (tuple of str, Certificate)
-        Of the potentials of the arms' first seeds, each with the arms that it holds for; empty
-        where they were left out.
-    left_out : tuple of str
-        What, why, and how to get it, in a sentence each.
-    """
+    """The forecast and certificates of curricula with the same graph."""
 
     arms: tuple[str, ...]
-    forecast: Forecast | None
-    used: Mapping[str, tuple[str, ...]]
-    measured: Mapping[str, float]
+    forecast: Forecast | None  # None where it was left out
+    used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
+    measured: Mapping[str, float]  # arm -> greedy return at the first target step, mean over seeds
+    # Of the potentials of the arms' first seeds, each with the arms that it holds for.
     certificates: tuple[tuple[tuple[str, ...], Certificate], ...]
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...]  # what, why, and how to get it, in a sentence each
 
 
 def forecast_sections(

@@ -39,92 +39,48 @@ LARGEST_COVERAGE = 5_000_000
 
 @dataclass(frozen=True)
 class CardCurve:
-    """A small learning curve on a card.
+    """A small learning curve on a card."""
 
-    Attributes
-    ----------
-    arms : tuple of str
-        Those that learnt alike; it has the colour of the first.
-    line, band : str
-        Points of its mean and of its band (empty for a single seed).
-    words : str
-        Mean return at its start and its end.
-    """
-
-    arms: tuple[str, ...]
-    line: str
-    band: str
-    words: str
+    arms: tuple[str, ...]  # those that learnt alike; it has the colour of the first
+    line: str  # the points of its mean
+    band: str  # the points of its band; empty for a single seed
+    words: str  # mean return at its start and its end
 
 
 @dataclass(frozen=True)
 class Card:
-    """A task of the graph, as a card.
-
-    Attributes
-    ----------
-    name, kind : str
-    left, top, height : int
-        Its place in CSS pixels.
-    curves : tuple of CardCurve
-        Of the arms, and of the scratch baseline where it is the target.
-    steps, reason : str
-        How many steps the arms trained it, and why that ended.
-    """
+    """A task of the graph, as a card; its place is in CSS pixels."""
 
     name: str
     kind: str
     left: int
     top: int
     height: int
-    curves: tuple[CardCurve, ...]
-    steps: str
-    reason: str
+    curves: tuple[CardCurve, ...]  # of the arms, and of scratch where it is the target
+    steps: str  # how many steps the arms trained it
+    reason: str  # why that ended
 
 
 @dataclass(frozen=True)
 class Edge:
-    """All transfers from one task to another.
-
-    Attributes
-    ----------
-    source, target : str
-    path : str
-        Of its arrow.
-    place : (float, float)
-        Middle of its number.
-    words : tuple of str
-        A sentence for each transfer.
-    """
+    """All transfers from one task to another."""
 
     source: str
     target: str
-    path: str
-    place: tuple[float, float]
-    words: tuple[str, ...]
+    path: str  # of its arrow
+    place: tuple[float, float]  # middle of its number
+    words: tuple[str, ...]  # a sentence for each transfer
 
 
 @dataclass(frozen=True)
 class Graph:
-    """A graph that one or several arms share.
-
-    Attributes
-    ----------
-    arms : tuple of str
-    cards : tuple of Card
-        In the order of training.
-    edges : tuple of Edge
-    notes : tuple of str
-        How each arm combines several transfers into one task.
-    width, height : int
-        CSS pixels.
-    """
+    """A graph that one or several arms share."""
 
     arms: tuple[str, ...]
-    cards: tuple[Card, ...]
+    cards: tuple[Card, ...]  # in the order of training
     edges: tuple[Edge, ...]
-    notes: tuple[str, ...]
-    width: int
+    notes: tuple[str, ...]  # how each arm combines several transfers into one task
+    width: int  # in CSS pixels, as the height
     height: int
 
 

@@ -49,23 +49,12 @@ LARGEST_TABLE = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class ShownEpisode:
-    """One greedy episode of n steps on a grid.
+    """One greedy episode of n steps on a grid."""
 
-    Attributes
-    ----------
-    cells : (n + 1, markers) int64
-        Where each marker is, as ``row * columns + column``.
-    columns : int
-    returns : (n + 1,) float64
-        Return so far.
-    terminated : bool
-        Whether it ended in a terminal state, not by truncation.
-    """
-
-    cells: IntArray
+    cells: IntArray  # (n + 1, markers): where each marker is, as row * columns + column
     columns: int
-    returns: FloatArray
-    terminated: bool
+    returns: FloatArray  # (n + 1,): return so far
+    terminated: bool  # whether it ended in a terminal state, not by truncation
 
     @property
     def words(self) -> str:
@@ -102,69 +91,32 @@ class ShownEpisode:
 
 @dataclass(frozen=True)
 class Moment:
-    """One moment of training, ready to be drawn.
-
-    Attributes
-    ----------
-    step : int
-    heat : tuple of (str, str)
-        Colour, and the path of all cells that have it.
-    choice : str
-        Path of all arrows; empty where choices are words.
-    texts : tuple of (int, int, str)
-        The word of each choice; empty where choices are arrows.
-    numbers : tuple of (int, int, str)
-        The value of each cell; empty where there are many.
-    """
+    """One moment of training, ready to be drawn."""
 
     step: int
-    heat: tuple[tuple[str, str], ...]
-    choice: str
-    texts: CellTexts
-    numbers: CellTexts
+    heat: tuple[tuple[str, str], ...]  # colour, and the path of all cells that have it
+    choice: str  # path of all arrows; empty where choices are words
+    texts: CellTexts  # the word of each choice; empty where choices are arrows
+    numbers: CellTexts  # the value of each cell; empty where there are many
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Values and greedy choices of one seed at M moments of training, in the n cells of a view.
+    """Values and greedy choices of one seed at M moments of training, in the n cells of a view."""
 
-    Attributes
-    ----------
-    key : str
-        Unique in the page.
-    task : str
-    arms : tuple of str
-        Those that trained it alike.
-    view : GridView
-    seed : int
-    steps : (M,) int64
-    cells : tuple of (int, int)
-        Column and row of each of the n states that are not terminal.
-    levels : (M, n) uint16
-        max_a Q(s, a), from `low` (0) to `high` (65,535).
-    choices : (M, n) int64
-        Numbers of `marks`.
-    marks : tuple of str
-        How choices are drawn.
-    low, high : float
-        Return.
-    episodes : dict of str to ShownEpisode
-        "before" and "after"; empty where episodes cannot be shown.
-    """
-
-    key: str
+    key: str  # unique in the page
     task: str
-    arms: tuple[str, ...]
+    arms: tuple[str, ...]  # those that trained it alike
     view: GridView
     seed: int
-    steps: IntArray
-    cells: tuple[tuple[int, int], ...]
-    levels: npt.NDArray[np.uint16]
-    choices: IntArray
-    marks: tuple[str, ...]
-    low: float
+    steps: IntArray  # (M,)
+    cells: tuple[tuple[int, int], ...]  # column and row of the n states that are not terminal
+    levels: npt.NDArray[np.uint16]  # (M, n): max_a Q(s, a), from low (0) to high (65,535)
+    choices: IntArray  # (M, n): numbers of marks
+    marks: tuple[str, ...]  # how choices are drawn
+    low: float  # return
     high: float
-    episodes: Mapping[str, ShownEpisode]
+    episodes: Mapping[str, ShownEpisode]  # "before" and "after"; empty where they are not shown
 
     @cached_property
     def grid(self) -> GridDrawing:

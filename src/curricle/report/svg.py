@@ -91,18 +91,6 @@ def squares(cells: Iterable[tuple[int, int]]) -> str:
 class GridDrawing:
     """The unchanging parts of a grid, in columns and rows from its top-left cell.
 
-    Attributes
-    ----------
-    columns, rows : int
-    lines, walls, ended : str
-        Paths of the lines between cells, of cells that are no states, and of terminal states.
-    objects : tuple of (str, str, int, int, bool)
-        What lies in a maze: letter, colour, column, row, and whether it ends the episode.
-    letters : tuple of (str, int, int)
-        The fixed components of the state: letters, column, row.
-    labels : tuple of (int, int, str)
-        Column, row and number of each state in a strip; empty for a map.
-
     Examples
     --------
     >>> from curricle import GridWorld
@@ -113,12 +101,13 @@ class GridDrawing:
 
     columns: int
     rows: int
-    lines: str
-    walls: str
-    ended: str
+    lines: str  # path of the lines between cells
+    walls: str  # path of the cells in which no state lies
+    ended: str  # path of the terminal states
+    # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
     objects: tuple[tuple[str, str, int, int, bool], ...]
-    letters: tuple[tuple[str, int, int], ...]
-    labels: tuple[tuple[int, int, str], ...]
+    letters: tuple[tuple[str, int, int], ...]  # fixed components of the state: letters, column, row
+    labels: tuple[tuple[int, int, str], ...]  # column, row and number of each state of a strip
 
     @classmethod
     def of(cls, view: GridView) -> "GridDrawing":
