@@ -61,7 +61,7 @@ def shaping(turns, steps):
     network = {NETWORK: NetworkValues(DQN("MlpPolicy", cart(), buffer_size=1).policy)}
     missed = []
 
-    def block(title, plain, shaped, step):
+    def compare(title, plain, shaped, step):
         print(f"\n{title}")
         contestants = {"plain": plain, **shaped}
         more = report({name: partial(step, env, steps) for name, env in contestants.items()}, turns)
@@ -71,13 +71,13 @@ def shaping(turns, steps):
     for make, potentials in (lake, tables), (cart, network):
         shape = partial(PotentialShaping, discount=0.99)
         shaped = {name: shape(make(), each) for name, each in potentials.items()}
-        block("PotentialShaping", make(), shaped, stepping)
+        compare("PotentialShaping", make(), shaped, stepping)
         for n in COUNTS:
             shape = partial(ShapedVecEnv, discount=0.99)
             shaped = {
                 name: shape(DummyVecEnv([make] * n), each) for name, each in potentials.items()
             }
-            block(f"ShapedVecEnv of {n}", DummyVecEnv([make] * n), shaped, stepping_many)
+            compare(f"ShapedVecEnv of {n}", DummyVecEnv([make] * n), shaped, stepping_many)
     return missed
 
 

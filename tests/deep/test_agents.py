@@ -287,7 +287,7 @@ def test_a_potential_of_one_predator_guides_every_agent():
             return self.rng.integers(5, size=len(observation)), None
 
     agents.seed(0)
-    taught, _ = evaluate_policy(Advised(), agents, n_eval_episodes=200)
+    guided, _ = evaluate_policy(Advised(), agents, n_eval_episodes=200)
     random_return, _ = evaluate_policy(Untaught(), agents, n_eval_episodes=60)
-    assert taught > -8  # about 5 steps; the optimum together is 4.6
-    assert random_return < 10 * taught
+    assert guided > -8  # about 5 steps; the optimum together is 4.6
+    assert random_return < 10 * guided

@@ -299,7 +299,7 @@ def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):
         assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert sum(asked) == len(cache.places) <= 49
     monkeypatch.setattr(residual_networks, "MAX_BYTES", 0)
-    states[0] = 49  # not cached: then room is made for it
+    states[0] = 49  # not cached: then the cache is emptied for it
     seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
     assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert len(cache.places) == len(set(states.tolist()))

@@ -209,10 +209,10 @@ class Canvas:
         for row, column, figure in figures:
             together.setdefault((row, column), []).append(figure)
         image = self._backdrop.copy()
-        for place, sharing in together.items():
-            (top, left), across = self._corner(*place), math.ceil(math.sqrt(len(sharing)))
+        for place, group in together.items():
+            (top, left), across = self._corner(*place), math.ceil(math.sqrt(len(group)))
             side = self._cell // across
-            for i, figure in enumerate(sharing):
+            for i, figure in enumerate(group):
                 corner = top + side * (i // across), left + side * (i % across)
                 _paste(image, corner, figure, side)
         return image

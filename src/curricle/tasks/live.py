@@ -1,7 +1,7 @@
 """Live tasks: every step is taken in an environment."""
 
 from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field
 from operator import index
 from typing import Any, NamedTuple
@@ -120,26 +120,35 @@ def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
     BaseException
         At the end, what an environment raised meanwhile, an interrupt from the keyboard included.
     """
-    return _opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
+    return _Opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
 
 
-@contextmanager
-def _opened(task: LiveMDP, start: int) -> Generator[Live, None, None]:
-    """Yield the model of one run, whose environments are closed at the end."""
-    raised = list[BaseException]()
-    try:
-        with ExitStack() as closings:
-            # Two seeds below 2^31, which every environment takes.
-            seeds = [splitmix64_number(start ^ which) >> 33 for which in (1, 2)]
-            players = [_player(task, seed, closings, raised) for seed in seeds]
-            for player in players:
-                next(player)
-            asked = [player.send for player in players]  # they must outlive their addresses
-            addresses = np.array([id(send) for send in asked], dtype=np.uint64)
-            yield Live(addresses, np.zeros(2, np.int8), np.uint64(0))
-    finally:
-        if raised:
-            raise raised[0]
+class _Opened:
+    """The environments of one run.
+
+    A class, as a generator would turn an environment's StopIteration into a RuntimeError.
+    """
+
+    def __init__(self, task: LiveMDP, start: int):
+        self.closings = ExitStack()
+        self.raised = list[BaseException]()
+        # Two seeds below 2^31, which every environment takes.
+        seeds = [splitmix64_number(start ^ which) >> 33 for which in (1, 2)]
+        players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
+        for player in players:
+            next(player)
+        self.asked = [player.send for player in players]  # they must outlive their addresses
+
+    def __enter__(self) -> Live:
+        addresses = np.array([id(send) for send in self.asked], dtype=np.uint64)
+        return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self.closings.close()
+        finally:
+            if self.raised:
+                raise self.raised[0]
 
 
 def _player(

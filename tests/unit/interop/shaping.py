@@ -32,7 +32,7 @@ NONE = np.zeros(N_STATES, bool)
 MODES = list(AutoresetMode)
 
 
-class Wander(gym.Env):
+class World(gym.Env):
     """A random finite MDP; an episode begins anywhere it does not end."""
 
     def __init__(self, terminal=SOME, observe=int, space=None):
@@ -52,8 +52,8 @@ class Wander(gym.Env):
         return self.observe(self.state), reward, bool(self.terminal[self.state]), False, {"at": 1}
 
 
-def wander(terminal=SOME, limit=LIMIT, **settings):
-    return TimeLimit(Wander(terminal, **settings), limit)
+def world(terminal=SOME, limit=LIMIT, **settings):
+    return TimeLimit(World(terminal, **settings), limit)
 
 
 def task(terminal=SOME, discount=DISCOUNT, **settings):
@@ -100,7 +100,7 @@ def paid(env):
 
 
 def by_function(values=PHI):
-    return paid(PotentialShaping(wander(), lambda s: values[s], discount=DISCOUNT))
+    return paid(PotentialShaping(world(), lambda s: values[s], discount=DISCOUNT))
 
 
 def as_picture(state):

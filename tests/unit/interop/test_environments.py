@@ -92,7 +92,7 @@ def test_environments_side_by_side_reset_by_themselves(mode):
         *_, terminated, truncated, _ = many.step(np.array([EAST, WEST, EAST]))
         ends.append((terminated.tolist(), truncated.tolist()))
     assert ends[1] == ([True, False, True], [False, False, False])
-    assert ends[3][1][1]  # the one that walks into the wall is cut off
+    assert ends[3][1][1]  # the one that moves into the wall is cut off
     many.close()
 
 

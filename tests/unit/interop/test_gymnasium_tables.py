@@ -80,10 +80,10 @@ def test_horizons_are_those_of_the_environments():
 
 def test_the_optimum_is_the_one_that_gymnasium_states():
     lake = cr.from_gymnasium("FrozenLake-v1", discount=0.999)
-    judge = cr.GreedyEvaluation("exact", discounted=False)
-    assert cr.planning.Target.of(lake, judge).optimum == pytest.approx(0.74, abs=0.005)
+    evaluation = cr.GreedyEvaluation("exact", discounted=False)
+    assert cr.planning.Target.of(lake, evaluation).optimum == pytest.approx(0.74, abs=0.005)
     cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.999, time_limit=100)
-    assert cr.planning.Target.of(cliff, judge).optimum == -13
+    assert cr.planning.Target.of(cliff, evaluation).optimum == -13
 
 
 def test_places_and_moves_have_their_names():

@@ -39,8 +39,12 @@ def test_a_seed_depends_on_itself_alone():
 def test_evaluation_does_not_disturb_learning():
     task = watched([])
     found = [
-        cr.learn(task, budget=300, seeds=2, eval_freq=eval_freq, evaluation=judge)
-        for eval_freq, judge in ((10, None), (10, OFF), (300, cr.GreedyEvaluation(episodes=50)))
+        cr.learn(task, budget=300, seeds=2, eval_freq=eval_freq, evaluation=evaluation)
+        for eval_freq, evaluation in (
+            (10, None),
+            (10, OFF),
+            (300, cr.GreedyEvaluation(episodes=50)),
+        )
     ]
     for other in found[1:]:
         np.testing.assert_array_equal(found[0].values, other.values)
@@ -53,11 +57,11 @@ def test_a_live_task_is_evaluated_by_few_episodes_by_default():
         def step(self, action):
             return 0, 1.0, True, False, {}
 
-    for judge, expected in ((None, 5), (cr.GreedyEvaluation(episodes=8), 8)):
+    for evaluation, expected in ((None, 5), (cr.GreedyEvaluation(episodes=8), 8)):
         log = []
         task = cr.from_gymnasium(lambda log=log: Short(log), discount=0.9)
         log.clear()
-        cr.learn(task, budget=10, eval_freq=10, evaluation=judge)
+        cr.learn(task, budget=10, eval_freq=10, evaluation=evaluation)
         # Two checkpoints, and one start for each training step; the last step is none.
         resets = sum(line == "reset" or line.startswith("seed") for line in log)
         assert resets == 2 * expected + 11

@@ -150,7 +150,7 @@ to_pettingzoo(Pursuit(3, 2))
     )
 
 
-# -- one agent's knowledge ---------------------------------------------------------------------
+# -- one agent's values ------------------------------------------------------------------------
 
 
 def test_an_agent_reads_the_source_as_if_it_were_alone():
@@ -196,7 +196,7 @@ def test_agents_that_each_hunt_as_if_alone_do_far_better_than_random_ones():
         for agent, mapping in agent_mappings(hunt, chase).items()
     }
     rng = np.random.default_rng(0)
-    taught = mean_length(hunt, lambda agent, state: choice[agent][state], 300)
+    guided = mean_length(hunt, lambda agent, state: choice[agent][state], 300)
     random_return = mean_length(hunt, lambda agent, state: rng.integers(5), 100)
-    assert taught < 8  # about 5 steps; the optimum together is 4.6
-    assert random_return > 10 * taught
+    assert guided < 8  # about 5 steps; the optimum together is 4.6
+    assert random_return > 10 * guided

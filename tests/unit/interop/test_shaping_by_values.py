@@ -19,7 +19,7 @@ from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.value_sources import FunctionValues, TableValues
 
 SIZE, DISCOUNT, LIMIT = 5, 0.9, 4
-PHI = np.array([3.0, -2.0, 5.0, 1.0, np.nan])  # nobody may ask for the end's
+PHI = np.array([3.0, -2.0, 5.0, 1.0, np.nan])  # the value of the end is never read
 PAIRS = np.nan_to_num(np.stack([PHI - 1, PHI], axis=1), nan=0.0)
 HOT = Box(0, 1, (SIZE,))
 

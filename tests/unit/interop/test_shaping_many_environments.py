@@ -31,7 +31,7 @@ from .shaping import (
     table,
     task,
     vector_steps,
-    wander,
+    world,
 )
 
 
@@ -41,7 +41,7 @@ def test_ends_have_potential_0_under_any_aggregate(mode, batched):
     runs = []
     for potential, aggregate in ((lambda s: np.exp(PHI[s]), lambda p: 1 / p[0]), (None, None)):
         envs = VectorPotentialShaping(
-            SyncVectorEnv([wander] * 2, autoreset_mode=mode),
+            SyncVectorEnv([world] * 2, autoreset_mode=mode),
             potential or (lambda s: 1 / np.exp(PHI[s])),
             aggregate=aggregate,
             discount=DISCOUNT,
@@ -57,7 +57,7 @@ def vector_oracle(mode, actions, terminal, limit):
     Yields (reward, F, Phi(s'), stepped, ended, original return) of each sub-environment and step.
     """
     n = actions.shape[1]
-    envs = [wander(terminal, limit) for _ in range(n)]
+    envs = [world(terminal, limit) for _ in range(n)]
     states = [env.reset(seed=10 + i)[0] for i, env in enumerate(envs)]
     over, totals = [False] * n, [0.0] * n
     for row in actions.tolist():
@@ -88,7 +88,7 @@ ENDS = [(SOME, LIMIT), (SOME, 10**6), (NONE, LIMIT)]
 @pytest.mark.parametrize("mode", MODES)
 def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, limit, n, batched):
     actions = actions_of(120, n)
-    made = SyncVectorEnv([partial(wander, terminal, limit)] * n, autoreset_mode=mode)
+    made = SyncVectorEnv([partial(world, terminal, limit)] * n, autoreset_mode=mode)
     envs = VectorPotentialShaping(made, table, discount=DISCOUNT, batched=batched)
     oracle, n_ended = vector_oracle(mode, actions, terminal, limit), 0
     for (rewards, infos), expected in zip(vector_steps(envs, actions), oracle, strict=True):
@@ -124,8 +124,8 @@ def assert_same_infos(one, other):
 def test_infos_are_laid_out_as_those_of_environments_shaped_one_by_one(mode, batched):
     sources = {"a": table, "mask": cr.StatePotential(task(), PHI[::-1])}
     actions = actions_of(40, 3)
-    shaped = SyncVectorEnv([lambda: PotentialShaping(wander(), sources)] * 3, autoreset_mode=mode)
-    plain = SyncVectorEnv([wander] * 3, autoreset_mode=mode)
+    shaped = SyncVectorEnv([lambda: PotentialShaping(world(), sources)] * 3, autoreset_mode=mode)
+    plain = SyncVectorEnv([world] * 3, autoreset_mode=mode)
     envs = VectorPotentialShaping(plain, sources, batched=batched)
     for (rewards, infos), (other_rewards, other_infos) in zip(
         vector_steps(envs, actions), vector_steps(shaped, actions), strict=True
@@ -143,7 +143,7 @@ def test_processes_of_their_own_change_nothing(mode):
     phi = cr.StatePotential(task(), PHI)
     runs = []
     for make in (SyncVectorEnv, AsyncVectorEnv):
-        envs = VectorPotentialShaping(make([wander] * 2, autoreset_mode=mode), phi, batched=True)
+        envs = VectorPotentialShaping(make([world] * 2, autoreset_mode=mode), phi, batched=True)
         runs.append([rewards for rewards, _ in vector_steps(envs, actions)])
         envs.close()
     np.testing.assert_array_equal(*runs)
@@ -152,7 +152,7 @@ def test_processes_of_their_own_change_nothing(mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_statistics_inside_stay_unshaped_in_vectors(mode):
     def recorded():
-        return RecordVectorStatistics(SyncVectorEnv([wander] * 2, autoreset_mode=mode))
+        return RecordVectorStatistics(SyncVectorEnv([world] * 2, autoreset_mode=mode))
 
     actions = actions_of(80, 2)
     shaped = VectorPotentialShaping(recorded(), table, discount=DISCOUNT)
@@ -181,7 +181,7 @@ DICT = gym.spaces.Dict({"row": gym.spaces.Discrete(2), "picture": PICTURE})
 @pytest.mark.parametrize("mode", MODES)
 def test_nested_observations_are_batched_as_gymnasium_batches_them(mode):
     actions = actions_of(60, 3)
-    make = partial(wander, observe=as_dict, space=DICT)
+    make = partial(world, observe=as_dict, space=DICT)
     runs = []
     for potential, batched in (
         (lambda o: o["picture"] @ PHI + o["row"], True),
@@ -206,7 +206,7 @@ def test_nested_observations_are_batched_as_gymnasium_batches_them(mode):
 def test_potentials_may_be_invalid_at_ends(mode, potential, settings):
     runs = []
     for given in ({"potential": potential, "batched": True, **settings}, {"potential": table}):
-        made = SyncVectorEnv([wander] * 2, autoreset_mode=mode)
+        made = SyncVectorEnv([world] * 2, autoreset_mode=mode)
         envs = VectorPotentialShaping(made, discount=DISCOUNT, **given)
         runs.append([rewards for rewards, _ in vector_steps(envs, actions_of(60, 2))])
     np.testing.assert_array_equal(*runs)
@@ -218,7 +218,7 @@ def test_time_is_counted_over_all_sub_environments(batched):
     weight = cr.learning.linear(1.0, 0.0, steps=200)
     phi = cr.StatePotential(task(), frames, frame_steps=[0, 20], weight=weight)
     shaped = VectorPotentialShaping(
-        SyncVectorEnv([wander] * 2),
+        SyncVectorEnv([world] * 2),
         phi,
         batched=batched,
         weight=cr.learning.linear(1.0, 2.0, steps=90),
@@ -239,7 +239,7 @@ def test_time_is_counted_over_all_sub_environments(batched):
 
 
 def test_masked_resets_leave_the_others_where_they_are():
-    envs = SyncVectorEnv([partial(wander, NONE)] * 3, autoreset_mode=AutoresetMode.DISABLED)
+    envs = SyncVectorEnv([partial(world, NONE)] * 3, autoreset_mode=AutoresetMode.DISABLED)
     shaped = VectorPotentialShaping(envs, table, discount=DISCOUNT)
     states, _ = shaped.reset(seed=0)
     shaped.step(np.zeros(3, int))
@@ -263,21 +263,21 @@ class Forgetful(gym.vector.VectorWrapper):
 
 
 def test_missing_final_observations_are_refused():
-    made = SyncVectorEnv([partial(wander, NONE)], autoreset_mode=AutoresetMode.SAME_STEP)
+    made = SyncVectorEnv([partial(world, NONE)], autoreset_mode=AutoresetMode.SAME_STEP)
     envs = VectorPotentialShaping(Forgetful(made), table, discount=DISCOUNT)
     with pytest.raises(SettingError, match=re.escape("infos['final_obs']: sub-environment 0 did")):
         run_episode(SomeEnvs(envs))
 
 
 def test_a_vector_environment_must_say_how_it_resets():
-    envs = SyncVectorEnv([wander])
+    envs = SyncVectorEnv([world])
     del envs.metadata["autoreset_mode"]
     with pytest.raises(SettingError, match="must say how it resets"):
         VectorPotentialShaping(envs, table, discount=DISCOUNT)
 
 
 def test_a_copied_vector_goes_on_where_the_original_is():
-    envs = VectorPotentialShaping(SyncVectorEnv([wander] * 2), table, discount=DISCOUNT)
+    envs = VectorPotentialShaping(SyncVectorEnv([world] * 2), table, discount=DISCOUNT)
     envs.reset(seed=0)
     envs.step(np.array([0, 1]))
     twin = copy.deepcopy(envs)

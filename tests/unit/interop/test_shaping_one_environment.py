@@ -25,7 +25,7 @@ from .shaping import (
     shaped_steps,
     table,
     task,
-    wander,
+    world,
 )
 
 
@@ -33,9 +33,9 @@ from .shaping import (
 @pytest.mark.parametrize(("terminal", "limit"), [(SOME, LIMIT), (SOME, 10**6), (NONE, LIMIT)])
 def test_each_step_gets_what_the_oracle_writes_out(terminal, limit, discount):
     actions = actions_of(300)
-    env = PotentialShaping(wander(terminal, limit), table, discount=discount)
+    env = PotentialShaping(world(terminal, limit), table, discount=discount)
     steps = iter(shaped_steps(env, actions))
-    for episode in episodes_of(wander(terminal, limit), actions):
+    for episode in episodes_of(world(terminal, limit), actions):
         total = 0.0
         for place, (state, reward, following, terminated) in enumerate(episode):
             after = 0.0 if terminated else PHI[following]
@@ -55,7 +55,7 @@ def test_each_step_gets_what_the_oracle_writes_out(terminal, limit, discount):
 
 
 def test_the_oracle_met_both_ends_of_episodes():
-    episodes = episodes_of(wander(), actions_of(300))[:-1]
+    episodes = episodes_of(world(), actions_of(300))[:-1]
     terminated = [episode[-1][3] for episode in episodes]
     assert any(terminated)
     assert not all(terminated)
@@ -63,7 +63,7 @@ def test_the_oracle_met_both_ends_of_episodes():
 
 
 def test_only_ends_of_episodes_report_a_residual():
-    env = PotentialShaping(wander(), table, discount=DISCOUNT)
+    env = PotentialShaping(world(), table, discount=DISCOUNT)
     env.reset(seed=0)
     for _ in range(100):
         _, _, terminated, truncated, info = env.step(0)
@@ -112,7 +112,7 @@ def test_terminal_observations_are_not_read():
 
 
 def test_statistics_inside_stay_unshaped():
-    env = PotentialShaping(RecordEpisodeStatistics(wander()), table, discount=DISCOUNT)
+    env = PotentialShaping(RecordEpisodeStatistics(world()), table, discount=DISCOUNT)
     ends = [info for _, info in shaped_steps(env, actions_of(100)) if "episode" in info]
     assert ends
     for info in ends:
@@ -120,7 +120,7 @@ def test_statistics_inside_stay_unshaped():
 
 
 def test_an_environment_that_resets_itself_keeps_the_reward_of_its_reset():
-    env = PotentialShaping(Autoreset(wander()), table, discount=DISCOUNT)
+    env = PotentialShaping(Autoreset(world()), table, discount=DISCOUNT)
     state, _ = env.reset(seed=0)
     over, resets = False, 0
     for action in actions_of(100).tolist():
@@ -187,6 +187,6 @@ def test_a_copy_goes_on_where_the_original_is(clone):
 
 def test_constructor_arguments_are_recorded_as_they_are():
     phi = cr.StatePotential(task(), PHI)
-    envs = VectorPotentialShaping(SyncVectorEnv([wander]), phi, batched=True)
+    envs = VectorPotentialShaping(SyncVectorEnv([world]), phi, batched=True)
     assert envs._saved_kwargs["potential"] is phi
     assert envs._saved_kwargs["batched"] is True

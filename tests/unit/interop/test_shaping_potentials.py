@@ -30,12 +30,12 @@ from .shaping import (
     shaped_steps,
     table,
     task,
-    wander,
+    world,
 )
 
 
 def test_a_state_potential_brings_its_discount():
-    env = PotentialShaping(wander(), cr.StatePotential(task(), PHI))
+    env = PotentialShaping(world(), cr.StatePotential(task(), PHI))
     assert env.discount == DISCOUNT
     assert env.get_wrapper_attr("discount") == DISCOUNT
     assert paid(env) == by_function()
@@ -43,7 +43,7 @@ def test_a_state_potential_brings_its_discount():
 
 def test_a_pair_potential_is_worth_its_best_action():
     pairs = RNG.normal(size=(N_STATES, N_ACTIONS))
-    env = PotentialShaping(wander(), cr.StateActionPotential(task(), pairs))
+    env = PotentialShaping(world(), cr.StateActionPotential(task(), pairs))
     assert paid(env) == by_function(pairs.max(axis=1))
 
 
@@ -125,7 +125,7 @@ def pair_potential_of_hunt():
 
 def test_a_discrete_space_may_start_anywhere():
     space = gym.spaces.Discrete(N_STATES, start=5)
-    env = wander(observe=lambda state: np.int64(state + 5), space=space)
+    env = world(observe=lambda state: np.int64(state + 5), space=space)
     assert paid(PotentialShaping(env, cr.StatePotential(task(), PHI))) == by_function()
 
 
@@ -137,14 +137,14 @@ def test_components_are_counted_from_the_lowest(points):
     parts = [cr.Component("x", 2, low=1), cr.Component("y", 3, low=-7)]
     states = cr.Space(parts, points)
     space = gym.spaces.MultiDiscrete([2, 3])
-    env = wander(observe=lambda state: np.array(divmod(state, 3)), space=space)
+    env = world(observe=lambda state: np.array(divmod(state, 3)), space=space)
     values = PHI[::-1] if points == POINTS[::-1] else PHI
     phi = cr.StatePotential(task(NONE, states=states), values)
     assert paid(PotentialShaping(env, phi)) == by_function()
 
 
 def test_components_outside_their_space_are_named():
-    env = wander(observe=lambda state: np.array([0, 3]), space=gym.spaces.MultiDiscrete([2, 3]))
+    env = world(observe=lambda state: np.array([0, 3]), space=gym.spaces.MultiDiscrete([2, 3]))
     states = cr.Space([cr.Component("x", 2), cr.Component("y", 3)])
     shaped = PotentialShaping(env, cr.StatePotential(task(states=states), PHI))
     with pytest.raises(SettingError, match=re.escape("got -1 for observation array([0, 3])")):
@@ -152,7 +152,7 @@ def test_components_outside_their_space_are_named():
 
 
 def test_encode_gives_the_state_of_an_observation():
-    env = wander(observe=as_picture, space=PICTURE)
+    env = world(observe=as_picture, space=PICTURE)
     phi = cr.StatePotential(task(), PHI)
     assert paid(PotentialShaping(env, phi, encode=np.argmax)) == by_function()
 
@@ -167,25 +167,25 @@ def test_several_sources_are_averaged_unless_an_aggregate_is_given():
         cr.maximum: np.maximum(PHI, other),
         cr.minimum: np.minimum(PHI, other),
     }.items():
-        env = PotentialShaping(wander(), both, aggregate=aggregate)
+        env = PotentialShaping(world(), both, aggregate=aggregate)
         assert paid(env) == pytest.approx(by_function(together), abs=1e-12)
 
 
 def test_an_aggregate_is_applied_to_a_single_source_too():
     settings = {"discount": DISCOUNT, "aggregate": lambda p: 1 - p[0]}
-    assert paid(PotentialShaping(wander(), {"a": table}, **settings)) == by_function(1 - PHI)
+    assert paid(PotentialShaping(world(), {"a": table}, **settings)) == by_function(1 - PHI)
 
 
 @pytest.mark.parametrize("aggregate", [cr.mean, cr.total, cr.maximum, cr.minimum])
 def test_terms_are_what_each_source_would_pay_alone(aggregate):
     tables = RNG.normal(size=(3, N_STATES))
     sources = {name: values.__getitem__ for name, values in zip("abc", tables, strict=True)}
-    env = PotentialShaping(wander(), sources, discount=DISCOUNT, aggregate=aggregate)
+    env = PotentialShaping(world(), sources, discount=DISCOUNT, aggregate=aggregate)
     infos = [info for _, info in shaped_steps(env, actions_of(60))]
     terms = np.array([list(info["shaping_terms"].values()) for info in infos])
     shaping = np.array([info["shaping"] for info in infos])
     for column, values in zip(terms.T, tables, strict=True):
-        alone = PotentialShaping(wander(), values.__getitem__, discount=DISCOUNT)
+        alone = PotentialShaping(world(), values.__getitem__, discount=DISCOUNT)
         expected = [info["shaping"] for _, info in shaped_steps(alone, actions_of(60))]
         np.testing.assert_array_equal(column, expected)
     if aggregate in (cr.mean, cr.total):
@@ -201,8 +201,8 @@ def test_a_changing_potential_goes_by_the_steps_taken():
     weight = cr.learning.linear(1.0, 0.2, steps=80)
     phi = cr.StatePotential(task(NONE), frames, frame_steps=[0, 10, 31], weight=weight)
     actions = actions_of(60)
-    steps = [move for episode in episodes_of(wander(NONE), actions) for move in episode]
-    got = shaped_steps(PotentialShaping(wander(NONE), phi), actions)
+    steps = [move for episode in episodes_of(world(NONE), actions) for move in episode]
+    got = shaped_steps(PotentialShaping(world(NONE), phi), actions)
     for t, ((state, reward, following, _), (shaped, info)) in enumerate(
         zip(steps, got, strict=True)
     ):
@@ -212,13 +212,13 @@ def test_a_changing_potential_goes_by_the_steps_taken():
 
 
 def test_a_weight_scales_any_potential_and_may_change_too():
-    assert paid(PotentialShaping(wander(), table, discount=DISCOUNT, weight=2)) == by_function(
+    assert paid(PotentialShaping(world(), table, discount=DISCOUNT, weight=2)) == by_function(
         2 * PHI
     )
     weight = cr.learning.linear(1.0, 0.2, steps=80)
     weighed = cr.StatePotential(task(NONE), PHI, weight=weight)
-    env = PotentialShaping(wander(NONE), table, discount=DISCOUNT, weight=weight)
-    assert paid(env) == pytest.approx(paid(PotentialShaping(wander(NONE), weighed)), abs=1e-12)
+    env = PotentialShaping(world(NONE), table, discount=DISCOUNT, weight=weight)
+    assert paid(env) == pytest.approx(paid(PotentialShaping(world(NONE), weighed)), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -237,11 +237,11 @@ def test_a_weight_scales_any_potential_and_may_change_too():
 )
 def test_there_is_one_discount(potential, discount, said):
     with pytest.raises(SettingError, match=re.escape(said)):
-        PotentialShaping(wander(), potential, discount=discount)
+        PotentialShaping(world(), potential, discount=discount)
 
 
 def test_the_same_discount_may_be_stated_twice():
-    env = PotentialShaping(wander(), cr.StatePotential(task(), PHI), discount=DISCOUNT)
+    env = PotentialShaping(world(), cr.StatePotential(task(), PHI), discount=DISCOUNT)
     assert paid(env) == by_function()
 
 
@@ -260,7 +260,7 @@ def test_the_same_discount_may_be_stated_twice():
 )
 def test_what_cannot_be_a_potential_is_refused(potential, settings, error, said):
     with pytest.raises(error, match=re.escape(said)):
-        PotentialShaping(wander(), potential, **{"discount": DISCOUNT, **settings})
+        PotentialShaping(world(), potential, **{"discount": DISCOUNT, **settings})
 
 
 OTHER_SPACES = [gym.spaces.MultiDiscrete([4, 4]), gym.spaces.Discrete(63), PICTURE]
@@ -294,9 +294,9 @@ def test_values_that_cannot_be_used_are_named_with_their_observation(
     wrap, potential, settings, said
 ):
     if wrap == "one":
-        env = PotentialShaping(wander(), potential, discount=DISCOUNT, **settings)
+        env = PotentialShaping(world(), potential, discount=DISCOUNT, **settings)
     else:
-        envs = SyncVectorEnv([wander])
+        envs = SyncVectorEnv([world])
         env = VectorPotentialShaping(envs, potential, discount=DISCOUNT, **settings)
     with pytest.raises((PotentialError, SettingError, CurriculumError), match=re.escape(said)):
         env.reset(seed=0)
@@ -319,14 +319,14 @@ def test_values_that_cannot_be_used_are_named_with_their_observation(
 )
 def test_batches_that_cannot_be_used_are_named(potential, settings, said):
     envs = VectorPotentialShaping(
-        SyncVectorEnv([wander] * 2), potential, discount=DISCOUNT, batched=True, **settings
+        SyncVectorEnv([world] * 2), potential, discount=DISCOUNT, batched=True, **settings
     )
     with pytest.raises(cr.CurricleError, match=re.escape(said)):
         envs.reset(seed=0)
 
 
 def test_an_environment_is_shaped_once():
-    env = PotentialShaping(wander(), table, discount=DISCOUNT)
+    env = PotentialShaping(world(), table, discount=DISCOUNT)
     twice = PotentialShaping(env, table, discount=DISCOUNT)
     twice.reset(seed=0)
     with pytest.raises(SettingError, match="must be shaped once"):

@@ -18,10 +18,10 @@ from .shaping import (
     PHI,
     PICTURE,
     SomeEnvs,
-    Wander,
+    World,
     as_picture,
     run_episode,
-    wander,
+    world,
 )
 
 
@@ -45,7 +45,7 @@ class Corridor(gym.Env):
 
 
 class Clock:
-    """A potential that looks at something else than the observation."""
+    """A potential that depends on something else than the observation."""
 
     calls = 0
 
@@ -58,13 +58,13 @@ class Clock:
 
 
 def test_a_potential_of_something_else_is_refused_at_the_end():
-    env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT)
+    env = PotentialShaping(world(NONE), Clock(), discount=DISCOUNT)
     # Phi was 1 at the start and is 9 there at the end of 7 steps.
     said = "Phi depends on the observation alone: it is off by 8 after 7 steps"
     with pytest.raises(PotentialError, match=re.escape(said)):
         run_episode(env)
     envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(wander, NONE)] * 2),
+        SyncVectorEnv([partial(world, NONE)] * 2),
         Clock().batch,
         discount=DISCOUNT,
         batched=True,
@@ -74,15 +74,15 @@ def test_a_potential_of_something_else_is_refused_at_the_end():
 
 
 def test_without_a_tolerance_the_residual_is_only_reported():
-    env = PotentialShaping(wander(NONE), Clock(), discount=DISCOUNT, tolerance=None)
+    env = PotentialShaping(world(NONE), Clock(), discount=DISCOUNT, tolerance=None)
     assert run_episode(env)["telescoping_residual"] == pytest.approx(8.0, abs=1e-12)
 
 
 def test_rounding_is_allowed_where_the_start_has_potential_0():
-    first = Wander(NONE).reset(seed=0)[0]
+    first = World(NONE).reset(seed=0)[0]
     values = 1e9 * (PHI - PHI[first])
     settings = {"discount": 1.0, "tolerance": 1e-11}
-    long = partial(wander, NONE, limit=3000)
+    long = partial(world, NONE, limit=3000)
     env = PotentialShaping(long(), values.__getitem__, **settings)
     assert run_episode(env)["telescoping_residual"] != 0.0
     envs = VectorPotentialShaping(SyncVectorEnv([long]), values.__getitem__, **settings)
@@ -100,15 +100,15 @@ def test_rounding_is_allowed_where_the_start_has_the_largest_potential():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_observations_may_be_written_over(seed):
-    room = np.zeros(N_STATES, np.float32)
+    buffer = np.zeros(N_STATES, np.float32)
 
     def observe(state):
-        room[:] = as_picture(state)
-        return room
+        buffer[:] = as_picture(state)
+        return buffer
 
-    one = wander(NONE, observe=observe, space=PICTURE)
+    one = world(NONE, observe=observe, space=PICTURE)
     env = PotentialShaping(one, lambda picture: picture @ PHI, discount=DISCOUNT)
     assert abs(run_episode(env, seed)["telescoping_residual"]) < 1e-12
-    many = SyncVectorEnv([partial(wander, NONE, observe=as_picture, space=PICTURE)] * 2, copy=False)
+    many = SyncVectorEnv([partial(world, NONE, observe=as_picture, space=PICTURE)] * 2, copy=False)
     envs = VectorPotentialShaping(many, lambda o: o @ PHI, discount=DISCOUNT, batched=True)
     assert (abs(run_episode(SomeEnvs(envs), seed)["telescoping_residual"]) < 1e-12).all()

@@ -136,9 +136,9 @@ def as_float32(curves):
 @pytest.mark.parametrize("guarded", [False, True])
 def test_tensorboard_shows_the_curves(tmp_path, guarded):
     result = some_result(guarded=guarded)
-    board = started(TensorBoard(), tmp_path)
-    board.record("mean", "hunt", result)
-    board.close()
+    tracker = started(TensorBoard(), tmp_path)
+    tracker.record("mean", "hunt", result)
+    tracker.close()
     for k, seed in enumerate(result.seeds):
         shown = read_board(tmp_path / "tensorboard" / "mean" / "hunt" / f"seed-{seed}")
         assert shown == as_float32(expected(result, k))
@@ -149,8 +149,8 @@ def test_tensorboard_has_the_settings_as_hyperparameters(tmp_path):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
     from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
-    board = started(TensorBoard(), tmp_path)
-    board.record("mean", "hunt", some_result())
+    tracker = started(TensorBoard(), tmp_path)
+    tracker.record("mean", "hunt", some_result())
     events = EventAccumulator(str(tmp_path / "tensorboard" / "mean" / "hunt" / "seed-7"))
     events.Reload()
     (content,) = events.PluginTagToContent("hparams").values()
@@ -161,23 +161,23 @@ def test_tensorboard_has_the_settings_as_hyperparameters(tmp_path):
 def test_tensorboards_of_one_second_in_one_folder_overwrite_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("curricle.interop.tensorboard.time.time", lambda: 1e9)
     result = some_result(seeds=(0,))
-    boards = [started(TensorBoard(), tmp_path) for _ in range(2)]
-    for board in boards:
-        board.record("mean", "hunt", result)
-    for board in boards:
-        board.close()
+    trackers = [started(TensorBoard(), tmp_path) for _ in range(2)]
+    for tracker in trackers:
+        tracker.record("mean", "hunt", result)
+    for tracker in trackers:
+        tracker.close()
     shown = read_board(tmp_path / "tensorboard" / "mean" / "hunt" / "seed-0")
     twice = {tag: curve * 2 for tag, curve in as_float32(expected(result, 0)).items()}
     assert shown == twice
 
 
 def test_a_resumed_tensorboard_leaves_earlier_runs_alone(tmp_path):
-    board = started(TensorBoard(), tmp_path)
-    board.record("mean", "hunt", some_result(seeds=(0,)))
+    tracker = started(TensorBoard(), tmp_path)
+    tracker.record("mean", "hunt", some_result(seeds=(0,)))
     earlier = {path: path.read_bytes() for path in tmp_path.rglob("*tfevents*")}
-    board = started(TensorBoard(), tmp_path)
-    board.record("mean", "hunt", some_result(seeds=(1, 2)))
-    board.close()
+    tracker = started(TensorBoard(), tmp_path)
+    tracker.record("mean", "hunt", some_result(seeds=(1, 2)))
+    tracker.close()
     assert len(earlier) == 1
     assert all(path.read_bytes() == content for path, content in earlier.items())
     assert len(list(tmp_path.rglob("*tfevents*"))) == 3
@@ -185,21 +185,21 @@ def test_a_resumed_tensorboard_leaves_earlier_runs_alone(tmp_path):
 
 @pytest.mark.parametrize("damage", [Path.unlink, lambda path: os.truncate(path, 200)])
 def test_tensorboard_reports_events_that_are_not_there(tmp_path, damage):
-    board = started(TensorBoard(), tmp_path)
-    board.record("mean", "hunt", some_result())
+    tracker = started(TensorBoard(), tmp_path)
+    tracker.record("mean", "hunt", some_result())
     damage(next((tmp_path / "tensorboard" / "mean" / "hunt" / "seed-7").iterdir()))
     with pytest.raises(StoreError, match=r"1 of 2 do not, the first is .*seed-7.* of 5 events"):
-        board.close()
+        tracker.close()
 
 
 NAMES = ["mean", "mean, placebo", "a/b", "a%2Fb", "..", ".", "C:\\x", "größe", "φ → ψ", "end."]
 
 
 def test_any_name_is_a_folder_of_its_own_inside_the_study(tmp_path):
-    board = started(TensorBoard(), tmp_path / "study")
+    tracker = started(TensorBoard(), tmp_path / "study")
     for name in NAMES:
-        board.record(name, "..", some_result(seeds=(0,), n=3))
-    board.close()
+        tracker.record(name, "..", some_result(seeds=(0,), n=3))
+    tracker.close()
     inside = [p.relative_to(tmp_path).parts for p in tmp_path.rglob("*tfevents*")]
     assert all(len(parts) == 6 for parts in inside)  # study, tensorboard, arm, node, seed, file
     assert len({parts[2] for parts in inside}) == len(NAMES)
