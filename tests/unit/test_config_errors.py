@@ -119,6 +119,16 @@ def complaints(tmp_path, monkeypatch):
         ),
         ("epsilon = 0.1", "epsilon = nan", "line 5: learner.epsilon must be finite: got nan"),
         (
+            "budget = 2_000",
+            f"budget = 1{400 * '0'}",
+            f"line 11: tasks.chase.budget must fit into 64 bits: got 1{56 * '0'}...",
+        ),
+        (
+            "epsilon = 0.1",
+            f"epsilon = 1{400 * '0'}",
+            f"line 5: learner.epsilon must be a number: got 1{56 * '0'}...",
+        ),
+        (
             "[learner]\nepsilon = 0.1",
             "seeds_per_unit = 0",
             "line 4: seeds_per_unit must be at least 1: got 0",

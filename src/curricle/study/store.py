@@ -102,9 +102,9 @@ class StudyStore:
     def opened(
         cls, path: str | Path, description: Mapping[str, Any], *, resume: bool
     ) -> Iterator["StudyStore"]:
-        """Open a folder for results, made if need be, with other processes kept out.
+        """Open a folder for results, made if need be, and lock it against other processes.
 
-        The lock ends with the process, however that ends.
+        The lock is released when the process ends, also when it is killed.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class StudyStore:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
         for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
-            # Left by a killed run, and not complete.
+            # A killed run left it; it is not complete.
             shutil.rmtree(part) if part.is_dir() else part.unlink()
         with _write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))

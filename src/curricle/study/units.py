@@ -22,7 +22,7 @@ class Unit:
     Attributes
     ----------
     key : str
-        Stands for all that the result depends on, except the seeds (:class:`Arms`).
+        A hash of all that the result depends on, except the seeds (:class:`Arms`).
     arm, task : str
         The first arm that needs it, and its task.
     seeds : tuple of int

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
-from pydantic import Field, create_model
+from pydantic import Field, TypeAdapter, create_model
 
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
 from curricle.study.config.tables import (
@@ -26,7 +26,6 @@ from curricle.study.config.tables import (
     Number,
     Table,
     Whole,
-    number,
     shown,
     tagged,
     wrong,
@@ -178,5 +177,7 @@ def _plain(text: str) -> str:
 
 _PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
 _SCHEDULES = tuple(table_of(one, tag=one.__name__) for one in (linear, exponential, harmonic))
-Rate = Annotated[Any, tagged(*_SCHEDULES, simple=number, simple_type=float)]
+Rate = Annotated[
+    Any, tagged(*_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
+]
 """A number, or a table that says how it changes."""

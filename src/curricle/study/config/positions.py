@@ -1,4 +1,4 @@
-"""Where in a study file something is written, to say so in a message."""
+"""Where in a study file each key is, for messages."""
 
 import re
 import tomllib

@@ -35,7 +35,7 @@ def _seeds(value: Any) -> tuple[int, ...]:
     """Return 30, [0, 1, 7] or "0-9,20-29" as seeds."""
     numbers: Any = _ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
-        numbers = range(numbers)
+        numbers = range(min(numbers, MOST_SEEDS + 1))
     listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
     whole = listed and all(type(n) is int and n >= 0 for n in numbers)
     if not whole or len(set(numbers)) < len(numbers):

@@ -1,6 +1,5 @@
-"""What every table of a study file is: frozen, closed to unknown keys, plain about mistakes."""
+"""The base of all tables of a study file: frozen, without unknown keys, with plain messages."""
 
-import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -9,6 +8,7 @@ from operator import or_
 from typing import Annotated, Any, Self
 
 from pydantic import (
+    AllowInfNan,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -27,6 +27,7 @@ SHOWN = 60
 """Characters of a value that a message repeats."""
 PHRASES = {
     "float_type": "must be a number",
+    "finite_number": "must be finite",
     "bool_type": "must be true or false",
     "string_type": "must be text in quotes",
     "list_type": "must be a list",
@@ -140,19 +141,12 @@ def as_table(value: Any) -> dict[str, Any]:
 
 def whole_number(value: Any) -> int:
     """Return a whole number: 1000, 1_000 or 1e3."""
-    whole = isinstance(value, int | float) and math.isfinite(value) and value == int(value)
+    whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
     if not whole or isinstance(value, bool):
         raise wrong(f"must be a whole number: got {shown(value)}")
+    if abs(value) >= 2**63:
+        raise wrong(f"must fit into 64 bits: got {shown(value)}")
     return int(value)
-
-
-def number(value: Any) -> float:
-    """Return a finite number."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise wrong(f"must be a number: got {shown(value)}")
-    if not math.isfinite(value):
-        raise wrong(f"must be finite: got {value}")
-    return float(value)
 
 
 def word(
@@ -180,7 +174,7 @@ def word(
 
 Whole = Annotated[int, BeforeValidator(whole_number)]
 Count = Annotated[Whole, Field(ge=1)]
-Number = Annotated[float, BeforeValidator(number)]
+Number = Annotated[float, Strict(), AllowInfNan(False)]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, Field(min_length=1)]
 Reference = Annotated[str, word("name a function as module:function", function=True)]

@@ -1,4 +1,4 @@
-"""The names of tasks in a curriculum, and which leads to which: checked before building."""
+"""The names of tasks in a curriculum, checked before anything is built."""
 
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -11,7 +11,7 @@ DRAWN = ("maze", "crop")
 
 
 class NameGraph(NamedTuple):
-    """Names of tasks, and what leads from one to another."""
+    """The tasks of a curriculum by name, its crops and its transfers."""
 
     parts: dict[str, str | None]
     """The maze of which each task is a crop, if it is one."""
@@ -54,7 +54,7 @@ class NameGraph(NamedTuple):
 
 
 def table(value: Any) -> dict[str, Any]:
-    """Return a table as it is, and an empty one in place of what should have been a table."""
+    """Return a table as it is, and an empty one for anything else."""
     return value if isinstance(value, dict) else {}
 
 
