@@ -22,7 +22,7 @@ from curricle.errors import SettingError
 from curricle.interop.pettingzoo import to_pettingzoo
 from curricle.interop.vector_pursuit import VectorPursuit, observed_pursuit, predator_mapping
 from curricle.transfer import TableValues
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 FORMS = ["index", "components", "vector"]
 

@@ -31,7 +31,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.shaped import ShapedVecEnv
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.potential_shaping import PotentialShaping
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import FunctionValues, TableValues
 
 from .shaped_worlds import (

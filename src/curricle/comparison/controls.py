@@ -31,7 +31,7 @@ from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.edges import Transfer
 from curricle.transfer.mapping import StateActionMapping, identity
 from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)

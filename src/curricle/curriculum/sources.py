@@ -14,8 +14,7 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.edges import Calibrate, Transfer
-from curricle.transfer.observation_potential import ObservationPotential
-from curricle.transfer.potentials import combined_potential
+from curricle.transfer.potentials import ObservationPotential, combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
 
 IntArray = npt.NDArray[np.int64]

@@ -19,7 +19,7 @@ from curricle.learning.stopping import NEVER_STOPS, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 
 def learn_deep(

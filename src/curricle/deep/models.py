@@ -18,7 +18,7 @@ from curricle.deep.shaping import PolicyReuse, WeightTransfer, reusing
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """Prefixes of the critic's parameters in an actor-critic."""

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.errors import PotentialError
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import no_actions
 
 FloatArray = npt.NDArray[np.float64]

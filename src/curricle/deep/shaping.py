@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from curricle.learning.shaping import Shaping
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 REUSED = 0.5
 """Part of the budget in which the sources' policy is acted on, with falling probability."""

@@ -32,7 +32,7 @@ from curricle.tasks.observation_task import stack
 from curricle.tasks.task import generative_model
 from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 BoolArray = npt.NDArray[np.bool_]
 Finals = Callable[[int], Any]

@@ -18,7 +18,7 @@ from .observation_mapping import (
     ObservationCoverage as ObservationCoverage,
     ObservationMapping as ObservationMapping,
 )
-from .observation_potential import ObservationPotential as ObservationPotential
+from .potentials import ObservationPotential as ObservationPotential
 from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
 from .value_sources import (
     FunctionValues as FunctionValues,

@@ -17,8 +17,8 @@ from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
 from curricle.learning.record import WarmUp
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
-from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
+from curricle.transfer.potentials import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 AnyPotential = Any

@@ -17,7 +17,7 @@ from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.draws import splitmix64_number, stream_start
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
 from curricle.tasks.spaces import frozen
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 Policy = Callable[[Any], tuple[Any, Any]]

@@ -1,21 +1,37 @@
-"""Potentials of transfers: looked up in the sources while learning, or as an array."""
+"""Potentials of transfers: an array, looked up while learning, or over observations."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from curricle.checks import instance
+from curricle.errors import PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, ValueLookup
+from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import MISSING, frozen
 from curricle.tasks.task import Task, generative_model
-from curricle.transfer.aggregation import Aggregate, aggregate, maximum, mean, minimum, total
+from curricle.transfer.aggregation import (
+    UNCHANGED_ALONE,
+    Aggregate,
+    aggregate,
+    maximum,
+    mean,
+    minimum,
+    total,
+)
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.edges import Transfer
-from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states, transferred
+from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
+from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.value_sources import ValueSource, no_actions
 
+FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 COMPILED_AGGREGATES: dict[Aggregate, int] = {
     minimum: MINIMUM,
@@ -98,7 +114,7 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
     return np.concatenate([[0], ends[:-1]])
 
 
-def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
     """Return what a target reads of a source, (S' + 1, A' + 1).
 
     Pairs that are unmapped read the last row or column.
@@ -109,3 +125,116 @@ def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> npt.NDArr
     index[:-1][terminal_states(mapping.source)] = ENDED
     index[-1], index[:, -1] = UNMAPPED, UNMAPPED
     return transferred(q, index, mapping.unmapped_value, transfer.scale, transfer.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationPotential:
+    """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
+
+    It is a :class:`ValueSource` itself. Where all sources have action values, and the actions are
+    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
+
+    Parameters
+    ----------
+    task : ObservationTask
+        The target.
+    edges : sequence of N Transfer
+        With an :class:`ObservationMapping` each.
+    values : sequence of N ValueSource
+        Of the source of each.
+    function : callable
+        g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
+    scale, shift : float
+
+    Raises
+    ------
+    PotentialError
+        When there is no source, or a mapping was made for another target.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> from curricle.transfer import FunctionValues
+    >>> car = observation_task("MountainCar-v0")
+    >>> height = FunctionValues(state_values=lambda cars: cars[:, 0])
+    >>> edge = Transfer("height", "car", ObservationMapping(car, car), scale=10.0)
+    >>> phi = ObservationPotential(car, [edge], [height])
+    >>> phi.v(np.array([[0.5, 0.0], [-1.0, 0.0]])), phi.of_actions
+    (array([  5., -10.]), False)
+    """
+
+    task: ObservationTask
+    edges: Sequence[Transfer]
+    values: Sequence[ValueSource]
+    function: Aggregate = mean
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", tuple(self.edges))
+        object.__setattr__(self, "values", tuple(self.values))
+        if not self.edges or len(self.edges) != len(self.values):
+            raise PotentialError(
+                "a potential over observations needs values for each of its transfers, at least "
+                f"one: got {len(self.edges)} transfers and {len(self.values)} values"
+            )
+        for edge, values in zip(self.edges, self.values, strict=True):
+            instance(f"values of {edge.source}", values, ValueSource, PotentialError)
+            instance(f"mapping of {edge.source}", edge.mapping, ObservationMapping, PotentialError)
+            if edge.mapping.target != self.task:
+                raise PotentialError(
+                    f"a potential's mappings must be made for its task, {self.task}: that of "
+                    f"{edge.source!r} was made for {edge.mapping.target}"
+                )
+
+    @classmethod
+    def of(cls, task: ObservationTask, values: ValueSource) -> Self:
+        """Return the potential of a task that reads `values` unchanged."""
+        edge = Transfer("values", "task", ObservationMapping(task, task))
+        return cls(task, [edge], [values])
+
+    @cached_property
+    def of_actions(self) -> bool:
+        """Whether it has action values."""
+        return self.task.n_actions is not None and all(v.of_actions for v in self.values)
+
+    @property
+    def highest(self) -> float:
+        """NaN: the maximum over all observations is not known."""
+        return float("nan")
+
+    def pairs(self, observations: Any) -> FloatArray:
+        """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
+        if not self.of_actions:
+            raise no_actions(self)
+        return self._aggregate(
+            edge.mapping.pairs(values, observations, edge.scale, edge.shift)
+            for edge, values in zip(self.edges, self.values, strict=True)
+        )
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return phi(s, a), of the shape of `actions`: (n,), or (n, m)."""
+        pairs, chosen = self.pairs(observations), np.asarray(actions)
+        if chosen.ndim == 2:
+            return np.take_along_axis(pairs, chosen, axis=1)
+        return np.asarray(pairs[np.arange(len(pairs)), chosen])
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return Phi(s), (n,) float64."""
+        if self.of_actions:
+            return np.asarray(self.pairs(observations).max(axis=1))
+        return self._aggregate(
+            edge.mapping.states(values, observations, edge.scale, edge.shift)[:, None]
+            for edge, values in zip(self.edges, self.values, strict=True)
+        )[:, 0]
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return scale phi + shift."""
+        return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
+
+    def _aggregate(self, each: Iterable[FloatArray]) -> FloatArray:
+        """Return scale g + shift of the sources' potentials, N of (n, A) -> (n, A)."""
+        found = list(each)
+        alone = len(found) == 1 and self.function in UNCHANGED_ALONE
+        phi = found[0] if alone else aggregate(self.function, np.array(found))
+        return rescale(phi, self.scale, self.shift)

@@ -16,8 +16,8 @@ from curricle.planning.solution import Solution, right_choices
 from curricle.planning.target import Target
 from curricle.tasks.reachability import reachable_states
 from curricle.tasks.task import Task, tables
-from curricle.transfer.observation_potential import ObservationPotential
 from curricle.transfer.observation_rollouts import ObservationTarget, greedy_observation_rollouts
+from curricle.transfer.potentials import ObservationPotential
 
 FloatArray = npt.NDArray[np.float64]
 MAX_RANKED = 200_000

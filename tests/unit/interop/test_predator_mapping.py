@@ -19,7 +19,7 @@ from curricle.interop.vector_pursuit import (
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer import FunctionValues, TableValues
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 
 from .environments import every_cell
 

@@ -15,7 +15,7 @@ from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregation import aggregate, aggregate_numbers
-from curricle.transfer.observation_potential import ObservationPotential
+from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import FunctionValues, TableValues
 
 SIZE, DISCOUNT, LIMIT = 5, 0.9, 4
