@@ -90,7 +90,7 @@ BENCHMARK = Benchmark(
     arms={
         "from scratch": from_scratch,
         "residual on the table": partial(from_table, cr.QInitialisation(), WARM),
-        "residual that sees no phi": partial(from_table, cr.QInitialisation(), BLIND),
+        "residual without phi as input": partial(from_table, cr.QInitialisation(), BLIND),
         "shaped by the table": partial(from_table, cr.StateShaping(), DQN),
         "table's policy only": partial(from_table, cr.deep.PolicyReuse(), DQN),
         "residual on the network": partial(from_network, cr.QInitialisation(), WARM),
