@@ -9,6 +9,7 @@ import argparse
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -22,8 +23,8 @@ COPIED = ("src", "tests", "examples", "docs", "pyproject.toml", "conftest.py", "
 PACKAGE = Path("src/curricle")
 COMPILED = ("tasks/", "planning/", "learning/")
 """Where loops are compiled. Numba's disk cache would not notice a change in what they call."""
-HANGS = 300
-"""Seconds after which tests of a changed library are stopped; an endless loop is caught too."""
+LIMIT = 300
+"""Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 
 
 class Mutation(NamedTuple):
@@ -245,20 +246,20 @@ class Job:
             "MPLBACKEND": "Agg",
             "CI": "1",  # Hypothesis draws the same examples every time
         }
-        options = ["-x", "-n", "0", "-p", "no:cacheprovider"]
-        command = [sys.executable, "-m", "pytest", *options, *tests]
-        try:
-            return subprocess.run(
-                command,
-                cwd=self.folder,
-                env=environment,
-                capture_output=True,
-                text=True,
-                timeout=HANGS,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return subprocess.CompletedProcess(command, 1, "FAILED (no end)\n", "")
+        options = ["-x", "-n", "0", "--timeout", "0", "-p", "no:cacheprovider"]
+        limited = ["sh", "-c", f'ulimit -t {LIMIT}; exec "$@"', "sh"]
+        done = subprocess.run(
+            [*limited, sys.executable, "-m", "pytest", *options, *tests],
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=20 * LIMIT,
+            check=False,
+        )
+        if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+            done = subprocess.CompletedProcess(done.args, 1, "FAILED (no end)\n", "")
+        return done
 
     def check(self, mutations: list[Mutation]) -> Iterator[tuple[Mutation, str]]:
         """Yield which test caught each mutation, or nothing for one that survived."""
