@@ -69,7 +69,7 @@ def stepping_many(envs, steps):
 
 
 def report(contestants, turns):
-    """Print a block; the first contestant is the plain environment. Return the overheads."""
+    """Print a line for each contestant, the first without shaping. Return the overheads."""
     rates = in_turns(contestants, turns)
     base, overheads = next(iter(rates)), {}
     for name, measured in rates.items():

@@ -1,4 +1,4 @@
-"""What a forecast says of each aggregate beside what came of it: pursuit on 4x4 to 7x7 cells.
+"""Forecasts of each aggregate beside what learning then did: pursuit on 4x4 to 7x7 cells.
 
 Training returns in the first and the last tenth of epsilon-greedy learning, mean over seeds, after
 a forecast from the same sources. Takes about a minute and a half on two cores.

@@ -1,8 +1,8 @@
 """What benchmarks of transfer share: arms x seeds in processes, resumed; a table and a picture.
 
 An arm is a curriculum; all steps are charged, the sources' included. Each (arm, seed) is trained in
-a process of its own and its curve written to a file, so that a benchmark that was stopped goes on.
-Return is that of the greedy policy, undiscounted, over episodes that no learner sees.
+a process of its own and its curve written to a file, so that a stopped benchmark can be resumed.
+Returns are those of the greedy policy, undiscounted, over episodes that are not learnt from.
 """
 
 import argparse

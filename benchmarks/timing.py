@@ -1,7 +1,7 @@
 """What the benchmarks share: rates measured in turns, and the table that holds them to bars.
 
 Both sides of a comparison take turns in one run, and what counts is the median of the turns'
-ratios: absolute rates move with the machine and with whoever else is using it. Work on one
+ratios: absolute rates change with the machine and its load. Work on one
 thread is measured in processor time for the same reason, work on several in wall time.
 """
 
