@@ -29,7 +29,7 @@ from timing import arguments, in_turns, on_one_thread
 import curricle as cr
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
-from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.vec_env import ShapedVecEnv
 from curricle.interop.potential_shaping import PotentialShaping
 
 COUNTS = 1, 8, 64  # sub-environments

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import (
     DummyVecEnv,
 )
 
-from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.vec_env import ShapedVecEnv
 
 DISCOUNT = 0.9
 

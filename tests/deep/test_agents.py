@@ -16,8 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from curricle import Pursuit, Transfer, solve
-from curricle.deep.agents import AgentsVecEnv
-from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.vec_env import AgentsVecEnv, ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.interop.pettingzoo import to_pettingzoo
 from curricle.interop.vector_pursuit import VectorPursuit, observed_pursuit, predator_mapping

@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import (
 
 import curricle as cr
 from curricle.deep.networks import NetworkValues
-from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.potential_shaping import PotentialShaping
 from curricle.transfer.potentials import ObservationPotential

@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import (
 )
 
 import curricle as cr
-from curricle.deep.shaped import ShapedVecEnv
+from curricle.deep.vec_env import ShapedVecEnv
 
 from .shaped_worlds import (
     DISCOUNT,

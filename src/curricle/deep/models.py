@@ -13,8 +13,8 @@ from curricle.deep.checkpoint import isolated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
-from curricle.deep.shaped import ShapedVecEnv
 from curricle.deep.shaping import PolicyReuse, WeightTransfer, reusing
+from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask

@@ -24,7 +24,7 @@ CURVES = {
 }
 """Tag of a curve, as other libraries name it, -> field of :class:`LearningResult`."""
 TRACKERS = {"tensorboard": "TensorBoard", "wandb": "WandB", "mlflow": "MLflow"}
-"""A tool, which is also its package, Curricle's extra and the module here -> its tracker."""
+"""A tool, which is also its package and Curricle's extra -> its tracker in ``tools``."""
 
 
 @runtime_checkable
@@ -184,7 +184,7 @@ def _tracker(given: str | Tracker) -> Tracker:
             f"tracker {given!r} needs a package that is not installed: "
             f"pip install curricle[{given}]"
         )
-    made: Tracker = getattr(import_module(f"curricle.interop.{given}"), TRACKERS[given])()
+    made: Tracker = getattr(import_module("curricle.interop.tools"), TRACKERS[given])()
     return made
 
 

@@ -13,10 +13,8 @@ import pytest
 
 import curricle
 from curricle.errors import StoreError
-from curricle.interop.mlflow import MLflow
-from curricle.interop.tensorboard import TensorBoard
+from curricle.interop.tools import MLflow, TensorBoard, WandB
 from curricle.interop.trackers import CURVES, TRACKERS, checkpoints, open_trackers
-from curricle.interop.wandb import WandB
 from curricle.learning.learners import QLearning
 from curricle.learning.result import LearningResult
 from curricle.tasks.gridworld import GridWorld
@@ -159,7 +157,7 @@ def test_tensorboard_has_the_settings_as_hyperparameters(tmp_path):
 
 
 def test_tensorboards_of_one_second_in_one_folder_overwrite_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("curricle.interop.tensorboard.time.time", lambda: 1e9)
+    monkeypatch.setattr("curricle.interop.tools.time.time", lambda: 1e9)
     result = some_result(seeds=(0,))
     trackers = [started(TensorBoard(), tmp_path) for _ in range(2)]
     for tracker in trackers:

@@ -1,22 +1,160 @@
-"""PettingZoo's agents as a vector environment of Stable-Baselines3: one model for all."""
+"""Vector environments of Stable-Baselines3: with shaped rewards, and of PettingZoo's agents."""
 
-from collections.abc import Iterable, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector.utils import batch_space
 
 from curricle.checks import instance
 from curricle.errors import SettingError
+from curricle.interop.potential_sources import Potential
+from curricle.interop.shaping_potential import Episodes, check_unshaped, shaping_potential
+from curricle.learning.schedules import Schedule
 from curricle.tasks.observation_task import stack
+from curricle.transfer.aggregation import Aggregate
 
 try:
-    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
-    VecEnv = object
+    VecEnv = VecEnvWrapper = object
 
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 Indices = int | Iterable[int] | None
+
+
+def _need_stable_baselines3() -> None:
+    if VecEnv is object:
+        raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+
+
+class ShapedVecEnv(VecEnvWrapper):
+    """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
+
+    It is :class:`VectorPotentialShaping` for the vector environments of Stable-Baselines3. Phi(s')
+    is 0 where an episode terminated; where it was cut off (``info["TimeLimit.truncated"]``) s' is
+    ``info["terminal_observation"]``, from which the algorithms bootstrap.
+
+    Each sub-environment's ``info`` holds what :class:`PotentialShaping` puts there;
+    ``shaping_terms`` only where there are several sources.
+
+    Wrappers inside see the task's own rewards, wrappers outside the shaped ones. `Monitor`,
+    `VecMonitor` and wrappers that clip rewards belong inside: then ``rollout/ep_rew_mean`` is that
+    of the task. `VecNormalize` belongs outside. An environment for evaluation needs no shaping.
+
+    Parameters
+    ----------
+    venv : stable_baselines3.common.vec_env.VecEnv
+    potential, discount, weight, aggregate, encode, tolerance, batched
+        As in :class:`VectorPotentialShaping`; the discount must be the algorithm's ``gamma``.
+
+    Raises
+    ------
+    PotentialError, SettingError
+        As :class:`VectorPotentialShaping`; when a `VecNormalize` is inside, as off-policy
+        algorithms would store its unshaped rewards; and when an algorithm calls
+        ``compute_reward``, as hindsight replay does, which would be unshaped too.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> from stable_baselines3.common.vec_env import DummyVecEnv
+    >>> lakes = DummyVecEnv([lambda: gymnasium.make("FrozenLake-v1", is_slippery=False)] * 2)
+    >>> venv = ShapedVecEnv(lakes, lambda square: square / 15, discount=0.9)
+    >>> venv.reset(), venv.step(np.array([1, 2]))[1]  # to the squares 4 and 1
+    (array([0, 0]), array([0.24, 0.06]))
+    """
+
+    def __init__(
+        self,
+        venv: VecEnv,
+        potential: Potential | Mapping[str, Potential],
+        *,
+        discount: float | None = None,
+        weight: float | Schedule = 1.0,
+        aggregate: Aggregate | None = None,
+        encode: Callable[[Any], Any] | None = None,
+        tolerance: float | None = 1e-6,
+        batched: bool = False,
+    ):
+        _need_stable_baselines3()
+        super().__init__(venv)
+        if unwrap_vec_normalize(venv) is not None:
+            raise SettingError(
+                "VecNormalize must be outside of the shaping: off-policy algorithms store the "
+                "rewards that go into it"
+            )
+        space = venv.observation_space
+        self._potential = shaping_potential(
+            potential,
+            space,
+            discount=discount,
+            weight=weight,
+            aggregate=aggregate,
+            encode=encode,
+            tolerance=tolerance,
+            batched=batched,
+        )
+        stacked = batch_space(space, venv.num_envs)
+        finals_in = "info['terminal_observation']"
+        self._episodes = Episodes(self._potential, stacked, venv.num_envs, finals_in)
+
+    @property
+    def discount(self) -> float:
+        """The discount gamma."""
+        return self._potential.discount
+
+    def reset(self) -> Any:
+        """Reset all sub-environments and return what they return."""
+        observations = self.venv.reset()
+        self._episodes.begin(observations)
+        return observations
+
+    def step_wait(self) -> tuple[Any, FloatArray, BoolArray, list[dict[str, Any]]]:
+        """Return what the environments return, with shaped rewards and their parts in the infos."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        for info in infos:
+            check_unshaped(info)
+        truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
+        done = self._episodes.step(
+            observations, rewards, dones & ~truncated, truncated,
+            lambda i: infos[i].get("terminal_observation"),
+        )  # fmt: skip
+        sources, infos = self._potential.sources, [*infos]
+        shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
+        steps = zip(rewards.tolist(), done.shaping, done.potential, strict=True)
+        for i, (reward, shaping, phi) in enumerate(steps):
+            infos[i] = {
+                **infos[i],
+                "original_reward": reward,
+                "shaping": shaping[0],
+                "potential": phi,
+                **done.ended.get(i, {}),
+            }
+            if len(sources) > 1:
+                infos[i]["shaping_terms"] = dict(zip(sources, shaping[1:], strict=True))
+        return observations, shaped, dones, infos
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
+        """Call a method of the environments; SettingError where it recomputes rewards."""
+        if method_name == "compute_reward":
+            raise SettingError(
+                "rewards that are computed anew, as in hindsight replay, would lack the shaping: "
+                "an algorithm that does so must learn from the unshaped environment"
+            )
+        return self.venv.env_method(method_name, *args, indices=indices, **named)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = self.__dict__.copy()
+        del state["class_attributes"]  # the class's members, of which some cannot be pickled
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
 
 
 class AgentsVecEnv(VecEnv):
@@ -62,8 +200,7 @@ class AgentsVecEnv(VecEnv):
     """
 
     def __init__(self, parallel_env: Any):
-        if VecEnv is object:
-            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+        _need_stable_baselines3()
         from pettingzoo import ParallelEnv
 
         instance("parallel_env", parallel_env, ParallelEnv, SettingError)
@@ -95,7 +232,7 @@ class AgentsVecEnv(VecEnv):
         """Take the agents' actions, one each."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Any, npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
+    def step_wait(self) -> tuple[Any, npt.NDArray[np.float32], BoolArray, list[Any]]:
         """Act; return observations, rewards (n,), whether the episode is over (n,) and infos."""
         chosen = dict(zip(self.agents, self._actions, strict=True))
         observed, reward, terminated, truncated, info = self.environment.step(chosen)
