@@ -51,8 +51,8 @@ def ties_in_word(table, row, first, value):
 def best_of(table, row, bits):
     """Return the highest value of a row and an action that has it, drawn and flagged among ties.
 
-    The draw decides no branch: the processor would often predict it wrong, and then wait for the
-    row to arrive from memory.
+    No branch depends on the draw: the processor would often predict it wrongly, and then wait for
+    the row to arrive from memory.
     """
     best, first = highest(table, row), np.uint64(0)
     tied = ties_in_word(table, row, first, best)

@@ -39,7 +39,7 @@ class RolloutEvaluation(NamedTuple):
     """The mean return of some episodes."""
 
     episodes: int
-    discount: float  # what a reward counts relative to the one before: the task's, or 1
+    discount: float  # the task's, or 1
     horizon: int  # steps of an episode
     stream: npt.NDArray[np.uint64]  # (1,)
     total: npt.NDArray[np.float64]  # (2,) work space
@@ -142,10 +142,10 @@ class GreedyEvaluation:
     def horizon(self, task: Any) -> int:
         """Return the steps after which an episode is cut off, or adds a negligible return."""
         observed = is_observation_task(task)
-        limit = task.longest if observed else generative_model(task).time_limit
+        model = task if observed else generative_model(task)
+        limit, discount = task.longest if observed else model.time_limit, model.discount
         if limit is not None:
             return int(limit)
-        discount = task.discount if observed else generative_model(task).discount
         if not self.discounted or (observed and discount == 1):
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit: none set"

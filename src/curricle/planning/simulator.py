@@ -100,7 +100,7 @@ class ReturnRecord(NamedTuple):
     """The sum of returns, nothing else."""
 
     discount: float
-    total: FloatArray  # (2,) the sum; what the next reward counts
+    total: FloatArray  # (2,) the sum; the weight of the next reward
 
 
 @step_records.body(StepRecord)
@@ -171,7 +171,7 @@ def simulate(
     The model must be open (:func:`open_model`); `stream`, (1,), advances. Each episode has at most
     `limit` steps, and starts in a state of `starts`, (E,), or where the task draws it.
     """
-    size = episodes * limit  # pages of memory that no step reaches are never taken
+    size = episodes * limit  # memory that no step reaches is never allocated
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
     whole = np.empty(episodes, np.int64), np.empty(episodes, np.int64)
     ends = EpisodeEnds(*whole, np.empty(episodes, np.bool_), np.empty(episodes, np.bool_))

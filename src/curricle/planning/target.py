@@ -96,7 +96,7 @@ class Target:
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
-        # Imported here: it imports scipy.stats, which takes half a second that learning needs not.
+        # Imported here, as it imports scipy.stats: half a second that learning can do without.
         from curricle.statistics.thresholds import fraction_of_optimum
 
         return fraction_of_optimum(self.optimum, self.random_return, fraction)

@@ -1,4 +1,4 @@
-"""Labels: states and actions in sentences."""
+"""Names of states and actions, to be used in sentences."""
 
 from curricle.tasks.spaces import Space
 

@@ -57,7 +57,7 @@ class FiniteMDP:
     reward : (Y, O) float64
         Reward of each outcome, so that it may depend on s, a and s'.
     terminal : (S,) bool
-        States whose entry ends the episode; their value is 0.
+        States that end the episode when entered; their value is 0.
     start : (S,) float64
         Probability of starting in each state; 0 in terminal states.
     discount : float

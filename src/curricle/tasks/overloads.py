@@ -30,7 +30,7 @@ class Overloaded:
     function : callable
         Declares the signature and the docstring of all bodies; it is never run.
     outlined : bool
-        Whether bodies are called instead of inlined: right for those that run seldom.
+        Whether bodies are called instead of inlined, for those that seldom run.
     otherwise : callable, optional
         The body for types that have none of their own.
     """

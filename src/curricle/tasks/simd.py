@@ -149,7 +149,7 @@ def of_width(_, array, width):
 def prefetch(_, array, row):
     """Prefetch all cache lines of a row of a C-ordered (n, m) array.
 
-    The processor goes on meanwhile; a row of a table larger than its caches has then arrived when
+    The processor continues meanwhile; a row of a table larger than its caches has then arrived when
     the next step reads it.
     """
 
