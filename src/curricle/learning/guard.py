@@ -49,7 +49,7 @@ class Guard:
     Parameters
     ----------
     share : float
-        Share of the steps in which phi's learner acts at first, in (0, 1).
+        First share of the steps for the learner with phi, in [min_share, 1 - min_share].
     min_share : float
         Share that each learner keeps, in (0, 0.5].
     pace : float

@@ -1,7 +1,7 @@
-"""The fast loop: Q-learning without reward shaping, which is Q-initialisation and look-ahead too.
+"""The fast loop: Q-learning on unshaped rewards, as for Q-initialisation and look-ahead advice.
 
-Each row's best value and a greedy action are kept at hand, and looked for again only when the
-value was lowered, so that a step scans no row: several times faster than the general loop.
+The maximum of each row and a greedy action are stored with it, and computed anew only when that
+value was lowered. Most steps scan no row: several times faster than the general loop.
 """
 
 import numpy as np
@@ -23,9 +23,9 @@ NOWHERE = np.uint64(2**64 - 1)
 
 @inlined
 def update(q, best, greedy, row, change):
-    """Move q(row, action) towards the target, and what is kept of the row with it.
+    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
 
-    `change` are the action, the learning rate, the target and 64 bits that a tie is broken with.
+    `change` are the action, the learning rate, the target and 64 bits that break a tie.
     """
     action, rate, target, bits = change
     old = q[row, action]
@@ -46,13 +46,13 @@ def train_q_learning(
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` what was spent before (the warm-up), `budget` the :class:`Bounds`, `eval_freq` the steps
-    between checkpoints (checkpoint 0 is before the first step). A table without room for another
-    state ends the run before the step that needs it.
+    `done` the warm-up, `budget` the :class:`Bounds`, `eval_freq` the steps between checkpoints
+    (checkpoint 0 is before the first step). A full table ends the run before the step that needs
+    another row.
 
-    Rows of a far table come late from memory. There a step is learnt from during the next one,
-    before anything it changes is read: this does not change what is learnt. Arrays leave their
-    tuples before the loop, where each access would count a reference.
+    Rows of a far table arrive late from memory. There the update of a step is made during the next
+    one, before anything it changes is read, so that results are the same. Arrays are taken out of
+    their tuples before the loop, where each access would count a reference.
     """
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     real, limit = q.dtype.type, horizon[1]

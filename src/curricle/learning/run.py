@@ -17,7 +17,7 @@ from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import NOTHING_ADDED, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import SparseValues, Storage
-from curricle.learning.tables import Dense, Number, Sparse, reorder
+from curricle.learning.tables import DenseTable, Number, SparseTable, reorder
 from curricle.learning.value_lookup import no_sources, read_table
 from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.draws import splitmix64_number
@@ -184,12 +184,12 @@ class Run:
             q[self.task.terminal] = 0.0
         return q
 
-    def _dense(self, q: FloatTable, key: np.uint64) -> Dense:
+    def _dense(self, q: FloatTable, key: np.uint64) -> DenseTable:
         far = number(q.nbytes > NEAR)
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
-        return Dense(q, best, greedy, key, self._width, far)
+        return DenseTable(q, best, greedy, key, self._width, far)
 
-    def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> Sparse:
+    def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> SparseTable:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
         lookup = no_sources(n_actions) if potential is None else potential.lookup
@@ -197,7 +197,7 @@ class Run:
         heads = np.empty(
             rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)
         )
-        return Sparse(
+        return SparseTable(
             np.empty((rows, n_actions), dtype),
             heads["best"],
             heads["greedy"],

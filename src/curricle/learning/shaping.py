@@ -19,12 +19,7 @@ from curricle.errors import SettingError
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
-from curricle.learning.potential import (
-    MappedPotential,
-    Potential,
-    StateActionPotential,
-    StatePotential,
-)
+from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model, same_task
@@ -137,18 +132,13 @@ class Shaping(ABC):
         """Return the fields of the kernel that differ from ``NOTHING_ADDED``."""
         return {}
 
-    def _taken(self, task: Task, given: Any) -> Potential:
+    def _taken(self, task: Task, given: Any) -> Any:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
         if isinstance(given, StatePotential):
             raise SettingError(f"{self.name} takes a potential phi(s, a): got a StatePotential")
-        return pair_potential(task, given)
-
-
-def pair_potential(task: Task, given: Any) -> StateActionPotential | MappedPotential:
-    """Return a potential of pairs; it may be given as an array."""
-    if isinstance(given, StateActionPotential | MappedPotential):
-        return given
-    return StateActionPotential(task, given)
+        if isinstance(given, StateActionPotential | MappedPotential):
+            return given
+        return StateActionPotential(task, given)
 
 
 @dataclass(frozen=True)
@@ -293,12 +283,12 @@ class StateShaping(Shaping):
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
         return 0.0 if self.potential is None else self.potential.at(step)[:, None]
 
-    def _taken(self, task: Task, given: Any) -> StatePotential:
+    def _taken(self, task: Task, given: Any) -> Any:
         if isinstance(given, StatePotential):
             return given
         if np.ndim(given) == 1:
             return StatePotential(task, given)
-        return pair_potential(task, given).to_state()
+        return super()._taken(task, given).to_state()
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The table that a Q-learner fills, with the maximum and a greedy action of each row cached.
 
-Two kinds with one interface: :class:`Dense` has a row for every state, :class:`Sparse` has rows for
-the states visited so far, each filled from the potential when its state is first visited.
+Two kinds with one interface: :class:`DenseTable` has a row for every state, :class:`SparseTable`
+one for each state visited so far, filled from the potential on the first visit.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ Number = tuple[None, ...]
 """A number as a type, the tuple's length: loops are compiled for each."""
 
 
-class Dense(NamedTuple):
+class DenseTable(NamedTuple):
     """A row for every state: a state's row is the state."""
 
     q: FloatTable  # (S, A)
@@ -33,7 +33,7 @@ class Dense(NamedTuple):
     far: Number  # 1 where the table exceeds the nearest cache, else 0
 
 
-class Sparse(NamedTuple):
+class SparseTable(NamedTuple):
     """Rows for the states visited so far, found by hashing; R at most. Row 0 has no state."""
 
     q: FloatTable  # (R, A)
@@ -78,7 +78,7 @@ def tie_bits(key, state):
 # -- dense ---------------------------------------------------------------------------------------
 
 
-@row_maxima.body(Dense)
+@row_maxima.body(DenseTable)
 def _find_dense_maxima(table):
     q = of_width(table.q, table.width)
     for state in range(np.uint64(q.shape[0])):
@@ -86,17 +86,17 @@ def _find_dense_maxima(table):
         table.row_max[state], table.row_argmax[state] = best_of(q, state, bits)
 
 
-@rows_of.body(Dense)
+@rows_of.body(DenseTable)
 def _dense_row_of(table, state, terminated):
     return state
 
 
-@full_tables.body(Dense)
+@full_tables.body(DenseTable)
 def _dense_is_full(table, row):
     return False
 
 
-@greedy_actions.body(Dense)
+@greedy_actions.body(DenseTable)
 def _dense_greedy(view, state, bits):
     greedy = np.uint64(view.row_argmax[state])
     if greedy >= TIED:
@@ -104,7 +104,7 @@ def _dense_greedy(view, state, bits):
     return greedy
 
 
-@acting_rows.body(Dense)
+@acting_rows.body(DenseTable)
 def _dense_acting_row(view, state, out):
     for action in range(out.shape[1]):
         out[0, action] = view.q[state, action]
@@ -141,12 +141,12 @@ def add_row(table, state, slot):
     return row
 
 
-@row_maxima.body(Sparse)
+@row_maxima.body(SparseTable)
 def _no_rows_yet(table):
     pass
 
 
-@rows_of.body(Sparse)
+@rows_of.body(SparseTable)
 def _sparse_row_of(table, state, terminated):
     if terminated:
         return np.uint64(0)
@@ -156,7 +156,7 @@ def _sparse_row_of(table, state, terminated):
     return add_row(table, state, slot)
 
 
-@full_tables.body(Sparse)
+@full_tables.body(SparseTable)
 def _sparse_is_full(table, row):
     return row >= np.uint64(table.q.shape[0])
 
@@ -169,7 +169,7 @@ def row_to_be_added(view, state):
         view.row[0, action] = view.phi[action]
 
 
-@greedy_actions.body(Sparse)
+@greedy_actions.body(SparseTable)
 def _sparse_greedy(view, state, bits):
     found = view.slots[find(view, state)]
     if found == 0:
@@ -182,7 +182,7 @@ def _sparse_greedy(view, state, bits):
     return greedy
 
 
-@acting_rows.body(Sparse)
+@acting_rows.body(SparseTable)
 def _sparse_acting_row(view, state, out):
     found = view.slots[find(view, state)]
     if found == 0:
