@@ -23,21 +23,21 @@ from tests.tasks import DenseMDP, mdps
 
 
 @given(mdps(), st.data())
-def test_bonuses_are_judged_as_enumeration_judges_them(mdp, data):
+def test_bonuses_agree_with_enumeration(mdp, data):
     phi = pairs_of(data, mdp)
     found = certify(mdp.task(), cr.RewardBonus(phi))
     agrees_with_enumeration(mdp, found, phi[:, :, None])
 
 
 @given(mdps(), st.data())
-def test_rewards_are_judged_as_enumeration_judges_them(mdp, data):
+def test_rewards_agree_with_enumeration(mdp, data):
     f = data.draw(arrays(np.int64, mdp.p.shape, elements=whole)).astype(float)
     found = certify(mdp.task(), ShapingReward(lambda s, a, after: f[s, a, after]))
     agrees_with_enumeration(mdp, found, f)
 
 
 @given(mdps(), st.sampled_from([0.1, 0.5, 0.9, 1.0, None]), st.data())
-def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(mdp, second, data):
+def test_open_ends_and_second_discounts_agree_with_enumeration(mdp, second, data):
     task = mdp.task()
     phi = states_of(data, mdp)
     found = certify(task, cr.StateShaping(phi), shaping_discount=second)
@@ -47,8 +47,10 @@ def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(md
     ends = np.flatnonzero(
         mdp.terminal & ((mdp.p[met_states(mdp)].sum(axis=(0, 1))) > 0) & (phi != 0)
     )
-    assert any("has Phi" in said for said in found.findings) is (ends.size > 0)
-    assert any("second discount" in said for said in found.findings) is (discount != mdp.discount)
+    assert any("has Phi" in finding for finding in found.findings) is (ends.size > 0)
+    assert any("second discount" in finding for finding in found.findings) is (
+        discount != mdp.discount
+    )
     # The same numbers as a reward of one's own are the same task.
     again = certify(task, ShapingReward(difference(phi, discount)))
     assert again.holds is found.holds
@@ -56,7 +58,7 @@ def test_open_ends_and_second_discounts_are_judged_as_enumeration_judges_them(md
 
 
 @given(mdps(), st.data())
-def test_look_ahead_on_open_ends_is_judged_as_its_literal_operator(mdp, data):
+def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     # 700 rounds from Q = 0 leave 0.95^700 = 3e-16 of the start.
     phi, q = pairs_of(data, mdp), np.zeros(mdp.shape)
     everywhere = np.arange(mdp.shape[0])
@@ -98,7 +100,7 @@ def test_a_table_that_starts_with_values_at_its_ends_is_refused():
 
 
 @given(mdps(), st.floats(0.1, 10.0), st.data())
-def test_constant_advice_is_judged_as_greedy_policies_judge_it(mdp, weight, data):
+def test_constant_advice_agrees_with_its_greedy_policies(mdp, weight, data):
     phi = pairs_of(data, mdp)
     best, _ = optimal_policies(mdp)
     q = action_values(mdp, best)

@@ -59,7 +59,7 @@ def test_a_changing_potential_certifies(mdp, data):
 
 
 @given(mdps((0.3, 0.75, 0.95)), st.data())
-def test_look_back_advice_is_never_refuted_and_promised_only_where_ways_agree(mdp, data):
+def test_look_back_advice_is_safe_only_where_ways_agree_and_never_refuted(mdp, data):
     # Few different numbers, so that ways that meet may agree.
     phi = pairs_of(data, mdp, st.sampled_from([0, 0, 0, 5]))
     found = certify(mdp.task(), cr.LookBackAdvice(phi))
@@ -93,7 +93,7 @@ def test_samples_never_contradict_a_potential(mdp, data):
 
 
 @given(mdps(), st.data())
-def test_what_samples_contradict_is_no_potential(mdp, data):
+def test_samples_contradict_only_what_has_no_potential(mdp, data):
     task = mdp.task()
     f = data.draw(arrays(np.int64, mdp.p.shape, elements=st.integers(0, 1))).astype(float)
 
@@ -108,7 +108,7 @@ def test_what_samples_contradict_is_no_potential(mdp, data):
 
 
 @given(arrays(np.float64, (3, 5), elements=st.floats(-9, 9)), st.integers(0, 5), st.data())
-def test_sums_are_those_added_up_one_by_one(paid, length, data):
+def test_sums_equal_those_added_up_one_by_one(paid, length, data):
     discount = data.draw(st.sampled_from([0.0, 0.5, 0.9, 1.0]))
     counts = np.tile(np.arange(5) < length, (3, 1))
     sums = discounted_sums(paid, counts, discount)

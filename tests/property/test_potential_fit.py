@@ -44,7 +44,7 @@ def difference_table(phi, discount):
 
 
 @given(mdps(all_discounts), st.data())
-def test_f_that_looks_at_more_than_a_potential_is_not_taken_for_one(mdp, data):
+def test_f_of_more_than_a_potential_does_not_fit(mdp, data):
     phi = mdp.zero_at_ends(states_of(data, mdp))
     table = np.broadcast_to(difference_table(phi, mdp.discount), mdp.p.shape).copy()
     possible = np.argwhere(mdp.p[met_states(mdp)] > 0)
@@ -71,8 +71,8 @@ def test_a_second_discount_is_recovered(mdp, second, seed):
     found = second_discount(*reachable(mdp, difference(phi, second)))
     assert found.discount == pytest.approx(second, abs=1e-3)
     np.testing.assert_allclose(found.potential[met_states(mdp)], phi[met_states(mdp)], rtol=1e-3)
-    said = certify(mdp.task(), ShapingReward(difference(phi, second))).findings
-    assert said[0].startswith("shaped with a second discount: F = ")
+    finding = certify(mdp.task(), ShapingReward(difference(phi, second))).findings
+    assert finding[0].startswith("shaped with a second discount: F = ")
 
 
 @given(mdps(loose=True), st.integers(0, 99))

@@ -99,7 +99,7 @@ BAD = {
         lambda: certify(LARGE, ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0)),
             steps=5_000),
     ),
-    "starts for other walks": (
+    "starts for other rollouts": (
         SettingError, "starts must be as many as episodes, 2: got 1",
         lambda: random_rollouts(MAZE, episodes=2, length=1, starts=np.array([0])),
     ),
@@ -112,7 +112,7 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_refused_in_one_sentence(case):
-    error, said, call = BAD[case]
-    with pytest.raises(error, match=said) as raised:
+    error, message, call = BAD[case]
+    with pytest.raises(error, match=message) as raised:
         call()
     assert "\n" not in str(raised.value)

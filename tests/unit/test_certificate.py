@@ -64,19 +64,19 @@ def test_states_that_cannot_be_reached_are_not_compared():
         cr.LookAheadAdvice(cr.StateActionPotential(MAZE, 1e9 * PAIRS)),
     ],
 )
-def test_a_huge_potential_is_safe_and_the_error_told(shaping):
+def test_a_huge_potential_is_safe_with_a_larger_error(shaping):
     found = certify(MAZE, shaping)
     assert found.holds
     assert found.error_bound > 1e-7
     assert found.tolerance >= 4 * found.error_bound
 
 
-def test_the_tolerance_asked_for_is_the_one_used():
+def test_the_given_tolerance_is_used():
     found = certify(MAZE, cr.StateShaping(ENDED), tolerance=0.5)
     assert found.holds
     assert found.tolerance == 0.5
     slight = np.zeros((MAZE.states.size, 4))
-    slight[0, 0] = 3.0  # worse than generative on by 1.9, but for this
+    slight[0, 0] = 3.0  # worse by 1.9 without this
     assert not certify(MAZE, cr.DecayingAdvice(slight))
     assert certify(MAZE, cr.DecayingAdvice(slight), tolerance=5.0)
     with pytest.raises(SettingError, match=r"tolerance must be at least .*: got 1e-15"):
@@ -160,7 +160,7 @@ def test_a_hint_paid_outright_is_refused_and_as_a_potential_accepted():
     assert worst.components == dict(
         zip(("row", "column"), hacking.MAZE.cells[worst.state].tolist(), strict=True)
     )
-    # A policy of the shaped optimum walks on for ever: -1 a step, instead of the way to 20.
+    # A policy of the shaped optimum goes on for ever: -1 a step, instead of the way to 20.
     shaped = cr.FiniteMDP(**{
         **{f.name: getattr(hacking.MAZE.mdp, f.name) for f in dataclasses.fields(cr.FiniteMDP)},
         "reward": hacking.MAZE.mdp.reward[hacking.MAZE.mdp.outcome_row.ravel()]

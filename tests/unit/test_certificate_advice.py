@@ -17,7 +17,7 @@ def test_look_back_advice_is_safe_where_each_state_has_one_past():
     assert found.residual < 1e-6
 
 
-def test_look_back_advice_does_not_mind_an_end_with_two_pasts():
+def test_look_back_advice_is_safe_where_only_an_end_has_two_pasts():
     fork = [[[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2, [[(1.0, 3, 2.0)]] * 2]
     task = cr.FiniteMDP.from_outcomes(
         [*fork, [[], []]], terminal=[False, False, False, True], start=0, discount=0.9
@@ -28,7 +28,7 @@ def test_look_back_advice_does_not_mind_an_end_with_two_pasts():
     assert "no contradiction in" in sample.findings[0]
 
 
-def test_look_back_advice_cannot_be_promised_where_ways_meet():
+def test_look_back_advice_is_not_proven_where_paths_meet():
     choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
     elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
     task = cr.FiniteMDP.from_outcomes(
@@ -59,7 +59,7 @@ def test_the_start_of_an_episode_is_a_past_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("weight", "holds", "said"),
+    ("weight", "holds", "acted_on"),
     [
         (1.0, False, "Q + phi"),
         (0.5, False, "Q + 0.5 phi"),
@@ -68,11 +68,11 @@ def test_the_start_of_an_episode_is_a_past_of_its_own():
         (cr.learning.harmonic(1.0, 0.25), False, "Q + 0.25 phi"),
     ],
 )
-def test_advice_is_judged_by_what_its_weight_goes_to(weight, holds, said):
+def test_advice_is_compared_at_its_last_weight(weight, holds, acted_on):
     q = cr.solve(MAZE).action_values
     found = certify(MAZE, cr.DecayingAdvice(-9.0 * q, weight=weight))
     assert found.holds is holds
-    assert found.findings == (f"in the long run the policy acts on {said}",)
+    assert found.findings == (f"in the long run the policy acts on {acted_on}",)
 
 
 def test_advice_that_agrees_is_safe_with_any_weight():

@@ -65,7 +65,7 @@ def test_only_the_ends_that_are_not_zero_are_named(discount):
     np.testing.assert_allclose(found.potential, phi, atol=1e-9)
 
 
-def test_a_reward_that_looks_at_the_action_is_no_potential():
+def test_a_reward_of_the_action_has_no_potential():
     found = certify(MAZE, ShapingReward(lambda s, a, after: 1.0 * (a == 0)))
     assert found.potential is None
     assert found.findings == (
@@ -74,7 +74,7 @@ def test_a_reward_that_looks_at_the_action_is_no_potential():
     )
 
 
-def test_a_reward_that_pays_two_ways_differently_is_no_potential():
+def test_a_reward_with_different_sums_on_two_paths_has_no_potential():
     # 1 for standing in the east: the way there and back earns, staying in the west does not.
     found = certify(MAZE, ShapingReward(lambda s, a, after: np.sin(7.0 * s)))
     assert found.potential is None
@@ -82,7 +82,7 @@ def test_a_reward_that_pays_two_ways_differently_is_no_potential():
     assert found.residual > 0.1
 
 
-def test_a_harmless_bonus_is_safe_yet_called_what_it_is():
+def test_a_harmless_bonus_is_safe_but_not_potential_based():
     found = certify(MAZE, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
     assert found.holds is False  # of two ways that were as good it takes one
     assert found.loss == pytest.approx(0, abs=1e-6)
@@ -97,7 +97,7 @@ def test_a_harmless_bonus_is_safe_yet_called_what_it_is():
     assert "Not potential-based" in str(safe)
 
 
-def test_a_reward_is_asked_in_blocks(monkeypatch):
+def test_a_reward_is_called_in_chunks(monkeypatch):
     whole = certify(HUNT, ShapingReward(lambda s, a, after: 1.0 * (s == after)))
     asked = []
 

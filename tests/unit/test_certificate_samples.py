@@ -91,14 +91,14 @@ def test_decaying_advice_needs_no_tables():
     assert str(found) == "Safe: in the long run the policy acts on Q alone."
 
 
-def test_phi_is_read_where_walks_lead():
+def test_phi_is_read_where_rollouts_go():
     small, alone = cr.Pursuit(size=3, predators=2), cr.Pursuit(size=3, predators=1)
     edge = cr.Transfer("a", "b", cr.project(small, alone, predator="predator_2"))
     phi = mapped_potential(small, [edge], [RNG.normal(size=(81, 5))], cr.maximum)
     live = np.flatnonzero(~small.terminal)
     np.testing.assert_array_equal(phi.rows(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
-    assert len(pairs[0]) > CHUNK  # more than one block
+    assert len(pairs[0]) > CHUNK  # more than one chunk
     np.testing.assert_array_equal(
         check_shaping(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs]
     )
@@ -162,8 +162,8 @@ def test_a_computed_task_is_sampled():
         certify(task, cr.StateShaping(phi), method="exact")
 
 
-def test_a_cut_is_no_end():
-    """Potentials that are large where walks are cut off telescope all the same."""
+def test_truncation_is_no_end():
+    """Potentials that are large where rollouts are truncated telescope all the same."""
     short = cr.GridWorld(["S....", "....T"], time_limit=3, discount=0.9)
     phi = np.where(short.mdp.terminal, 0.0, 100.0 * np.arange(10))
     assert "no contradiction" in str(certify(short, cr.StateShaping(phi), method="sampled"))
@@ -171,7 +171,7 @@ def test_a_cut_is_no_end():
     assert "no contradiction" in str(certify(short, cr.LookAheadAdvice(pairs), method="sampled"))
 
 
-def test_loops_at_discount_1_must_earn_nothing():
+def test_rewards_over_loops_at_discount_1_must_add_up_to_0():
     endless = cr.GridWorld(["S..", "..T"], discount=1)
     paid = certify(endless, ShapingReward(lambda s, a, after: 1.0 * (after > s)), steps=4_000)
     assert "not potential-based" in paid.findings[0]
@@ -201,31 +201,31 @@ def test_equal_seeds_agree_and_others_differ():
     assert (once.states != other.states).any()
 
 
-def test_walks_follow_the_task():
-    walks = random_rollouts(MAZE, episodes=200, length=60, seed=3)
-    mdp, taken = MAZE.mdp, walks.taken
-    here, after = walks.states[:, :-1][taken], walks.states[:, 1:][taken]
-    row = mdp.outcome_row[here, walks.actions[taken]]
+def test_rollouts_follow_the_task():
+    rollouts = random_rollouts(MAZE, episodes=200, length=60, seed=3)
+    mdp, taken = MAZE.mdp, rollouts.taken
+    here, after = rollouts.states[:, :-1][taken], rollouts.states[:, 1:][taken]
+    row = mdp.outcome_row[here, rollouts.actions[taken]]
     np.testing.assert_array_equal(mdp.next_state[row, 0], after)
     assert not mdp.terminal[here].any()
-    np.testing.assert_array_equal(mdp.terminal[walks.states[:, -1]], walks.terminated)
-    np.testing.assert_array_equal(walks.ending.sum(axis=1), walks.terminated)
-    assert 0 < walks.terminated.sum() < 200 or walks.terminated.all()
-    assert (walks.length[~walks.terminated] == 60).all()
+    np.testing.assert_array_equal(mdp.terminal[rollouts.states[:, -1]], rollouts.terminated)
+    np.testing.assert_array_equal(rollouts.ending.sum(axis=1), rollouts.terminated)
+    assert 0 < rollouts.terminated.sum() < 200 or rollouts.terminated.all()
+    assert (rollouts.length[~rollouts.terminated] == 60).all()
     # Every action is as likely: 4 standard deviations, one false alarm in 4,000 streams.
     n = taken.sum()
-    counts = np.bincount(walks.actions[taken], minlength=4)
+    counts = np.bincount(rollouts.actions[taken], minlength=4)
     assert abs(counts / n - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / n)
     # What the task does does not depend on the draw of the action: within 5 standard deviations.
     chase = cr.Pursuit(size=9, predators=1)
-    walks = random_rollouts(chase, episodes=400, length=50)
-    first, then = (chase.states.decode(walks.states[:, i])["prey"] for i in (0, 1))
+    rollouts = random_rollouts(chase, episodes=400, length=50)
+    first, then = (chase.states.decode(rollouts.states[:, i])["prey"] for i in (0, 1))
     joint = np.zeros((5, 5))
     moved = [0, -9, 1, 9, -1]
     inside = np.isin(first // 9, range(1, 8)) & np.isin(first % 9, range(1, 8))
     for prey, move in enumerate(moved):
         joint[:, prey] = np.bincount(
-            walks.actions[inside & (then - first == move), 0], minlength=5
+            rollouts.actions[inside & (then - first == move), 0], minlength=5
         )  # fmt: skip
     assert joint.sum() == inside.sum()
     assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)

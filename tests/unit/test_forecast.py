@@ -264,11 +264,11 @@ def test_the_target_may_be_any_task_with_transfers_into_it(trained):
 def test_a_forecast_prints_as_a_table():
     plan, sources = copy_of(LINE, Q + 1)
     assert str(cr.forecast(plan, seeds=1, trained=sources)) == "\n".join([
-        "Forecast for 'target' from 1 seed of its sources: optimum 98.5, "
-        "random policy 11.86 (exact)",
-        "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end, 0.0% "
-        "unmapped; 0 of 8 source pairs never used, the others read by 1.0 target pairs on "
-        "average, 1 at most",
+        "Forecast for 'target' from 1 seed of its sources: optimum 98.5, random policy",
+        "  11.86 (exact)",
+        "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end,",
+        "  0.0% unmapped; 0 of 8 source pairs never used, the others read by 1.0 target",
+        "  pairs on average, 1 at most",
         "         start  phi > Q*  excess   rank  scale",
         "mean *    98.5      100%       1   1.00   0.99",
         "mean: starts at 98.5, 100% optimistic: expect steady learning",
@@ -277,7 +277,8 @@ def test_a_forecast_prints_as_a_table():
 
 def test_the_table_holds_the_numbers():
     found = cr.forecast(pursuit(3, cr.minimum, budget=20_000), seeds=2)
-    lines = str(found).split("\n")
+    assert max(map(len, str(found).split("\n"))) <= 80
+    lines = re.sub(r"\n  (?! )", " ", str(found)).split("\n")
     assert lines[0].startswith("Forecast for 'hunt' from 2 seeds of its sources: optimum ")
     assert [line.split(":")[0] for line in lines[1:3]] == list(found.coverage)
     for one, line in zip(found.rows, lines[4:10], strict=True):

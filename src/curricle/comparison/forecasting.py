@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -127,9 +128,10 @@ class Forecast:
         how += "" if self.solved else "; Q* estimated by the values of phi's own policy"
         lines = [
             f"Forecast for {self.target!r} from {seeds} seed{'s' * (seeds > 1)} of its sources: "
-            f"optimum {self.optimum:.4g}, random policy {self.random_return:.4g} ({how})"
+            f"optimum {self.optimum:.4g}, random policy {self.random_return:.4g} ({how})",
+            *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]
-        lines += [f"{name}: {cover}" for name, cover in self.coverage.items()]
+        lines = [_wrapped(line) for line in lines]
         width = max(len(one.name) for one in self.rows) + 2
         lines.append(
             f"{'':{width}}{'start':>8}{'phi > Q*':>10}{'excess':>8}{'rank':>7}{'scale':>7}"
@@ -140,8 +142,13 @@ class Forecast:
                 f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>8.2g}"
                 f"{one.mean('rank'):>7.2f}{one.scale:>7.2g}"
             )
-        lines += [f"{one.name}: {one.verdict}" for one in self.rows if one.aggregate]
+        lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]
         return "\n".join(lines)
+
+
+def _wrapped(line: str) -> str:
+    """Return a line as lines that fit a terminal of 80 columns."""
+    return fill(line, 80, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def forecast(
