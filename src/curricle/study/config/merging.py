@@ -6,7 +6,7 @@ from typing import Any
 
 from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
-from curricle.study.config.settings import DEEP, LEARNERS, EpisodesTable, Settings
+from curricle.study.config.settings import DEEP, LEARNERS, Settings
 from curricle.study.config.task_names import NameGraph, table
 
 SETTINGS = tuple(Settings.model_fields)
@@ -56,7 +56,7 @@ def _over(old: Any, new: Any, key: str) -> Any:
         old = {"type": old}
     if not isinstance(old, dict):
         return new
-    if key == "budget" and _in_episodes(old) is not _in_episodes(new):
+    if key == "budget" and ("episodes" in old) is not ("episodes" in new):
         return new
     if key == "learner":
         if "type" in new and (old.get("type") == DEEP) is not (new["type"] == DEEP):
@@ -65,10 +65,6 @@ def _over(old: Any, new: Any, key: str) -> Any:
             # Another algorithm has other settings.
             old = {name: value for name, value in old.items() if name != "settings"}
     return merged(old, new)
-
-
-def _in_episodes(budget: Raw) -> bool:
-    return any(key in budget for key in EpisodesTable.model_fields)
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:

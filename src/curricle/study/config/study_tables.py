@@ -1,7 +1,6 @@
 """The tables of a study: as a file writes them, and as they are with all settings filled in."""
 
 import re
-from collections.abc import Iterator
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -88,27 +87,22 @@ class ArmTables(Table):
 
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
-        if found := list(self._mismatches()):
-            raise wrong_at(*found)
-        return self
-
-    def _mismatches(self) -> Iterator[tuple[KeyPath, str]]:
-        """Yield what does not go together: tables with what is for observations, and vice versa."""
+        """Refuse keys for observations in tables' tasks and transfers, and vice versa."""
+        found: list[tuple[KeyPath, str]] = []
         for name, task in self.tasks.items():
-            for path, text in task.mismatches(name):
-                yield ("tasks", name, *path), text
+            found += [(("tasks", name, *path), text) for path, text in task.mismatches(name)]
         for index, transfer in enumerate(self.transfers):
             if not {transfer.source, transfer.target} <= self.tasks.keys():
                 continue  # reported with the names
-            source, target = self.tasks[transfer.source], self.tasks[transfer.target]
-            if source.deep and not target.deep:
-                yield (
-                    ("transfers", index, "source"),
-                    f"must have tables as its target has: {transfer.source} is seen through "
-                    "observations",
-                )
-            for key, text in transfer.mismatches(deep=target.deep):
-                yield ("transfers", index, key), text
+            here, target = ("transfers", index), self.tasks[transfer.target]
+            if self.tasks[transfer.source].deep and not target.deep:
+                text = f"must have tables as its target has: {transfer.source} is seen through "
+                found.append(((*here, "source"), text + "observations"))
+            mismatches = transfer.mismatches(deep=target.deep)
+            found += [((*here, key), text) for key, text in mismatches]
+        if found:
+            raise wrong_at(*found)
+        return self
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
