@@ -29,6 +29,7 @@ from curricle.paper.settings import (
     EPISODE_CAP,
     EPSILON,
     INVERSE_TEMPERATURE,
+    LEARNER,
     LEARNING_RATE,
     FigureResult,
     Tick,
@@ -56,7 +57,6 @@ COLOURS = {
     "scale 2": "green",
 }
 SOFTMAX = QLearning(learning_rate=LEARNING_RATE, inverse_temperature=INVERSE_TEMPERATURE)
-GREEDY = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
 
 
@@ -98,7 +98,7 @@ SETTINGS = {
     "epsilon-greedy": Setting(
         "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled",
         _hunt(5, discount=0.95, time_limit=100),
-        GREEDY,
+        LEARNER,
         aggregates=(),
         baseline=False,
         scales=(0.5, 1.0, 2.0),

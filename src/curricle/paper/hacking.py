@@ -4,11 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from curricle import GridWorld, QLearning, Rewards, StateActionPotential, learn
+from curricle import GridWorld, Rewards, StateActionPotential, learn
 from curricle.learning import RewardBonus, Shaping, StateShaping
 from curricle.paper.maze_runs import curve_table
 from curricle.paper.settings import (
     EPSILON,
+    LEARNER,
     LEARNING_RATE,
     SUMMED,
     Claim,
@@ -29,7 +30,6 @@ MAZE = GridWorld(
     time_limit=CAP,
 )
 STEPS = 30_000
-LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 COLOURS = {"no shaping": "black", "as a bonus": "vermillion", "as a potential": "green"}
 
 

@@ -6,10 +6,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle import Curriculum, Episodes, GridWorld, QLearning, Transfer, learn, same_position
+from curricle import Curriculum, Episodes, GridWorld, Transfer, learn, same_position
 from curricle.curriculum import CurriculumResult
 from curricle.learning import LearningResult
-from curricle.paper.settings import EPSILON, LEARNING_RATE, SUMMED, stacked
+from curricle.paper.settings import EPSILON, LEARNER, LEARNING_RATE, SUMMED, stacked
 from curricle.statistics import Curve, Times, midpoint, time_to_threshold
 
 SOURCE_BUDGET = Episodes(250)
@@ -20,7 +20,6 @@ SETTLED = 2_000
 """Steps before which the lowest value is ignored: an untrained agent that breaks ties at random
 falls into pits; with the paper's first-index ties it never did."""
 
-LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 SETTINGS = {
     "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}, Q0 = 0",
     "maze": "10x10, discount 0.99, episodes truncated at 200 steps",

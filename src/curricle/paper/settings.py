@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle import GreedyEvaluation, GridWorld, Rewards
+from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
 from curricle.plotting import COLOURS
 from curricle.statistics import Interval, bootstrap
 
@@ -19,6 +19,7 @@ MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding=
 LEARNING_RATE = 0.1
 DISCOUNT = 0.99
 EPSILON = 0.1
+LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 EPISODE_CAP = 200
 INVERSE_TEMPERATURE = 0.2
 

@@ -43,7 +43,8 @@ def _change(result: LearningResult) -> Interval:
 
 
 def _certified(found: TrustRuns) -> Claim:
-    safe = certify(found.calibrated.task, QInitialisation(found.calibrated))
+    fitted = found.forecast["mean"].calibrations[0].potential
+    safe = certify(fitted.task, QInitialisation(fitted))
     hint = certify(hacking.MAZE, RewardBonus(hacking.nearness()))
     control = certify(hacking.MAZE, StateShaping(hacking.nearness()))
     return Claim(

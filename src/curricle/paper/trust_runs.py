@@ -13,8 +13,6 @@ from curricle import (
     Guard,
     Pursuit,
     QInitialisation,
-    QLearning,
-    StateActionPotential,
     Transfer,
     calibrate,
     compare,
@@ -26,12 +24,11 @@ from curricle import (
 )
 from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
-from curricle.learning import LearningResult, MappedPotential
+from curricle.learning import LearningResult
 from curricle.paper import maze_runs as runs
-from curricle.paper.settings import EPSILON, LEARNING_RATE, Tick, maze
+from curricle.paper.settings import LEARNER, Tick, maze
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
-LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 SOURCE_STEPS = 400_000
 HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
@@ -61,7 +58,6 @@ class TrustRuns:
     scratch: runs.Scratch  # with the paper's budget; sets the threshold
     attribution: Attribution  # of harm to the 3x3 corner
     refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
-    calibrated: StateActionPotential | MappedPotential  # mean of seed 0 of the forecast
 
 
 def run(seeds: int, workers: int | None, tick: Tick) -> TrustRuns:
@@ -87,10 +83,7 @@ def run(seeds: int, workers: int | None, tick: Tick) -> TrustRuns:
     tick("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
     tick("maze, calibration")
-    fitted = predicted["mean"].calibrations[0].potential
-    return TrustRuns(
-        predicted, compared, controls, hunts, mazes, scratch, attribution, refused, fitted
-    )
+    return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, attribution, refused)
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
