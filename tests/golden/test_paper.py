@@ -74,9 +74,9 @@ def test_tables_are_tidy_one_row_a_seed_and_checkpoint(folder):
 
 
 def test_a_finished_folder_is_not_run_again(folder):
-    pieces = []
-    claims = reproduce(folder, seeds=SEEDS, tick=pieces.append)
-    assert pieces == []
+    parts = []
+    claims = reproduce(folder, seeds=SEEDS, progress=parts.append)
+    assert parts == []
     assert claims == json.loads((folder / "claims.json").read_text("utf-8"))
 
 
@@ -91,17 +91,17 @@ class Stopped(BaseException):
     """Stands for a kill: nothing in the library may catch it."""
 
 
-@pytest.mark.parametrize("piece", [1, 2, 3])
-def test_a_stopped_run_goes_on_and_ends_the_same(tmp_path, folder, piece):
+@pytest.mark.parametrize("part", [1, 2, 3])
+def test_a_stopped_run_goes_on_and_ends_the_same(tmp_path, folder, part):
     seen = []
 
     def stop(words):
         seen.append(words)
-        if len(seen) == piece:
+        if len(seen) == part:
             raise Stopped
 
     with pytest.raises(Stopped):
-        reproduce(tmp_path / "out", figures=["1", "2"], seeds=SEEDS, tick=stop)
+        reproduce(tmp_path / "out", figures=["1", "2"], seeds=SEEDS, progress=stop)
     assert not (tmp_path / "out" / "claims.json").exists()
     reproduce(tmp_path / "out", figures=["1", "2"], seeds=SEEDS)
     for name in ("figure1.svg", "figure2.svg", "data/figure2.parquet", "data/figure2.json"):

@@ -177,7 +177,7 @@ def paper(
             figures=FIGURES if figure == "all" else [figure],
             seeds=seeds,
             workers=workers,
-            tick=lambda words: progress.update(task, description=words),
+            progress=lambda words: progress.update(task, description=words),
         )
     for claim in claims:
         typer.echo(f"{claim['verdict']:>15}  {claim['id']}")

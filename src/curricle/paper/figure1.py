@@ -1,7 +1,7 @@
 """F1: the target states that Svetlik's mapping covers (paper E4)."""
 
 from curricle import GridWorld
-from curricle.paper.settings import Claim, FigureResult, Tick, stacked, verdict
+from curricle.paper.settings import Claim, FigureResult, Progress, stacked, verdict
 from curricle.plotting import draw_maze, new_figure
 from curricle.transfer import relative_objects
 
@@ -12,7 +12,7 @@ TARGETS = {
 }
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 1; nothing is learnt, so `seeds` and `workers` are not used."""
     del seeds, workers
     source = GridWorld(SOURCE, start="uniform", representation="relative")
@@ -29,7 +29,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
         panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
         row, column = target.cells.T
         parts.append({"target": name, "row": row, "column": column, "matched": matched})
-    tick("coverage of Svetlik's mapping")
+    progress("coverage of Svetlik's mapping")
     coverage = {name: mapping.coverage() for name, mapping in mappings.items()}
     shares = {name: cover.mapped for name, cover in coverage.items()}
     return FigureResult(

@@ -7,7 +7,7 @@ from curricle.paper import maze_runs as runs
 from curricle.paper.settings import (
     Claim,
     FigureResult,
-    Tick,
+    Progress,
     draw_threshold,
     maze,
     over_seeds,
@@ -22,15 +22,15 @@ OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}
 """V*(start) by step reward, computed independently."""
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 2."""
     arena = maze(-5)
     optimal = {step: solve(maze(step)) for step in OPTIMUM}
     path = rollout(arena, optimal[-5.0].policy)
     scratch = runs.scratch(arena, seeds, workers)
-    tick("maze, from scratch")
+    progress("maze, from scratch")
     curve, _ = runs.transferred(arena, runs.corner(arena, SIZE), seeds, workers)
-    tick(f"maze, source of size {SIZE}")
+    progress(f"maze, source of size {SIZE}")
     figure, axes = new_figure(1, 2, width=10, height=4.2)
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")

@@ -12,7 +12,7 @@ from curricle.paper import maze_runs as runs
 from curricle.paper.settings import (
     Claim,
     FigureResult,
-    Tick,
+    Progress,
     answer,
     maze,
     over_seeds,
@@ -47,21 +47,21 @@ class Arm:
         return self.saved - self.cost
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 3."""
     results, longer = {}, {}
     for step, name in STEP_REWARDS.items():
         arena = maze(step)
         scratch = runs.scratch(arena, seeds, workers)
-        tick(f"maze {name}, from scratch")
+        progress(f"maze {name}, from scratch")
         arms: dict[int | str, Arm] = {}
         for size in SIZES:
             arms[size] = _arm(scratch, runs.corner(arena, size), seeds, workers)
-            tick(f"maze {name}, source of size {size}")
+            progress(f"maze {name}, source of size {size}")
         arms["fixed"] = _arm(scratch, runs.corner(arena, 10, "map"), seeds, workers)
-        tick(f"maze {name}, full size, fixed start")
+        progress(f"maze {name}, full size, fixed start")
         longer[step] = _arm(scratch, runs.corner(arena, 3), seeds, workers, budget=LONG)
-        tick(f"maze {name}, source of size 3, run on")
+        progress(f"maze {name}, source of size 3, run on")
         results[step] = arms
     figure, axes = new_figure(2, 2, width=10, height=7.6)
     for panel, (step, arms) in zip(axes[0], results.items(), strict=True):

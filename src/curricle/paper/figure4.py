@@ -32,7 +32,7 @@ from curricle.paper.settings import (
     LEARNER,
     LEARNING_RATE,
     FigureResult,
-    Tick,
+    Progress,
     in_thousands,
     stacked,
 )
@@ -123,14 +123,16 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
     ]
 
 
-def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[str, LearningResult]:
+def run(
+    setting: Setting, seeds: int, workers: int | None, progress: Progress
+) -> dict[str, LearningResult]:
     """Return the training results of a setting by arm: baseline, source, one for each potential."""
     eval_freq, hunt, steps = setting.target_steps // CHECKPOINTS, setting.hunt, setting.target_steps
     arms = {}
     if setting.baseline:
         how: Any = {"eval_freq": eval_freq, "evaluation": ROLLOUTS, "stream": "hunt"}
         arms["baseline"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
-        tick(f"{setting.title}: baseline")
+        progress(f"{setting.title}: baseline")
     f = mappings(setting)
     plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
     plans += [(f"scale {scale:g}", mean, scale) for scale in setting.scales]
@@ -147,13 +149,13 @@ def run(setting: Setting, seeds: int, workers: int | None, tick: Tick) -> dict[s
         trained = {"chase": arms["source"]} if "source" in arms else {}
         result = curriculum.train(seeds, trained=trained, workers=workers)
         arms["source"], arms[name] = result["chase"], result["hunt"]
-        tick(f"{setting.title}: {name}")
+        progress(f"{setting.title}: {name}")
     return arms
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 4."""
-    results = {name: run(setting, seeds, workers, tick) for name, setting in SETTINGS.items()}
+    results = {name: run(setting, seeds, workers, progress) for name, setting in SETTINGS.items()}
     few = min(seeds, PAPER_SEEDS)
     figure, axes = new_figure(len(SETTINGS), 2, width=11, height=3.4 * len(SETTINGS))
     for row, (name, arms) in zip(axes, results.items(), strict=True):

@@ -14,7 +14,7 @@ from curricle.paper.settings import (
     SUMMED,
     Claim,
     FigureResult,
-    Tick,
+    Progress,
     over_seeds,
     verdict,
 )
@@ -40,7 +40,7 @@ def nearness() -> StateActionPotential:
     return StateActionPotential(MAZE, np.repeat(hint[:, None], MAZE.actions.size, axis=1))
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return the figure of reward hacking."""
     hint = nearness()
     arms: dict[str, Shaping | None] = {
@@ -52,7 +52,7 @@ def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
     results = {}
     for name, shaping in arms.items():
         results[name] = learn(MAZE, LEARNER, STEPS, shaping=shaping, **how)
-        tick(f"reward hacking: {name}")
+        progress(f"reward hacking: {name}")
     figure, axes = new_figure(1, 3, width=11, height=3.6)
     for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
         episode = rollout(MAZE, greedy_policy(results[name].values[0]))

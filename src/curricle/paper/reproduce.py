@@ -10,7 +10,7 @@ import matplotlib
 
 from curricle.checks import one_of
 from curricle.errors import SettingError
-from curricle.paper.settings import Claim, FigureResult, Tick
+from curricle.paper.settings import Claim, FigureResult, Progress
 from curricle.plotting import STYLE
 from curricle.plotting.picture import content_of
 from curricle.report import render
@@ -33,7 +33,7 @@ def reproduce(
     figures: Iterable[str] = tuple(FIGURES),
     seeds: int = 30,
     workers: int | None = None,
-    tick: Tick = lambda words: None,
+    progress: Progress = lambda words: None,
 ) -> list[dict[str, Any]]:
     """Write figures, data, claims and the page into a folder, and return all claims in it.
 
@@ -49,7 +49,7 @@ def reproduce(
         Seeds 0 .. seeds - 1 for everything that is learnt.
     workers : int, optional
         Threads; the results do not depend on it.
-    tick : callable, optional
+    progress : callable, optional
         Called with a short message for each part done.
 
     Raises
@@ -72,7 +72,7 @@ def reproduce(
             if not store.has(_summary(name)):
                 module = import_module(FIGURES[name])
                 with matplotlib.rc_context(STYLE):
-                    _save(store, name, module.build(seeds, workers, tick))
+                    _save(store, name, module.build(seeds, workers, progress))
         return _assemble(store)
 
 

@@ -26,7 +26,7 @@ INVERSE_TEMPERATURE = 0.2
 SUMMED = GreedyEvaluation(discounted=False)
 """The paper's measure: the undiscounted return of a greedy episode, truncated at the cap."""
 
-Tick = Callable[[str], object]
+Progress = Callable[[str], object]
 """Called with a short message whenever a part of a figure is done."""
 
 Verdict = Literal["reproduced", "not reproduced", "explained"]

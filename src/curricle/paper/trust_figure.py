@@ -8,7 +8,7 @@ from curricle.comparison import Forecast
 from curricle.paper import maze_runs as runs
 from curricle.paper.settings import (
     FigureResult,
-    Tick,
+    Progress,
     draw_threshold,
     in_thousands,
     stacked,
@@ -30,9 +30,9 @@ SHOWN = 60_000
 """Steps in the maze that are drawn."""
 
 
-def build(seeds: int, workers: int | None, tick: Tick) -> FigureResult:
+def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return the trust figure."""
-    found = run(seeds, workers, tick)
+    found = run(seeds, workers, progress)
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
     _draw_forecast(axes[0, 0], found.forecast)
     for panel, size in zip(axes[0, 1:], HUNTS, strict=True):

@@ -26,7 +26,7 @@ from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import maze_runs as runs
-from curricle.paper.settings import LEARNER, Tick, maze
+from curricle.paper.settings import LEARNER, Progress, maze
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
@@ -60,29 +60,29 @@ class TrustRuns:
     refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
 
 
-def run(seeds: int, workers: int | None, tick: Tick) -> TrustRuns:
+def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
     """Return the results of all runs."""
     plans = {name: hunt(5, name) for name in AGGREGATES}
     predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, workers=workers)
-    tick("pursuit 5x5, forecast")
+    progress("pursuit 5x5, forecast")
     plans |= {f"{name}, calibrated": hunt(5, name, calibrate=True) for name in ("min", "mean")}
-    compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(tick, "5x5"))
+    compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(progress, "5x5"))
     controls = compare(
         {"mean, calibrated": plans["mean, calibrated"]},
         seeds=seeds,
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
         workers=workers,
-        progress=_prefixed(tick, "5x5, controls"),
+        progress=_prefixed(progress, "5x5, controls"),
     )
     hunts = dict[tuple[int, str], LearningResult]()
     for size in HUNTS:
         hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
-        tick(f"pursuit {size}x{size}, uncalibrated and calibrated")
+        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
     scratch = runs.scratch(maze(-5), seeds, workers)
     mazes, attribution = _mazes(seeds, workers)
-    tick("maze, guarded")
+    progress("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
-    tick("maze, calibration")
+    progress("maze, calibration")
     return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, attribution, refused)
 
 
@@ -104,8 +104,8 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     )
 
 
-def _prefixed(tick: Tick, where: str) -> Tick:
-    return lambda words: tick(f"{where}: {words}")
+def _prefixed(progress: Progress, where: str) -> Progress:
+    return lambda words: progress(f"{where}: {words}")
 
 
 def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:

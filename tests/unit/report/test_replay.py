@@ -142,7 +142,7 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
     assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
 
 
-def test_both_episodes_start_alike_and_earn_what_the_task_pays(pursuit):
+def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     shot = pursuit.results["min"]["hunt"].snapshots
     before, after = before_and_after(shot, GridView.for_replay(hunt), discounted=True).values()
