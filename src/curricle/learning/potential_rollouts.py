@@ -123,7 +123,7 @@ def greedy_rollouts(
         policy = GreedyPolicy(view)
         steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
     first = np.cumsum(ends.lengths) - ends.lengths
-    predicted, *following = np.empty((4, len(steps.states)))
+    predicted, *following = (np.empty(len(steps.states)) for _ in range(4))
     compiled(_predict, False)(view, task.discount, steps, ends, predicted, tuple(following))
     return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, following)
     return GreedyRollouts(

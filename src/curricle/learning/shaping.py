@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.checks import instance
 from curricle.errors import SettingError
@@ -24,7 +23,6 @@ from curricle.learning.schedules import constant, schedule
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model, same_task
 
-FloatArray = npt.NDArray[np.float64]
 Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]
 """What holds of a shaping in the long run, for :func:`certify` to check.
 
