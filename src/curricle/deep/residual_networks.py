@@ -5,7 +5,7 @@ at phi, but the sum of phi and a network that starts at 0 can be learnt; acting,
 evaluation all read the sum, so nothing else of the algorithm changes.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ class _OnPhi:
     own errors.
     """
 
+    layers: ClassVar[str]  # the name of the layers that compute the residual
     cache: "PotentialCache"
     running_shift: torch.Tensor  # so named, they are copied into the target network
     running_scale: torch.Tensor
@@ -60,7 +61,7 @@ class _OnPhi:
     @property
     def _last(self) -> Any:
         """The last layer, which is 0 at first."""
-        raise NotImplementedError
+        return getattr(self, self.layers)[-1]
 
     def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
         """Return what the residual reads, (n, features); phi is (n, A), best Phi(s), (n, 1)."""
@@ -86,13 +87,11 @@ class _OnPhi:
 class ResidualQNetwork(_OnPhi, QNetwork):
     """Q(s, a) = phi(s, a) + residual(s, a) for DQN."""
 
+    layers = "q_net"
+
     def __init__(self, *args: Any, **settings: Any):
         super().__init__(*args, **settings)
         self._plain = plain_layers([*self.q_net], self.features_extractor, self.observation_space)
-
-    @property
-    def _last(self) -> Any:
-        return self.q_net[-1]
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
@@ -116,9 +115,7 @@ class ResidualQNetwork(_OnPhi, QNetwork):
 class ResidualQuantileNetwork(_OnPhi, QuantileNetwork):
     """The quantiles of the return, each phi(s, a) + residual(s, a), for QR-DQN."""
 
-    @property
-    def _last(self) -> Any:
-        return self.quantile_net[-1]
+    layers = "quantile_net"
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return the quantiles, (n, quantiles, A)."""

@@ -13,7 +13,7 @@ from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import environments, model_for, subtracted
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
-from curricle.learning.record import NO_WARM_UP, Record, WarmUp
+from curricle.learning.record import Record, WarmUp
 from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
@@ -40,9 +40,9 @@ class DeepRun(NamedTuple):
         self,
         seed: int,
         shaping: Shaping | None,
-        warm_up: WarmUp = NO_WARM_UP,
-        charged: int = 0,
-        saves: Path | None = None,
+        warm_up: WarmUp,
+        charged: int,
+        saves: Path | None,
     ) -> Outcome:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)

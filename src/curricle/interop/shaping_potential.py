@@ -98,17 +98,12 @@ class ShapingPotential:
         values *= weights(self.weight, steps)
         return values.T.tolist()
 
-    def check_telescoping(self, residual: float, largest: float, place: str) -> None:
-        """Raise PotentialError when an episode's shaping does not telescope."""
+    @cached_property
+    def allowed(self) -> float:
+        """The largest residual allowed, as a share of the largest |Phi|."""
         if self.tolerance is None:
-            return
-        allowed = max(self.tolerance, *(each.rounding for each in self.sources.values()))
-        if abs(residual) > allowed * largest:
-            raise PotentialError(
-                "an episode's shaping must come to gamma^T Phi(s_T) - Phi(s_0), as it does where "
-                f"Phi depends on the observation alone: it is off by {residual:g} {place}, where "
-                f"|Phi| was up to {largest:g}"
-            )
+            return math.inf
+        return max(self.tolerance, *(each.rounding for each in self.sources.values()))
 
 
 def shaping_potential(
@@ -228,7 +223,12 @@ class Episode:
         exceeds the tolerance.
         """
         residual = self.shaped - (self.power * self.here[0] - start)
-        potential.check_telescoping(residual, self.largest, place)
+        if abs(residual) > potential.allowed * self.largest:
+            raise PotentialError(
+                "an episode's shaping must come to gamma^T Phi(s_T) - Phi(s_0), as it does where "
+                f"Phi depends on the observation alone: it is off by {residual:g} {place}, where "
+                f"|Phi| was up to {self.largest:g}"
+            )
         return {"telescoping_residual": residual, "original_return": self.original}
 
 
