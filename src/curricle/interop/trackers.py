@@ -35,17 +35,12 @@ class Tracker(Protocol):
 
     Examples
     --------
-    >>> class Finals:
-    ...     def start(self, study, configuration, folder):
-    ...         print(study, configuration["budget"])
-    ...
+    >>> class Finals(Tracker):
     ...     def record(self, arm, node, result):
     ...         print(arm, node, result.greedy_return[:, -1].round(2))
-    ...
-    ...     def close(self):
-    ...         pass
-    >>> isinstance(Finals(), Tracker)
-    True
+    >>> from curricle import GridWorld, learn
+    >>> Finals().record("scratch", "maze", learn(GridWorld("S.T"), budget=500))
+    scratch maze [196.01]
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
@@ -81,13 +76,9 @@ class Trackers:
 
     Examples
     --------
-    >>> class Full:
+    >>> class Full(Tracker):
     ...     def start(self, study, configuration, folder):
     ...         raise OSError("no space left")
-    ...     def record(self, arm, node, result):
-    ...         pass
-    ...     def close(self):
-    ...         pass
     >>> trackers = Trackers([Full()], report=print)
     >>> trackers.start("hunt", {}, Path("results"))
     Full failed at the start of the study and is switched off: OSError: no space left
