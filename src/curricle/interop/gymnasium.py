@@ -13,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from curricle.checks import whole_number
 from curricle.errors import TaskError
 from curricle.interop.bins import Bins
-from curricle.interop.spaces import Number, Point, is_discrete, space_of
+from curricle.interop.spaces import Number, Point, counts_from_0, is_discrete, space_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
@@ -203,7 +203,7 @@ def _actions(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
             f"{space}"
         )
-    act = index if _counts_from_0(space) else Point(space)
+    act = index if counts_from_0(space) else Point(space)
     return act, _renamed("actions", given, known or space_of(space, "action"))
 
 
@@ -229,12 +229,8 @@ def _observations(
             "observations must be discrete, or be made so by encode=Bins(...) or a function of "
             f"your own with states=Space(...): got {space}"
         )
-    number = None if _counts_from_0(space) else Number(space)
+    number = None if counts_from_0(space) else Number(space)
     return number, _renamed("states", given, known or space_of(space, "state"))
-
-
-def _counts_from_0(space: gym.Space[Any]) -> bool:
-    return isinstance(space, gym.spaces.Discrete) and bool(space.start == 0)
 
 
 def _renamed(what: str, given: Space | None, own: Space) -> Space:

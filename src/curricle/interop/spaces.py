@@ -5,7 +5,7 @@ import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
@@ -42,6 +42,11 @@ def is_discrete(space: gym.Space[Any]) -> bool:
     if isinstance(space, Tuple | Dict):
         return all(is_discrete(part) for _, part in _parts(space))
     return isinstance(space, Discrete | MultiDiscrete | MultiBinary)
+
+
+def counts_from_0(space: gym.Space[Any]) -> "TypeGuard[Discrete[np.int64]]":
+    """Return whether the points of a space are 0, 1, ..., n - 1."""
+    return isinstance(space, Discrete) and bool(space.start == 0)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from gymnasium.wrappers import (
     TimeLimit,
 )
 
+from curricle.interop.spaces import counts_from_0
 from curricle.tasks.spaces import Component, Space
 
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
@@ -34,14 +35,12 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
         if not isinstance(env, HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
         env = env.env
-    sizes = list[int]()
-    for space in (env.observation_space, env.action_space):
-        if not isinstance(space, gym.spaces.Discrete) or space.start != 0:
-            return False
-        sizes.append(int(space.n))
+    states, actions = env.observation_space, env.action_space
+    if not (counts_from_0(states) and counts_from_0(actions)):
+        return False
     if start_of(env) is None or getattr(env, "fickle_passenger", False):
         return False
-    return _lists_outcomes(getattr(env, "P", None), *sizes)
+    return _lists_outcomes(getattr(env, "P", None), int(states.n), int(actions.n))
 
 
 def _lists_outcomes(table: Any, n_states: int, n_actions: int) -> bool:
