@@ -3,20 +3,40 @@
 import os
 import signal
 
+import pytest
 from hypothesis import settings
 
 from curricle.learning import run
+from curricle.learning.schedules import Schedule
+from curricle.tasks import mdp
+from curricle.tasks.generative_models import table_model
 
 # A first example may compile a kernel, hence no deadline. CI repeats the same examples every time.
 settings.register_profile("local", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
 
-# Most of the suite's time is compilation, and loops are compiled for each number of actions up to
-# UNROLLED and anew for tables beyond NEAR bytes. Here they are compiled once for all of them;
-# oracle/test_greedy_actions.py holds that this changes no result.
-UNROLLED, NEAR = run.UNROLLED, run.NEAR
-run.UNROLLED, run.NEAR = 0, 2**62
+# Most of the suite's time is compilation. The library compiles a loop for every number of actions
+# up to UNROLLED, another for tables beyond NEAR bytes, for tables without chance and for rates that
+# never change; tests compile one for all of these. oracle/test_greedy_actions.py holds that they
+# learn the same.
+FEWER_LOOPS = (
+    (run, "UNROLLED", 0),
+    (run, "NEAR", 2**62),
+    (mdp, "learning_model", table_model),
+    (Schedule, "kernel", property(lambda schedule: schedule)),
+)
+AS_SHIPPED = [(owner, name, vars(owner)[name]) for owner, name, _ in FEWER_LOOPS]
+for owner, name, value in FEWER_LOOPS:
+    setattr(owner, name, value)
+
+
+@pytest.fixture
+def as_shipped(monkeypatch):
+    """Compile loops as the library does, with all their types."""
+    for owner, name, value in AS_SHIPPED:
+        monkeypatch.setattr(owner, name, value)
+
 
 # A shell that starts a job in the background (`make test &` in a script) has it ignore SIGINT, and
 # its children inherit that. The tests that interrupt would wait for ever.

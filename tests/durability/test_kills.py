@@ -6,7 +6,7 @@ from pathlib import Path
 
 STUDY = """
 name = "corner"
-seeds = "0-7"
+seeds = "0-3"
 seeds_per_unit = 2
 eval_freq = 200
 [tasks.maze]

@@ -96,24 +96,46 @@ def test_the_nth_bit_is_the_nth(bits, data):
     assert rest == sum(1 << i for i in places[n:])
 
 
-TASKS = {"maze": cr.GridWorld(["S.P.", "..P.", "...T"]), "hunt": cr.Pursuit(3, 2, time_limit=30)}
+def maze():
+    """A task without chance, with a table of a few hundred bytes."""
+    return cr.GridWorld(["S.P.", "..P.", "...T"])
+
+
+def hunt():
+    """A task with a table that is not in the processor's nearest cache."""
+    return cr.Pursuit(3, 2, time_limit=30)
+
+
+def learnt(task, learner):
+    found = cr.learn(task, learner, 5000, seeds=2, eval_freq=7, evaluation=ROLLED)
+    return found.values, found.training_return, found.greedy_return
 
 
 @pytest.mark.parametrize(
-    "learner", [cr.QLearning(epsilon=0.3), cr.QLearning(inverse_temperature=1.0)]
+    ("task", "learner"),
+    [
+        (maze, cr.QLearning(epsilon=0.3)),
+        (maze, cr.QLearning(inverse_temperature=1.0)),
+        (maze, cr.SARSA(epsilon=0.3)),
+        (hunt, cr.QLearning(epsilon=0.3)),
+        (hunt, cr.QLearning(inverse_temperature=1.0)),
+    ],
 )
-@pytest.mark.parametrize("limit", ["NEAR", "UNROLLED"])
-@pytest.mark.parametrize("name", TASKS)
-def test_how_a_loop_is_compiled_changes_no_result(name, limit, learner, monkeypatch):
-    """Steps learnt from at once or during the next; loops unrolled or not."""
-    found = []
-    for value in (0, 10**9 if limit == "NEAR" else 64):
-        monkeypatch.setattr(run, limit, value)
-        found.append(cr.learn(TASKS[name], learner, 5000, seeds=2, eval_freq=7, evaluation=ROLLED))
-    one, other = found
-    np.testing.assert_array_equal(one.values, other.values)
-    np.testing.assert_array_equal(one.training_return, other.training_return)
-    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
+def test_loops_as_shipped_learn_what_loops_of_tests_learn(task, learner, request):
+    """Unrolled, for tables without chance, rates that never change, and tables near or far."""
+    found = learnt(task(), learner)
+    request.getfixturevalue("as_shipped")
+    for one, other in zip(found, learnt(task(), learner), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_steps_are_learnt_from_at_once_or_during_the_next(monkeypatch):
+    """In a table too wide to be unrolled."""
+    learner = cr.QLearning(epsilon=0.3)
+    found = learnt(hunt(), learner)
+    monkeypatch.setattr(run, "NEAR", 0)
+    for one, other in zip(found, learnt(hunt(), learner), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("kind", ["dense", "sparse"])

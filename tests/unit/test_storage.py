@@ -11,8 +11,9 @@ from curricle.errors import SettingError
 from curricle.learning import SparseValues
 from curricle.transfer.potentials import mapped_potential
 
-CHASE, HUNT = cr.Pursuit(3, 1), cr.Pursuit(3, 2, time_limit=40)
-FAR = cr.Pursuit(4, 2, time_limit=40)
+# By their tables, which share compiled loops with other tests.
+CHASE, HUNT = cr.Pursuit(3, 1).mdp, cr.Pursuit(3, 2, time_limit=40).mdp
+FAR = cr.Pursuit(4, 2, time_limit=40).mdp
 ROLLED, EXACT = GreedyEvaluation("rollouts", episodes=5), GreedyEvaluation("exact")
 CURVES = ("training_return", "greedy_return", "episodes", "steps", "steps_used", "episodes_used")
 AGGREGATES = {"min": cr.minimum, "max": cr.maximum, "mean": cr.mean, "total": cr.total}
@@ -49,7 +50,7 @@ def both(task, learner, budget=3000, *, dtype="float64", **settings):
         assert (np.diff(met.states) > 0).all()
         assert met.values.dtype == q.dtype == dtype
         np.testing.assert_array_equal(q[met.states], met.values)
-        assert not dense.task.terminal[met.states].any()
+        assert not dense.task.mdp.terminal[met.states].any()
     assert not sparse.out_of_memory.any()
     return dense, sparse
 
@@ -99,13 +100,13 @@ def test_states_not_met_are_judged_as_they_would_be_made():
 
 @pytest.mark.parametrize("limit", [None, 30])
 def test_exact_evaluation_reads_sparse_tables(limit):
-    small = cr.Pursuit(2, 2, time_limit=limit)
+    small = cr.Pursuit(2, 2, time_limit=limit).mdp
     both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, eval_freq=50)
 
 
-def test_tables_of_tasks_are_learnt_sparsely_too():
-    both(FAR.mdp, QLearning(), evaluation=ROLLED)
-    both(cr.GridWorld(["S..", "...", "..T"]).mdp, QLearning(), cr.Episodes(20))
+def test_tasks_of_other_kinds_are_learnt_sparsely_too():
+    both(cr.Pursuit(3, 2, time_limit=40), QLearning(), evaluation=ROLLED)
+    both(cr.GridWorld(["S..", "...", "..T"]), QLearning(), cr.Episodes(20))
 
 
 def test_automatic_storage_is_sparse_where_dense_does_not_fit():
@@ -338,7 +339,7 @@ def test_as_many_actions_as_can_be_numbered():
 def test_single_precision_is_exact_where_nothing_is_rounded():
     # Halves of small whole numbers, few updates of each pair: 24 bits hold every sum.
     learner = QLearning(learning_rate=0.5, epsilon=1.0)
-    hunt = cr.Pursuit(2, 2, discount=0.5, time_limit=40)
+    hunt = cr.Pursuit(2, 2, discount=0.5, time_limit=40).mdp
     results = [
         cr.learn(hunt, learner, 4000, storage=Storage(dtype=dtype), evaluation=ROLLED)
         for dtype in ("float64", "float32")
