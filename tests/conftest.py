@@ -1,5 +1,6 @@
 """Settings that every test shares."""
 
+import gc
 import os
 import signal
 
@@ -36,6 +37,15 @@ def as_shipped(monkeypatch):
     """Compile loops as the library does, with all their types."""
     for owner, name, value in AS_SHIPPED:
         monkeypatch.setattr(owner, name, value)
+
+
+# Compiling makes many objects that live; looking through them again and again takes a tenth of it.
+gc.set_threshold(50_000, 10, 10)
+
+
+def pytest_collection_finish():
+    """Leave what was imported out of all garbage collection."""
+    gc.freeze()
 
 
 # A shell that starts a job in the background (`make test &` in a script) has it ignore SIGINT, and
