@@ -59,8 +59,8 @@ def problems(draw):
 
 @st.composite
 def potentials(draw, problem):
-    """Draw what misleads: the optimum negated, too gloomy, too hopeful, or anything."""
-    kind = draw(st.sampled_from(["negated", "gloomy", "hopeful", "one state", "any"]))
+    """Draw what misleads: the optimum negated, too pessimistic, too optimistic, or anything."""
+    kind = draw(st.sampled_from(["negated", "pessimistic", "optimistic", "one state", "any"]))
     q = problem.optimum
     if kind == "any":
         values = draw(arrays(np.int64, q.shape, elements=st.integers(-30, 30)))
@@ -68,7 +68,7 @@ def potentials(draw, problem):
         values = q.copy()
         values[draw(st.integers(0, len(q) - 2))] -= 100
     else:
-        values = {"negated": -10 * q, "gloomy": q - 100, "hopeful": q + 100}[kind]
+        values = {"negated": -10 * q, "pessimistic": q - 100, "optimistic": q + 100}[kind]
     return cr.StateActionPotential(problem.task, values)
 
 

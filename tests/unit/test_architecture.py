@@ -1,4 +1,4 @@
-"""The rules of the house: imports point down, stay public and form no cycle; code is short.
+"""The rules of the layers: imports point down, stay public and form no cycle; code is short.
 
 The library is read with ``ast`` and never imported, so imports inside functions and under
 ``TYPE_CHECKING`` count too. ``__init__.pyi`` is read as part of its ``__init__.py``.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
-HOUSE = [
+LAYERS = [
     *["errors", "checks", "files"],
     *["tasks", "statistics", "planning", "learning", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "study"],
@@ -87,8 +87,8 @@ def package_of(module: str) -> str:
 
 
 def rank(package: str) -> int:
-    """The place of a package in the house; of one without a place, above all others."""
-    return HOUSE.index(package) if package in HOUSE else len(HOUSE)
+    """The place of a package in the layers; one without a place is above all others."""
+    return LAYERS.index(package) if package in LAYERS else len(LAYERS)
 
 
 def upward_imports(package: Path) -> list[str]:
@@ -166,14 +166,14 @@ def too_long(package: Path) -> list[str]:
 
 def test_every_package_has_a_place():
     packages = {package_of(module) for module in all_imports(PACKAGE)[0]} - ROOF
-    assert packages == set(HOUSE), "give a new package its place in HOUSE and in CONTRIBUTING.md"
+    assert packages == set(LAYERS), "give a new package its place in LAYERS and in CONTRIBUTING.md"
 
 
 def test_the_house_is_the_one_that_contributors_read():
     text = (PACKAGE.parents[1] / "CONTRIBUTING.md").read_text("utf-8")
     table = re.findall(r"^\| `([\w./`, ]+)` \|", text, re.MULTILINE)
     listed = [name.strip("`/ ").removesuffix(".py") for row in table for name in row.split(",")]
-    assert [name for name in reversed(listed) if name in HOUSE] == HOUSE
+    assert [name for name in reversed(listed) if name in LAYERS] == LAYERS
 
 
 def test_imports_point_down():

@@ -15,7 +15,7 @@ from curricle import (
     GridWorld,
     compare,
 )
-from curricle.planning import target as judging
+from curricle.planning import target as target_module
 from curricle.transfer import StateActionMapping
 from tests.comparisons import ALL, CORNER, HERE, MAZE, assert_same, copied, corner, pursuit
 
@@ -159,7 +159,7 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
 
 
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
-    monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
+    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     found = compare(corner(), seeds=3)
     assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
 

@@ -46,8 +46,8 @@ def test_functions_lead_to_the_values_of_their_tables(initial_value):
 def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
     spaces = Space([Component("place", 4)]), Space([Component("move", 1)])
     line = ComputedMDP(*spaces, line_start, line_step, discount=0.5)
-    hopeful = learner(learning_rate=1.0, initial_value=100.0)
-    values = cr.learn(line, hopeful, 200, storage=Storage(kind)).values[0]
+    optimistic = learner(learning_rate=1.0, initial_value=100.0)
+    values = cr.learn(line, optimistic, 200, storage=Storage(kind)).values[0]
     q = values.at([0, 1, 2]) if kind == "sparse" else values[:3]
     assert q.ravel().tolist() == [1.75, 1.5, 1.0]
 

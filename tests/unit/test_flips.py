@@ -44,8 +44,8 @@ def test_a_smaller_budget_gives_the_table_that_a_longer_learning_had_then(seeds)
     # Two trainings of t steps agree, however each is evaluated, and the longer
     # one's curve goes through what the shorter one ends with.
     hunt = cr.Pursuit(3, 2, discount=0.9, time_limit=30)
-    judge = cr.GreedyEvaluation(method="exact")
-    learning = {"seeds": seeds, "stream": "hunt", "evaluation": judge}
+    evaluation = cr.GreedyEvaluation(method="exact")
+    learning = {"seeds": seeds, "stream": "hunt", "evaluation": evaluation}
     longer = cr.learn(hunt, budget=3_000, eval_freq=100, **learning)
     for place, time in enumerate(longer.steps[1:], 1):
         if time % 700:

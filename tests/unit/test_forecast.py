@@ -8,7 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle.curriculum import node as training
-from curricle.planning import target as judging
+from curricle.planning import target as target_module
 
 SUMMED = cr.GreedyEvaluation(discounted=False)
 
@@ -130,7 +130,7 @@ def test_optimism_is_measured_against_the_values(share, words):
 @pytest.mark.parametrize(("share", "words"), [(0.4, "steady learning"), (0.5, "a collapse")])
 def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
     """The excess is over the value of the policy itself, (98.5 + 199) / 2 a step here too."""
-    monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)
+    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     assert f": expect {words}" in row_of(LINE, Q + share * SIZE).verdict
 
 
@@ -142,11 +142,11 @@ def test_optimism_about_few_pairs_is_no_danger():
 
 
 def test_a_policy_that_never_arrives_is_no_gain(monkeypatch):
-    """It walks west for ever, for -2."""
+    """It moves west for ever, for -2."""
     verdict = row_of(LINE, -Q).verdict
     assert verdict.startswith("starts at -2, no better than a random policy, ")
     assert "expect" not in verdict
-    monkeypatch.setattr(judging, "LARGEST_SOLVED", 0)  # nor where the optimum is unknown
+    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)  # nor where the optimum is unknown
     assert row_of(LINE, -Q).verdict.startswith("starts at -2, no better than a random policy, ")
 
 

@@ -176,9 +176,9 @@ def test_returns_are_discounted_unless_asked_otherwise():
     optimal = StateActionPotential(GridWorld("S..T", discount=0.5), np.eye(4)[[1] * 4])
     for method in ("exact", "rollouts"):
         for discounted, value in ((True, -1 - 0.5 + 199 / 4), (False, 197)):
-            judge = GreedyEvaluation(method, episodes=3, discounted=discounted)
+            evaluation = GreedyEvaluation(method, episodes=3, discounted=discounted)
             result = learn(
-                optimal.task, budget=1, shaping=QInitialisation(optimal), evaluation=judge
+                optimal.task, budget=1, shaping=QInitialisation(optimal), evaluation=evaluation
             )
             assert result.greedy_return[0, 0] == pytest.approx(value)
 
@@ -205,9 +205,9 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
 
 @pytest.mark.parametrize("method", ["exact", "rollouts"])
 def test_evaluation_does_not_disturb_learning(method):
-    judge = GreedyEvaluation(method, episodes=7)
-    often = learn(LINE, budget=600, eval_freq=1, evaluation=judge)
-    seldom = learn(LINE, budget=600, eval_freq=600, evaluation=judge)
+    evaluation = GreedyEvaluation(method, episodes=7)
+    often = learn(LINE, budget=600, eval_freq=1, evaluation=evaluation)
+    seldom = learn(LINE, budget=600, eval_freq=600, evaluation=evaluation)
     assert (often.values == seldom.values).all()
 
 

@@ -326,8 +326,8 @@ def test_as_many_actions_as_can_be_numbered():
         last = [[(1.0, 1, float(a == n - 1), True)] for a in range(n)]
         return cr.FiniteMDP.from_outcomes([last, [[]] * n], start=0, discount=0.9)
 
-    hopeful = QLearning(learning_rate=1, epsilon=0, initial_value=1.0)
-    most = cr.learn(bandit(32_768), hopeful, 100_000, eval_freq=100_000)
+    optimistic = QLearning(learning_rate=1, epsilon=0, initial_value=1.0)
+    most = cr.learn(bandit(32_768), optimistic, 100_000, eval_freq=100_000)
     assert most.greedy_return[0, -1] == 1
     with pytest.raises(SettingError, match="at most 32,768 actions: got 32,769"):
         cr.learn(bandit(32_769), budget=10)
