@@ -10,9 +10,13 @@ import numpy.typing as npt
 
 from curricle.errors import CurricleError
 
+LARGEST = 2**63
+
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
     """Return `value` as an int, or raise `error` unless it is a whole number of at least `least`.
+
+    Compiled loops count in 64 bits, so that larger numbers are refused too.
 
     Examples
     --------
@@ -20,7 +24,9 @@ def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) 
     >>> whole_number("budget", 1e4, 1, SettingError)
     10000
     """
-    if not _is_real(value) or not math.isfinite(value) or value != int(value) or value < least:
+    if _is_real(value) and not -LARGEST < value < LARGEST and value == value:
+        raise error(f"{name} must be a whole number below 2^63: got {_shown(value)}")
+    if not _is_real(value) or value != value // 1 or value < least:
         raise error(f"{name} must be a whole number, at least {least}: got {value!r}")
     return int(value)
 
@@ -42,8 +48,8 @@ def number(
     """
     if not _is_real(value):
         raise error(f"{name} must be a number: got {value!r}")
-    if not math.isfinite(value):
-        raise error(f"{name} must be finite: got {value}")
+    if not _is_finite(value):
+        raise error(f"{name} must be finite: got {_shown(value)}")
     if not low <= value <= high:
         limits = f"lie in [{low:g}, {high:g}]" if high < math.inf else f"be at least {low:g}"
         raise error(f"{name} must {limits}: got {value:g}")
@@ -80,3 +86,15 @@ def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> N
 
 def _is_real(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond every float
+        return False
+
+
+def _shown(value: Any) -> str:
+    """Return a number as an error shows it; an integer of thousands of digits has no text."""
+    return f"a number of {value.bit_length():,} bits" if isinstance(value, int) else repr(value)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.errors import SettingError
 
 LINE = cr.GridWorld("S.T")
 HUNT, CHASE = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
@@ -116,6 +117,15 @@ def test_a_wrong_type_is_refused_in_one_sentence(call):
         call()
     assert isinstance(caught.value, ValueError)
     assert str(caught.value).strip()
+
+
+@pytest.mark.parametrize("huge", [2**63, -(10**400), 10**5000, float("inf")], ids=lambda _: "")
+def test_a_number_beyond_64_bits_is_refused_in_one_sentence(huge):
+    with pytest.raises(SettingError, match=r"^[^\n]{1,90}$"):
+        cr.learn(cr.GridWorld("S.T"), budget=huge)
+    if abs(huge) > 2**63:
+        with pytest.raises(SettingError, match=r"must be finite: got [^\n]{1,40}$"):
+            cr.QLearning(learning_rate=huge)
 
 
 def test_whole_numbers_may_be_written_as_floats():
