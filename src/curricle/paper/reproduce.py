@@ -11,8 +11,7 @@ import matplotlib
 from curricle.checks import one_of
 from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Progress
-from curricle.plotting import STYLE
-from curricle.plotting.picture import content_of
+from curricle.plotting import STYLE, content_of
 from curricle.report import render
 from curricle.statistics import Interval
 from curricle.study import StudyStore
