@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import SIGNIFICANT, Comparison
 from curricle.errors import SettingError
-from curricle.plotting.learning_curves import LOG, controls_first, draw_arms, scale_returns
-from curricle.plotting.scales import minus, return_scale
+from curricle.plotting.learning_curves import controls_first, draw_arms, scale_returns
+from curricle.plotting.scales import return_scale, without_seeds
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, caption, write_columns
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import performance_profile
@@ -69,7 +69,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
         for name, arm in comparison.arms.items()
     }
     ends = np.concatenate(list(final.values()))
-    return_scale(axes.xaxis, float(ends.min()), float(ends.max()))
+    return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
     tau = np.unique([*axes.get_xlim(), *ends])
     own = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
@@ -86,7 +86,6 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     axes.set(
         ylim=(-0.03, 1.03),
         title="final returns",
-        xlabel=f"τ: final return{LOG * (axes.get_xscale() != 'linear')}",
         ylabel="share of runs with a final return > τ",
     )
 
@@ -109,7 +108,7 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         face = style.colour if contrast.adjusted_p < SIGNIFICANT else "w"
         axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
         p = f"{contrast.adjusted_p:.2g}" if tested else ""
-        columns.append((minus(str(gain).rsplit(",", 1)[0]), p))
+        columns.append((without_seeds(gain), p))
     write_columns(axes, list(zip(*columns, strict=True)))
     axes.set_yticks(range(len(styles)), [style.short for style in styles.values()])
     axes.tick_params(axis="y", length=0, pad=32)

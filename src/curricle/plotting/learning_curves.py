@@ -14,8 +14,6 @@ from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_f
 from curricle.statistics.curves import Curve, smooth
 from curricle.statistics.intervals import bootstrap
 
-LOG = " (symlog scale)"
-
 
 def draw_curve(
     axes: Axes,
@@ -104,8 +102,7 @@ def scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
     """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
-        return_scale(axes.yaxis, float(min(ends)), float(max(ends)))
-        axes.set_ylabel(f"greedy return{LOG * (axes.get_yscale() != 'linear')}")
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
 
 
 def draw_arms(

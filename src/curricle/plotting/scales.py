@@ -7,6 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, NullLocator
 
+from curricle.statistics.intervals import Interval
+
 DECADES, MIXED = 1.2, 1.0
 """Decades between the absolute ends of an axis from which it is ``symlog``: where both ends have
 one sign, and where they have two."""
@@ -38,8 +40,19 @@ def rounded(number: float) -> str:
     return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
 
 
-def return_scale(axis: Axis, low: float, high: float) -> None:
-    """Scale an axis of returns between `low` and `high`, to ``symlog`` where they span decades.
+def without_seeds(interval: Interval) -> str:
+    """Return an interval as text, without its number of seeds.
+
+    Examples
+    --------
+    >>> without_seeds(Interval(-1.5, -2.0, 1.0, 0.95, 30))
+    '−1.50 [−2.00, 1.00]'
+    """
+    return minus(str(interval).rsplit(",", 1)[0])
+
+
+def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> None:
+    """Scale and label an axis of returns, with a ``symlog`` scale where they span decades.
 
     A ``symlog`` axis is linear up to the smaller absolute end, then logarithmic.
 
@@ -54,8 +67,8 @@ def return_scale(axis: Axis, low: float, high: float) -> None:
     >>> axes.get_xscale()
     'linear'
     """
-    small = _linear_up_to(low, high)
-    axes = axis.axes
+    small, axes = _linear_up_to(low, high), axis.axes
+    axis.set_label_text(label + " (symlog scale)" * (not math.isnan(small)))
     name = "x" if axis is axes.xaxis else "y"
     set_scale, set_limits = (getattr(axes, f"set_{name}{what}") for what in ("scale", "lim"))
     if math.isnan(small):

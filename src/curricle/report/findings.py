@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from curricle.comparison.comparison import SIGNIFICANT, Comparison
-from curricle.plotting.scales import minus, rounded
+from curricle.plotting.scales import rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
@@ -205,19 +205,15 @@ def signed(interval: Interval) -> str:
     >>> signed(Interval(-1.5, -2.0, 1.0, 0.95, 30)).replace("\xa0", "_")
     '−1.50_[−2.00,_1.00]'
     """
-    bare = "+" * (float(interval.estimate) > 0) + minus(_bare(interval))
-    return bare.replace(" ", "\xa0")
-
-
-def _bare(interval: Interval) -> str:
-    return str(interval).rsplit(",", 1)[0]
+    sign = "+" * (float(interval.estimate) > 0)
+    return (sign + without_seeds(interval)).replace(" ", "\xa0")
 
 
 def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell:
     numbers = (row[measure], row[f"{measure}_low"], row[f"{measure}_high"])
     if math.isnan(numbers[0]):
         return Cell("")
-    text, _, bounds = minus(_bare(Interval(*numbers, 0.95, row["seeds"]))).partition(" ")
+    text, _, bounds = without_seeds(Interval(*numbers, 0.95, row["seeds"])).partition(" ")
     if measure not in TIMED:
         return Cell(text, bounds)
     arm, scratch = (
