@@ -214,9 +214,9 @@ def mixed_policy(
         return MixedPolicy(np.arange(n_states + 1), row, np.ones(n_states))
     taken = np.where(terminal[:, None], np.arange(n_actions) == 0, policy > 0)
     first = np.concatenate([[0], np.cumsum(np.count_nonzero(taken, axis=1))])
-    pair = np.flatnonzero(taken)
-    weight = np.asarray(policy.ravel()[pair], np.float64)
-    return MixedPolicy(first, row_of.ravel()[pair % row_of.size], weight)
+    rows = np.broadcast_to(row_of, (n_states // len(row_of), *row_of.shape))
+    row, weight = rows[taken.reshape(rows.shape)], policy[taken]
+    return MixedPolicy(first, row, np.asarray(weight, np.float64))
 
 
 PlanningModel = TabularPlanningModel | FactoredPlanningModel
