@@ -190,10 +190,10 @@ def test_taxi_ends_are_read_off_its_table():
 
 def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
     m = GridWorld("S.T").mdp
-    beyond = m.next_state.astype(np.int64) + 2**32
+    too_large = m.next_state.astype(np.int64) + 2**32
     with pytest.raises(TaskError, match="next states"):
         FiniteMDP(
-            m.states, m.actions, m.outcome_row, m.probability, beyond, m.reward, m.terminal,
+            m.states, m.actions, m.outcome_row, m.probability, too_large, m.reward, m.terminal,
             m.start, 0.9,
         )  # fmt: skip
 

@@ -29,16 +29,16 @@ def walk(cell, name, size, torus):
 
 
 def joint_dynamics(game, position, action, prey_policy):
-    """Return {(next position, reward): probability}, everybody generative at once."""
+    """Return {(next position, reward): probability}; all move at once."""
     prey, *hunters = position
     moves = names_of(game.moves)
     after = [walk(h, moves[a], game.size, game.torus) for h, a in zip(hunters, action, strict=True)]
     outcomes = Counter()
     for name, chance in zip(moves, prey_policy(position), strict=True):
         there = walk(prey, name, game.size, game.torus)
-        touching = sum(h == there for h in after)
+        together = sum(h == there for h in after)
         need = {"all": game.predators, "any": 1, "as_published": game.predators}
-        caught = touching >= need.get(game.capture, game.capture)
+        caught = together >= need.get(game.capture, game.capture)
         if chance:
             reward = game.capture_reward if caught else game.step_reward
             outcomes[(there, *after), reward] += chance
