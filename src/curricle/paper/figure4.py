@@ -46,7 +46,7 @@ CHECKPOINTS = 35
 PAPER_SEEDS = 5
 AGGREGATES = {"max": maximum, "mean": mean, "min": minimum, "total": total}
 COLOURS = {
-    "baseline": "black",
+    "scratch": "black",
     "source": "grey",
     "max": "vermillion",
     "mean": "blue",
@@ -69,7 +69,7 @@ class Setting:
     learner: Learner
     colocated: bool = True  # whether states in which the predators share a cell are mapped
     aggregates: tuple[str, ...] = tuple(AGGREGATES)  # to run at scale 1
-    baseline: bool = True  # whether to learn from scratch too
+    scratch: bool = True  # whether to learn from scratch too
     scales: tuple[float, ...] = ()  # of the source's Q, to run with the mean
     source_budget: int | Episodes = SOURCE_BUDGET  # a number is steps, as below
     target_steps: int = TARGET_STEPS
@@ -92,7 +92,7 @@ SETTINGS = {
         "control: as published, but every state mapped",
         _hunt(capture="as_published"),
         SOFTMAX,
-        baseline=False,
+        scratch=False,
     ),
     "as stated": Setting("as stated: both must catch, every state mapped", _hunt(), SOFTMAX),
     "epsilon-greedy": Setting(
@@ -100,7 +100,7 @@ SETTINGS = {
         _hunt(5, discount=0.95, time_limit=100),
         LEARNER,
         aggregates=(),
-        baseline=False,
+        scratch=False,
         scales=(0.5, 1.0, 2.0),
         source_budget=400_000,
         target_steps=400_000,
@@ -126,13 +126,13 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
 def run(
     setting: Setting, seeds: int, workers: int | None, progress: Progress
 ) -> dict[str, LearningResult]:
-    """Return the training results of a setting by arm: baseline, source, one for each potential."""
+    """Return the training results of a setting by arm: scratch, source, one for each potential."""
     eval_freq, hunt, steps = setting.target_steps // CHECKPOINTS, setting.hunt, setting.target_steps
     arms = {}
-    if setting.baseline:
+    if setting.scratch:
         how: Any = {"eval_freq": eval_freq, "evaluation": ROLLOUTS, "stream": "hunt"}
-        arms["baseline"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
-        progress(f"{setting.title}: baseline")
+        arms["scratch"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
+        progress(f"{setting.title}: scratch")
     f = mappings(setting)
     plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
     plans += [(f"scale {scale:g}", mean, scale) for scale in setting.scales]
@@ -210,7 +210,7 @@ def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt
             "arm": arm,
             "seed": np.array(result.seeds)[:, None],
             "steps": result.steps,
-            "source_steps": (arm not in ("baseline", "source"))
+            "source_steps": (arm not in ("scratch", "source"))
             * arms["source"].steps_used[:, None],
             "training_return": result.training_return,
             "greedy_return": result.greedy_return,

@@ -75,13 +75,13 @@ def _exact_values() -> Claim:
 
 def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, episodes end at the first touch, shared cells unmapped (Q = 0)"
-    ahead = {n: paired_difference(_start(arms[n]), _start(arms["baseline"])) for n in TRANSFERS}
+    ahead = {n: paired_difference(_start(arms[n]), _start(arms["scratch"])) for n in TRANSFERS}
     yield Claim(
         "f4.published.good-start",
         "Transfer gives a far better start than no transfer",
         setting,
         verdict(all(gap.low > 0 for gap in ahead.values())),
-        {f"{n} minus baseline, first checkpoints": gap for n, gap in ahead.items()},
+        {f"{n} minus scratch, first checkpoints": gap for n, gap in ahead.items()},
     )
     fall = _end_minus_start(arms)
     yield Claim(
@@ -102,14 +102,14 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
         verdict(all(gap.low > 0 for gap in gaps.values())),
         gaps,
     )
-    drift = paired_difference(_end(arms["baseline"]), _start(arms["baseline"]))
-    gain = paired_difference(_start(arms["mean"]), _start(arms["baseline"]))
+    drift = paired_difference(_end(arms["scratch"]), _start(arms["scratch"]))
+    gain = paired_difference(_start(arms["mean"]), _start(arms["scratch"]))
     yield Claim(
         "f4.published.flat-baseline",
-        "The baseline hardly improves",
+        "Learning from scratch hardly improves",
         setting,
         verdict(abs(float(drift.estimate)) < 0.2 * gain.estimate),
-        {"baseline, end minus start": drift, "for comparison, the jumpstart of mean": gain},
+        {"scratch, end minus start": drift, "for comparison, the jumpstart of mean": gain},
     )
     cured = _end_minus_start(control)
     yield Claim(
@@ -125,7 +125,7 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
 
 def _as_stated(arms: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, both must catch, every state mapped"
-    end = {n: _end(arms[n]) for n in ("baseline", *TRANSFERS)}
+    end = {n: _end(arms[n]) for n in ("scratch", *TRANSFERS)}
     ends = {n: over_seeds(values) for n, values in end.items()}
     best = {
         f"min minus {n}, at the end": paired_difference(end["min"], end[n])
