@@ -44,8 +44,13 @@ gc.set_threshold(50_000, 10, 10)
 
 
 def pytest_collection_finish():
-    """Leave what was imported out of all garbage collection."""
+    """Leave what was imported out of garbage collection while tests run."""
     gc.freeze()
+
+
+def pytest_unconfigure():
+    """Let modules be collected at the end: some report a leak otherwise."""
+    gc.unfreeze()
 
 
 # A shell that starts a job in the background (`make test &` in a script) has it ignore SIGINT, and

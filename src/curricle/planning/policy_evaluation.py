@@ -172,7 +172,9 @@ def greedy_policy_return(
     """
     generative, start = generative_model(task), stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)
-    with open_model(generative.model, start) as model:
+    # An exact evaluation reads tables of its own: one loop for all models that sample such tasks.
+    sampled = kernel.tables if isinstance(kernel, ExactEvaluation) else generative.model
+    with open_model(sampled, start) as model:
         loop = compiled(_greedy_return, isinstance(model, Functions))
         return float(loop(kernel, model, view))
 
