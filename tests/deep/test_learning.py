@@ -47,6 +47,14 @@ def test_curves_have_a_checkpoint_at_every_so_many_steps(observed):
     assert (np.diff(result.episodes) > 0).all()
 
 
+def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observed):
+    many = cr.deep.DeepLearner("DQN", envs=8, settings=QUICK)
+    result = cr.deep.learn_deep(observed, many, 20, seeds=2, eval_freq=1)
+    assert result.steps_used.tolist() == [24, 24]
+    assert result.steps.tolist() == list(range(25))
+    assert np.isfinite(result.greedy_return).all()
+
+
 def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     torch.manual_seed(1)
     before = checkpoint.generator_states()

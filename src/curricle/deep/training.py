@@ -105,7 +105,8 @@ class Progress:
     @classmethod
     def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
         """Return what is recorded at the start."""
-        record = Record.empty(run.longest // run.eval_freq + 1)
+        longest = run.longest + run.learner.envs - 1  # all sub-environments make a last step
+        record = Record.empty(longest // run.eval_freq + 1)
         spent = warm_up.write(record, run.eval_freq)
         since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
         first = -(-spent.steps // run.eval_freq)

@@ -210,8 +210,7 @@ def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt
             "arm": arm,
             "seed": np.array(result.seeds)[:, None],
             "steps": result.steps,
-            "source_steps": (arm not in ("scratch", "source"))
-            * arms["source"].steps_used[:, None],
+            "source_steps": (arm not in ("scratch", "source")) * arms["source"].steps_used[:, None],
             "training_return": result.training_return,
             "greedy_return": result.greedy_return,
         }
