@@ -97,7 +97,7 @@ def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, t
     assert not any(row[:2] == ["state:", "corner"] for row in bill)  # shared with the arm before
     assert "about" in out
     assert "one processor" in out
-    assert "arm chain: Forecast for 'maze'" in out
+    assert "arm chain\nForecast for 'maze'" in out
     assert max(map(len, lines)) < 250  # no table is written out
     assert not list(tmp_path.iterdir())
 

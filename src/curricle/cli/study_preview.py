@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -37,11 +38,11 @@ def print_preview(study: StudyConfig) -> None:
         print(f"a task is learnt by a network: {error}")
     for name, curriculum in arms.curricula.items():
         if curriculum.in_edges(curriculum.target):
-            print(f"\narm {name}: {_forecast(curriculum)}")
+            print(f"\narm {name}", _forecast(curriculum), sep="\n")
 
 
 def graph(curriculum: Curriculum) -> Iterator[str]:
-    """Yield a line for each task, sources first, and for each transfer into it."""
+    """Yield a text for each task, sources first, and for each transfer into it."""
     for name in curriculum.order:
         node = curriculum.node(name)
         if node.deep:
@@ -54,7 +55,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = "" if node.deep else f"; {edge.mapping.coverage()}"
-            yield f"    {label}: {mapping_words(edge)}{cover}"
+            line = f"{label}: {mapping_words(edge)}{cover}"
+            yield fill(line, 80, initial_indent=" " * 4, subsequent_indent=" " * 6)
 
 
 def _print_cost(each: list[Cost]) -> None:
