@@ -51,12 +51,15 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
         steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
-        yield f"  {name}: {task}; {learner}; {steps}"
+        yield _wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = "" if node.deep else f"; {edge.mapping.coverage()}"
-            line = f"{label}: {mapping_words(edge)}{cover}"
-            yield fill(line, 80, initial_indent=" " * 4, subsequent_indent=" " * 6)
+            yield _wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
+
+
+def _wrapped(line: str, indent: int) -> str:
+    return fill(line, 80, initial_indent=" " * indent, subsequent_indent=" " * (indent + 2))
 
 
 def _print_cost(each: list[Cost]) -> None:
