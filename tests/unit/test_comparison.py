@@ -61,7 +61,7 @@ def test_measures_by_hand():
     assert BY_HAND.times("misled").steps.tolist() == [40.0, 30.0]
     assert BY_HAND.times("misled", strong=False).steps.tolist() == [20.0, 20.0]
     assert BY_HAND.times("helped", strong=False).steps.tolist() == [0.0, 0.0]
-    assert BY_HAND.height("helped").estimate == 2.0
+    assert BY_HAND.mean_return("helped").estimate == 2.0
 
 
 def test_measures_are_those_of_the_metrics():
@@ -97,7 +97,7 @@ def test_measures_are_those_of_the_metrics():
         )
         assert contrast.probability_of_improvement.estimate == wins.estimate
         middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
-        assert found.height(name).estimate == pytest.approx(middle)
+        assert found.mean_return(name).estimate == pytest.approx(middle)
         assert contrast.p == cr.statistics.sign_flip_test(expected["strong_gain"])
 
 

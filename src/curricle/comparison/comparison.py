@@ -112,7 +112,7 @@ class Comparison:
         curve = self[name].charged(self.scratch) if strong else self._weak(name)
         return time_to_threshold(curve, self.threshold, window=self.window)
 
-    def height(self, name: str) -> Interval:
+    def mean_return(self, name: str) -> Interval:
         """Return the interquartile mean over seeds of an arm's area under the strong curve."""
         values = mean_return(self[name].charged(self.scratch))
         return bootstrap(values, interquartile_mean)
@@ -169,7 +169,7 @@ class Comparison:
             "source_steps": float(self[name].curve.source_steps.mean()),
             "reached": int(times.reached.sum()),
         }
-        intervals = {"steps_to_threshold": times.restricted_mean(), "return": self.height(name)}
+        intervals = {"steps_to_threshold": times.restricted_mean(), "return": self.mean_return(name)}
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
         for measure, interval in intervals.items():
@@ -193,7 +193,7 @@ class Comparison:
             missed = int((~times.reached).sum())
             text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
             text = "> " * (missed > 0) + text
-            line = f"{name:{width}}{text:>20}  {_short(self.height(name)):<23}"
+            line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<23}"
             if name != SCRATCH:
                 contrast = self.contrasts[name]
                 line += f"{_short(contrast.strong_gain):<22}{_short(contrast.weak_gain):<22}"
