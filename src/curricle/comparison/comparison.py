@@ -169,7 +169,8 @@ class Comparison:
             "source_steps": float(self[name].curve.source_steps.mean()),
             "reached": int(times.reached.sum()),
         }
-        intervals = {"steps_to_threshold": times.restricted_mean(), "return": self.mean_return(name)}
+        intervals = {"steps_to_threshold": times.restricted_mean()}
+        intervals["return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
         for measure, interval in intervals.items():
