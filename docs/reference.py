@@ -113,7 +113,7 @@ def explain(app: Any, what: str, name: str, found: Any, options: Any, lines: lis
 
 
 def skip(app: Any, what: str, name: str, found: Any, skipped: bool, options: Any) -> bool | None:
-    """Leave out what looks like a method and is the default of a field: a function so named."""
+    """Leave out fields whose default is a function: they would be listed as methods."""
     return True if inspect.isfunction(found) and found.__name__ != name else None
 
 
