@@ -6,8 +6,8 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import CurricleError
 
 LARGEST = 2**63
@@ -56,7 +56,7 @@ def number(
     return float(value)
 
 
-def numbers(name: str, values: Any, error: type[CurricleError]) -> npt.NDArray[np.float64]:
+def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
     """Return a new float64 array of `values`, or raise `error` if they are no array of numbers.
 
     Examples

@@ -3,8 +3,8 @@
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.certificate import shaped_task
 from curricle.certificate.checked_shaping import CheckedShaping, ShapingReward, check_shaping
 from curricle.certificate.diagnosis import nonzero_ends, origin, other_discount, several_entries
@@ -19,8 +19,6 @@ from curricle.tasks.labels import action_name, state_name, values_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
-
-FloatArray = npt.NDArray[np.float64]
 
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
@@ -144,7 +142,7 @@ def _reason_to_sample(task: Task) -> str | None:
     return None
 
 
-def _findings(shaping: CheckedShaping, ends: npt.NDArray[np.int64]) -> tuple[str, ...]:
+def _findings(shaping: CheckedShaping, ends: IntArray) -> tuple[str, ...]:
     """Return findings that need no solution: a second discount, nonzero ends, the last weight."""
     sentences = list[str]()
     claim, own = shaping.shaping.claim, shaping.task_discount
@@ -253,7 +251,7 @@ def _counterexample(
     )
 
 
-def _largest_at(values: FloatArray, among: npt.NDArray[np.bool_]) -> tuple[int, int]:
+def _largest_at(values: FloatArray, among: BoolArray) -> tuple[int, int]:
     place = np.unravel_index(np.where(among, values, -np.inf).argmax(), values.shape)
     return int(place[0]), int(place[1])
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
@@ -15,8 +15,6 @@ from curricle.learning.shaping import Claim, Shaping
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 RewardFunction = Callable[[IntArray, IntArray, IntArray], Any]
 """F(s, a, s'), which shaping adds to the reward of each of E transitions, (E,) float."""
 CHUNK = 10_000

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.labels import action_name, state_name
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3
 """Ends that are named; the others are counted."""

@@ -13,12 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.spaces import frozen
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 RELATIVE_RESIDUAL = 1e-5
 """Residual, relative to the largest F, up to which a potential fits."""

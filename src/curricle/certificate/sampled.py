@@ -6,8 +6,8 @@ Random rollouts can refute that a potential is behind F; they cannot prove that 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping
 from curricle.certificate.diagnosis import different_by_action, several_entries, widest
 from curricle.certificate.potential_fit import RELATIVE_RESIDUAL
@@ -16,10 +16,6 @@ from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.labels import state_name
 from curricle.tasks.task import generative_model
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 LONGEST = 200
 """Steps of a rollout at most."""

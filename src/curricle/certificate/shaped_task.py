@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import RewardFunction
 from curricle.errors import PotentialError, SettingError
 from curricle.planning.solution import EPSILON, Solution, solve
@@ -19,9 +20,6 @@ from curricle.tasks.reachability import reachable_states
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000
 """Transitions passed to a shaping reward at a time."""

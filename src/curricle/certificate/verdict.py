@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
+from curricle.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 UNKNOWN = float("nan")
 
 

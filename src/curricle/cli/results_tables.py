@@ -1,8 +1,8 @@
 """The tables and sentences of ``curricle show``."""
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.checks import one_of
 from curricle.cli.terminal_tables import print_table, table
 from curricle.errors import StoreError
@@ -64,7 +64,7 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
         one_of("a task", task, dict.fromkeys(tasks), StoreError)
 
 
-def _mean_and_deviation(returns: npt.NDArray[np.float64]) -> str:
+def _mean_and_deviation(returns: FloatArray) -> str:
     """Return mean and standard deviation, 0 where seeds differ by rounding alone."""
     mean, deviation = float(np.mean(returns)), float(np.std(returns))
     return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

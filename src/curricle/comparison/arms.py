@@ -5,13 +5,11 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import ROUNDING, Curve, charge_source
 from curricle.statistics.metrics import mean_return
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ class Arm:
     def of(
         cls,
         result: LearningResult,
-        spent: npt.NDArray[np.int64],
+        spent: IntArray,
         total: int,
         eval_freq: int,
         *,
@@ -70,7 +68,7 @@ class Arm:
         """Return the curve over total steps, source steps included (:func:`charge_source`)."""
         return charge_source(scratch.curve, self.curve)
 
-    def take(self, seeds: npt.NDArray[np.int64]) -> "Arm":
+    def take(self, seeds: IntArray) -> "Arm":
         """Return the arm with the seeds in these rows, in this order."""
         curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
         return Arm(curve, self.training_return[seeds], self.guard_share[seeds], self.control)

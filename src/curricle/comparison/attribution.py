@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of, whole_number
 from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
@@ -25,9 +25,6 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables
 from curricle.transfer.edges import Transfer, transfer_names
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 STANDARD_ERRORS = 3.0
 """Standard errors that a change must exceed."""
 LEAST = 0.5

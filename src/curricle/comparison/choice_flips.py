@@ -7,14 +7,12 @@ show where learning lost something.
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation
 from curricle.planning.solution import policy_table, right_choices
 from curricle.tasks.task import Task, tables
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
@@ -35,9 +33,7 @@ def right_states(values: npt.ArrayLike, optimal: npt.ArrayLike) -> BoolArray:
     return right_choices(table, best)
 
 
-def flips(
-    before: npt.ArrayLike, after: npt.ArrayLike, optimal: npt.ArrayLike
-) -> npt.NDArray[np.int64]:
+def flips(before: npt.ArrayLike, after: npt.ArrayLike, optimal: npt.ArrayLike) -> IntArray:
     """Return where the greedy choice became right (+1) or wrong (-1) between two times.
 
     flip(s) = right_after(s) - right_before(s), where a choice is right if every action of the

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.comparison.arms import Arm, concatenated
 from curricle.comparison.comparison import Comparison
@@ -204,7 +204,7 @@ class _Plan:
         curriculum: Curriculum,
         control: Control,
         seeds: Sequence[int],
-        spent: npt.NDArray[np.int64],
+        spent: IntArray,
     ) -> Arm:
         """Return a control with one source, for as many steps as the curriculum's took a seed."""
         parts = []
@@ -221,9 +221,7 @@ class _Plan:
         longer = curriculum.replace(self.target, budget=self.total, eval_freq=self.eval_freq)
         return longer.train(seeds, charge=True, workers=self.workers)
 
-    def _arm(
-        self, result: LearningResult, spent: npt.NDArray[np.int64], *, control: bool = False
-    ) -> Arm:
+    def _arm(self, result: LearningResult, spent: IntArray, *, control: bool = False) -> Arm:
         return Arm.of(result, spent, self.total, self.eval_freq, control=control)
 
     def run_until(
@@ -233,7 +231,7 @@ class _Plan:
         batches = list[dict[str, Arm]]()
         first = whole_number("seeds to begin adding with", first, 2, SettingError)
 
-        def gain(seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+        def gain(seeds: Sequence[int]) -> FloatArray:
             batches.append(self.run(tuple(seeds)))
             scratch, arm = (batches[-1][name] for name in (SCRATCH, next(iter(self.arms))))
             return arm.strong_gain(scratch)

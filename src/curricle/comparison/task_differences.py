@@ -5,8 +5,8 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import is_observation_task
@@ -19,7 +19,6 @@ from curricle.tasks.task import (
     tables,
 )
 
-FloatArray = npt.NDArray[np.float64]
 LARGEST = 5_000_000
 """Pairs (S x A) up to which tables are compared."""
 CLOSE = 1e-9

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.checks import instance, one_of
 from curricle.curriculum.node import Node
 from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
@@ -35,7 +35,6 @@ from curricle.transfer.aggregation import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
 
-IntArray = npt.NDArray[np.int64]
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "learner": QLearning(),

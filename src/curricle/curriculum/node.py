@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-import numpy.typing as npt
-
+from curricle.arrays import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
@@ -103,7 +101,7 @@ class Node:
         potentials: Sequence[AnyPotential] = (),
         *,
         warm_ups: Sequence[WarmUp] = (),
-        charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
+        charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
         saves: Path | None = None,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.curriculum.node import Node
 from curricle.errors import SettingError
@@ -18,7 +19,6 @@ from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import Decision, StoppingRule
 from curricle.tasks.spaces import frozen
 
-FloatArray = npt.NDArray[np.float64]
 Potentials = Callable[[Mapping[str, FloatArray]], Sequence[PairPotential]]
 """The values of K seeds of the sources, (K, S', A') each -> the target's K potentials."""
 
@@ -97,7 +97,7 @@ class RetrainedResult(NamedTuple):
     """A target's training with that of its sources in between, for K seeds."""
 
     result: LearningResult
-    extra: npt.NDArray[np.int64]
+    extra: IntArray
     """(K,) steps of retraining the sources."""
     decisions: list[list[Decision]]
     """At each checkpoint of each seed."""
@@ -109,7 +109,7 @@ def with_retraining(
     sources: Mapping[str, tuple[Node, FloatArray]],
     potentials_of: Potentials,
     first: LearningResult,
-    charged: Sequence[int] | npt.NDArray[np.int64] | None,
+    charged: Sequence[int] | IntArray | None,
 ) -> RetrainedResult:
     """Return the training of a target, continued after each retraining of its direct sources.
 

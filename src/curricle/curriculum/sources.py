@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
@@ -16,8 +16,6 @@ from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibra
 from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.potentials import ObservationPotential, combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

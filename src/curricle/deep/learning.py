@@ -4,9 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from curricle.arrays import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError
@@ -33,7 +31,7 @@ def learn_deep(
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
     warm_up: Sequence[WarmUp] | None = None,
-    charged: Sequence[int] | npt.NDArray[np.int64] | None = None,
+    charged: Sequence[int] | IntArray | None = None,
     saves: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
 ) -> LearningResult:

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import PotentialError
 from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import no_actions
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class NetworkValues:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential
@@ -22,8 +23,6 @@ try:
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = VecEnvWrapper = object
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Indices = int | Iterable[int] | None
 
 

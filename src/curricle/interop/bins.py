@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatTable, IntArray
 from curricle.checks import numbers
 from curricle.errors import TaskError
 from curricle.tasks.spaces import Component, Space
@@ -72,7 +73,7 @@ class Bins:
         each: Any = self.edges.values()
         return [edges[1:-1] for edges in each]
 
-    def __call__(self, observation: npt.NDArray[np.floating[Any]]) -> int:
+    def __call__(self, observation: FloatTable) -> int:
         """Return the number of the state that an observation, (n,) float, falls into."""
         values = observation.tolist()
         if len(values) != len(self._inner):
@@ -81,7 +82,7 @@ class Bins:
             raise TaskError(f"an observation must be of numbers: got {values}")
         return self.states.encode_one(tuple(map(bisect_right, self._inner, values)))
 
-    def many(self, observations: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
+    def many(self, observations: FloatTable) -> IntArray:
         """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
 
         An :class:`ObservationMapping` reads a source's table with it.

@@ -4,9 +4,9 @@ from copy import copy
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Discrete
 
+from curricle.arrays import IntArray
 from curricle.checks import instance, one_of
 from curricle.errors import SettingError
 from curricle.interop.environment import RenderMode, TaskEnvironment
@@ -122,7 +122,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
             self.agents = []
         return observed, rewards, ends, cuts, infos
 
-    def state(self) -> npt.NDArray[np.int64]:
+    def state(self) -> IntArray:
         """Return the cells of the prey and of each predator, (1 + predators,) int64."""
         return np.array(self._cells.offsets(self._joint.state))
 

@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential
 from curricle.interop.shaping_potential import Episode, Episodes, check_unshaped, shaping_potential
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]

@@ -10,10 +10,10 @@ from typing import Any, ClassVar, TypeGuard
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.vector.utils import iterate
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
@@ -24,8 +24,7 @@ from curricle.tasks.task import generative_model
 from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import ValueSource
 
-FloatArray = npt.NDArray[np.float64]
-Steps = int | npt.NDArray[np.int64]
+Steps = int | IntArray
 
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
@@ -242,7 +241,7 @@ def _fixed(potential: StatePotential | MappedPotential) -> FloatArray | None:
 
 
 def _values(
-    potential: StatePotential | MappedPotential, states: npt.NDArray[np.int64], steps: Steps
+    potential: StatePotential | MappedPotential, states: IntArray, steps: Steps
 ) -> FloatArray:
     """Return Phi(s, t) of n states, (n,) float64."""
     if isinstance(potential, MappedPotential):

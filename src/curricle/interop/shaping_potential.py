@@ -15,6 +15,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray
 from curricle.checks import instance, number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.potential_sources import (
@@ -34,7 +35,6 @@ from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.potentials import ObservationPotential
 
-BoolArray = npt.NDArray[np.bool_]
 Finals = Callable[[int], Any]
 """The observation at which a sub-environment's episode was cut off, None if unknown."""
 

@@ -9,9 +9,9 @@ from typing import Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
+from curricle.arrays import IntArray
 from curricle.errors import SettingError, TaskError
 from curricle.tasks.spaces import Component, Space, frozen
 
@@ -164,7 +164,7 @@ class Coding:
 
     def __init__(self, space: Space, form: Form):
         self.space, self.form = space, form
-        self._rows: npt.NDArray[np.int64] | None = None
+        self._rows: IntArray | None = None
         if not space.is_box:
             lows = [component.low for component in space.components]
             self._rows = np.stack(list(space.decode().values()), axis=1) - lows

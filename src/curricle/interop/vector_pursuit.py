@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box
 
+from curricle.arrays import IntArray
 from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.environment import RenderMode, TaskEnvironment
@@ -23,7 +24,6 @@ from curricle.transfer.component_mapping import (
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.observation_mapping import ObservationMapping
 
-IntArray = npt.NDArray[np.int64]
 Vectors = npt.NDArray[np.float32]
 Acting = Literal["all", "first"]
 

@@ -6,11 +6,11 @@ all rules and shapings: with bodies chosen by type it would be compiled anew for
 and compiling takes far longer than the few comparisons that a step of the loop makes.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.learning.exploration import choose, expected_value
 from curricle.learning.record import is_spent
 from curricle.learning.schedules import Schedule, at, rate_of
@@ -20,8 +20,6 @@ from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, first_above, splitmix64
 from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
 from curricle.tasks.overloads import inlined
-
-FloatArray = npt.NDArray[np.float64]
 
 # What is added to the reward, or to the values acted on.
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
@@ -34,7 +32,7 @@ class ShapingKernel(NamedTuple):
 
     kind: int
     weight: Schedule
-    steps: npt.NDArray[np.int64]  # (M,) the step from which each state potential holds
+    steps: IntArray  # (M,) the step from which each state potential holds
     state_values: FloatArray  # (M, S) Phi(s)
     pair_values: FloatArray  # (S, A) phi(s, a)
 
@@ -42,7 +40,7 @@ class ShapingKernel(NamedTuple):
 class Acting(NamedTuple):
     """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
 
-    q: npt.NDArray[np.floating[Any]]  # (1 or 2, S, A)
+    q: FloatTable  # (1 or 2, S, A)
     advice: FloatArray  # (S, A) phi, or (0, A)
     weight: float
     values: FloatArray  # (1, A) work space

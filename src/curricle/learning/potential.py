@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_table
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

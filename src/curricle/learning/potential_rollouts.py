@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential
@@ -22,8 +22,6 @@ from curricle.tasks.overloads import compiled
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import generative_model
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 PairPotential = StateActionPotential | MappedPotential
 MOST_STEPS = 50_000_000
 """Steps that may be recorded (2.4 GB)."""
@@ -82,7 +80,7 @@ class GreedyRollouts:
     bootstrap_discount: FloatArray
     bootstrapped_value: FloatArray
     lengths: IntArray
-    ended: npt.NDArray[np.bool_]
+    ended: BoolArray
     returns: FloatArray
     one_reward: bool
 

@@ -6,10 +6,9 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
-
-FloatArray = npt.NDArray[np.float64]
 
 LARGEST = 128_000_000
 """Bytes that the snapshots of a run may take; a larger task has fewer, or none."""
@@ -36,7 +35,7 @@ class Snapshots:
     """
 
     seed: int
-    steps: npt.NDArray[np.int64]
+    steps: IntArray
     values: npt.NDArray[np.float32]
 
 
@@ -46,8 +45,8 @@ class Record(NamedTuple):
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
     greedy_return: FloatArray  # (T,)
     guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
-    episodes: npt.NDArray[np.int64]  # (T,)
-    snapshot_at: npt.NDArray[np.int64]  # (M,) checkpoints whose tables are kept
+    episodes: IntArray  # (T,)
+    snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
 
     @classmethod
@@ -59,7 +58,7 @@ class Record(NamedTuple):
         return cls(returns, greedy, guard_share, np.zeros(checkpoints, np.int64), kept, tables)
 
 
-def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> npt.NDArray[np.int64]:
+def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArray:
     """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit.
 
     They lie quadratically: half of them in the first quarter of the run.
@@ -114,8 +113,8 @@ class WarmUp:
     7
     """
 
-    lengths: npt.NDArray[np.int64]
-    returns: npt.NDArray[np.float64]
+    lengths: IntArray
+    returns: FloatArray
 
     @property
     def steps(self) -> int:

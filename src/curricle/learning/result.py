@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
 from curricle.learning.run import Outcome
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 HELD = ("greedy_return", "guard_share", "episodes")
 """Curves whose last value is repeated after a seed's end."""
 TOTALS = ("steps_used", "episodes_used", "out_of_memory")
@@ -72,7 +71,7 @@ class LearningResult:
     episodes: IntArray
     steps_used: IntArray
     episodes_used: IntArray
-    out_of_memory: npt.NDArray[np.bool_]
+    out_of_memory: BoolArray
     guard_share: FloatArray
     snapshots: Snapshots | None = None
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatTable
 from curricle.learning import general_loop
 from curricle.learning.guard import Guard, train_guarded
 from curricle.learning.learners import Learner
@@ -27,8 +27,6 @@ from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.overloads import compiled
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel
-
-FloatTable = npt.NDArray[np.floating[Any]]
 
 NEAR = 32_768
 """Bytes of a table that stays in the processor's nearest cache."""

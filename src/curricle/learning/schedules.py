@@ -2,9 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
+from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.tasks.overloads import Overloaded
@@ -156,7 +154,7 @@ class ByVisits(NamedTuple):
     """A learning rate that depends on the updates of each pair, not on all steps."""
 
     schedule: Schedule
-    visits: npt.NDArray[np.int64]  # (rows, A)
+    visits: IntArray  # (rows, A)
 
 
 def at(schedule, step):

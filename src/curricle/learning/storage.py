@@ -3,11 +3,12 @@
 import os
 import re
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatTable, IntArray
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.tasks.task import GenerativeModel
@@ -127,10 +128,10 @@ class SparseValues:
     array([[3., 4.]])
     """
 
-    states: npt.NDArray[np.int64]
-    values: npt.NDArray[np.floating[Any]]
+    states: IntArray
+    values: FloatTable
 
-    def at(self, states: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
+    def at(self, states: npt.ArrayLike) -> FloatTable:
         """Return the values of these states, (..., A); SettingError if one was not visited."""
         wanted = np.asarray(states)
         row = np.minimum(np.searchsorted(self.states, wanted), len(self.states) - 1)

@@ -4,19 +4,18 @@ Two kinds with one interface: :class:`DenseTable` has a row for every state, :cl
 one for each state visited so far, filled from the potential on the first visit.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import TIED, acting_rows, best_of, greedy_actions
 from curricle.tasks.draws import splitmix64
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import of_width
-
-FloatTable = npt.NDArray[np.floating[Any]]
 
 Number = tuple[None, ...]
 """A number as a type, the tuple's length: loops are compiled for each."""
@@ -39,11 +38,11 @@ class SparseTable(NamedTuple):
     q: FloatTable  # (R, A)
     row_max: FloatTable  # (R,)
     row_argmax: npt.NDArray[np.uint16]  # (R,)
-    phi: npt.NDArray[np.float64]  # (A,) work space: a row of the potential
+    phi: FloatArray  # (A,) work space: a row of the potential
     row: FloatTable  # (1, A) work space: a row of the table
     states: npt.NDArray[np.uint64]  # (R,) the state of each row
     slots: npt.NDArray[np.int32]  # (2^h,) a row, or 0 where empty; open addressing
-    used: npt.NDArray[np.int64]  # (1,) rows in use, row 0 among them
+    used: IntArray  # (1,) rows in use, row 0 among them
     lookup: ValueLookup
     key: np.uint64  # breaks the ties of new rows
     width: Number  # A where loops along a row are to be unrolled, else 0

@@ -11,12 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle import GridWorld, solve
+from curricle.arrays import FloatArray, IntArray
 from curricle.paper import maze_runs as runs
 from curricle.paper.settings import (
     Claim,
@@ -36,13 +37,13 @@ class Arm:
     """One source against scratch, in steps, for K seeds."""
 
     # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
-    saved: npt.NDArray[np.float64]
-    cost: npt.NDArray[np.int64]  # (K,): source steps
+    saved: FloatArray
+    cost: IntArray  # (K,): source steps
     reached: int  # seeds that reached the threshold
-    best: npt.NDArray[np.float64]  # (K, S'): max_a Q of the source
+    best: FloatArray  # (K, S'): max_a Q of the source
 
     @property
-    def net(self) -> npt.NDArray[np.float64]:
+    def net(self) -> FloatArray:
         """Target and source steps to the threshold, scratch minus transfer, (K,)."""
         return self.saved - self.cost
 

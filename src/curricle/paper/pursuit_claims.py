@@ -4,16 +4,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle import Pursuit, evaluate, maximum, mean, minimum, solve, total
+from curricle.arrays import FloatArray
 from curricle.learning import LearningResult
 from curricle.paper.settings import Claim, answer, over_seeds, verdict
 from curricle.planning import greedy_policy
 from curricle.statistics import Interval, paired_difference
 from curricle.transfer import StateActionMapping, find_projections
 
-FloatArray = npt.NDArray[np.float64]
 Arms = Mapping[str, LearningResult]
 
 VALUES: dict[tuple[int, Any], float] = {

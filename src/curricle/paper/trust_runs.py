@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle import (
     Curriculum,
@@ -22,6 +21,7 @@ from curricle import (
     minimum,
     project,
 )
+from curricle.arrays import FloatArray
 from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
@@ -158,7 +158,7 @@ def _is_refused(phi: Any, seed: int) -> bool:
     return False
 
 
-def tenths(result: LearningResult) -> npt.NDArray[np.float64]:
+def tenths(result: LearningResult) -> FloatArray:
     """Return the mean training return in each tenth of a run, (K, 10)."""
     values = result.training_return[:, 1:]
     parts = np.array_split(np.arange(values.shape[1]), 10)

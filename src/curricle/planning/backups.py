@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.tasks.overloads import Overloaded
 
-FloatArray = npt.NDArray[np.float64]
 RowArray = npt.NDArray[np.uint32]
 SWEEPS = 5
 """Sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good."""
@@ -110,7 +110,7 @@ class OutcomeRows(NamedTuple):
     mean: FloatArray  # (Y,) mean reward
     probability: FloatArray  # (Y, O)
     next_state: RowArray  # (Y, O)
-    terminal: npt.NDArray[np.bool_]  # (S,)
+    terminal: BoolArray  # (S,)
     discount: float
 
 
@@ -228,7 +228,7 @@ def _policy_backup(backup, values, sweep):
 class MixedPolicy(NamedTuple):
     """A policy in compressed form: state s has the entries first[s] to first[s + 1]."""
 
-    first: npt.NDArray[np.int64]  # (S + 1,)
+    first: IntArray  # (S + 1,)
     row: RowArray  # (n,) outcome row of each entry
     weight: FloatArray  # (n,)
 
@@ -269,7 +269,7 @@ class ExtrapolatedBackup(NamedTuple):
 
     backup: Any  # linear, every sweep in the same direction
     steps: FloatArray  # (2, S) work space: changes of the last two sweeps
-    last: npt.NDArray[np.int64]  # (1,) work space: the sweep after which it was last extrapolated
+    last: IntArray  # (1,) work space: the sweep after which it was last extrapolated
 
 
 @back_ups.body(ExtrapolatedBackup)

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Planes(NamedTuple):
@@ -23,7 +22,7 @@ class Planes(NamedTuple):
     mean: FloatArray  # (S,) reward of a step from the prey's cell to the predators' cells
     landing: npt.NDArray[np.int32]  # (C, M)
     prey_policy: FloatArray  # (C, M)
-    terminal: npt.NDArray[np.bool_]  # (S,)
+    terminal: BoolArray  # (S,)
     discount: float
 
 

@@ -5,11 +5,11 @@ A *view* is a NamedTuple of the values that a policy is greedy on. Loops read it
 ``learning/tables.py`` adds those of the tables that a learner fills.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatTable
 from curricle.tasks.draws import integers
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import (
@@ -83,7 +83,7 @@ greedy_actions, acting_rows = Overloaded(greedy_action), Overloaded(acting_row)
 class Values(NamedTuple):
     """Fixed values of every pair."""
 
-    values: npt.NDArray[np.floating[Any]]  # (S, A)
+    values: FloatTable  # (S, A)
 
 
 @greedy_actions.body(Values)
@@ -100,7 +100,7 @@ def _row_of_values(view, state, out):
 class EqualValues(NamedTuple):
     """One row of values for all states; of equal ones, every action is greedy everywhere."""
 
-    values: npt.NDArray[np.floating[Any]]  # (1, A)
+    values: FloatTable  # (1, A)
 
 
 @greedy_actions.body(EqualValues)

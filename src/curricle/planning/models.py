@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
@@ -17,8 +18,6 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, tables
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Policy = npt.NDArray[np.integer[Any]] | FloatArray
 """An action for each state, (S,), or the probability of each action, (S, A)."""
 

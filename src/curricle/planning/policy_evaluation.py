@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, TIED, acting_row, greedy_action
@@ -42,7 +43,7 @@ class RolloutEvaluation(NamedTuple):
     discount: float  # the task's, or 1
     horizon: int  # steps of an episode
     stream: npt.NDArray[np.uint64]  # (1,)
-    total: npt.NDArray[np.float64]  # (2,) work space
+    total: FloatArray  # (2,) work space
 
     def for_run(self, start: int) -> "RolloutEvaluation":
         """Return this for a run whose random stream starts at `start`."""
@@ -57,10 +58,10 @@ class ExactEvaluation(NamedTuple):
     discount: float
     horizon: int
     negligible: float  # probability of not having ended below which to stop
-    mass: npt.NDArray[np.float64]  # (2, S) work space: probability of each state, now and next
-    alive: npt.NDArray[np.int64]  # (2, S) work space: the states where that is not 0
-    greedy: npt.NDArray[np.int64]  # (S,) work space
-    values: npt.NDArray[np.float64]  # (1, A) work space
+    mass: FloatArray  # (2, S) work space: probability of each state, now and next
+    alive: IntArray  # (2, S) work space: the states where that is not 0
+    greedy: IntArray  # (S,) work space
+    values: FloatArray  # (1, A) work space
 
     def for_run(self, start: int) -> "ExactEvaluation":
         """Return this with work space of its own for a run."""

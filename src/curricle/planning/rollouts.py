@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.planning.simulator import StepRecord, UniformPolicy, simulate, table_policy
@@ -15,9 +16,6 @@ from curricle.tasks.live import is_live, open_model
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel, Task, generative_model
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 CHUNK = 65_536
 """Steps of one long episode that are simulated at a time."""
 

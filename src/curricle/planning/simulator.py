@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.planning.greedy import ACTION, greedy_action
 from curricle.planning.models import Policy
 from curricle.tasks.draws import draw, integers, splitmix64, uniform
@@ -21,10 +22,6 @@ from curricle.tasks.generative_models import (
     truncated,
 )
 from curricle.tasks.overloads import Overloaded, compiled, inlined
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # -- policies ------------------------------------------------------------------------------------
 

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, FloatTable
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate
@@ -16,7 +16,6 @@ from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
-FloatArray = npt.NDArray[np.float64]
 EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -66,7 +65,7 @@ class Solution(PolicyValues):
     """
 
     @cached_property
-    def optimal(self) -> npt.NDArray[np.bool_]:
+    def optimal(self) -> BoolArray:
         """Actions that the error bound cannot tell from optimal, (S, A) bool.
 
         Those whose Q(s, a) is within twice the bound of the best, so that ties are kept.
@@ -169,9 +168,7 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
 
 
-def right_choices(
-    action_values: npt.NDArray[np.floating[Any]], optimal: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def right_choices(action_values: FloatTable, optimal: BoolArray) -> BoolArray:
     """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S).
 
     Examples
@@ -191,9 +188,7 @@ def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
     return checked.astype(np.float64, copy=False)
 
 
-def checked_policy(
-    policy: npt.ArrayLike, terminal: npt.NDArray[np.bool_], n_actions: int
-) -> Policy:
+def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
         numbers("a policy", policy, SettingError)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers, whole_number
 from curricle.comparison.choice_flips import expected_visits, right_states
 from curricle.errors import SettingError
@@ -28,8 +29,6 @@ from curricle.plotting.styles import COLOURS, STYLE, caption, new_figure
 from curricle.statistics.curves import Curve
 from curricle.tasks.task import Task, generative_model, tables
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 MARKS = {1: ("^", "blue", "became right"), -1: ("v", "vermillion", "became wrong")}
 """Flip -> its marker, colour and name."""
 FEW = 6
@@ -205,9 +204,7 @@ def _draw_returns(axes: Axes, whole: LearningResult, times: list[int]) -> None:
     axes.set(title="return", ylabel="return of an episode (sum of rewards)")
 
 
-def _draw_shares(
-    axes: Axes, times: npt.NDArray[np.int64], right: BoolArray, weight: FloatArray
-) -> None:
+def _draw_shares(axes: Axes, times: IntArray, right: BoolArray, weight: FloatArray) -> None:
     """Draw the `SHARES` of states, weighted (S,), from where choices are right, (K, T, S)."""
     first = right[:, :1]
     for (name, colour, dashes), chosen in zip(

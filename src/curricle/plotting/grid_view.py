@@ -11,8 +11,8 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.plotting.styles import COLOURS
@@ -20,7 +20,6 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import generative_model
 
-IntArray = npt.NDArray[np.int64]
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
 
@@ -132,7 +131,7 @@ class GridView:
         return _strip(task, space)
 
     @cached_property
-    def ended(self) -> npt.NDArray[np.bool_]:
+    def ended(self) -> BoolArray:
         """States in which the episode is over, (n,)."""
         terminal = generative_model(self.task).terminal
         return np.zeros(len(self.states), bool) if terminal is None else terminal[self.states]

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.scales import minus
 from curricle.plotting.styles import COLOURS
@@ -26,8 +26,8 @@ def draw_maze(
     axes: Axes,
     maze: GridWorld,
     *,
-    path: Sequence[int] | npt.NDArray[np.int64] = (),
-    marked: npt.NDArray[np.bool_] | None = None,
+    path: Sequence[int] | IntArray = (),
+    marked: BoolArray | None = None,
 ) -> None:
     """Draw a maze as seen from above, north on top, in map coordinates.
 
@@ -57,7 +57,7 @@ def draw_maze(
         axes.plot(cells[0, 1], cells[0, 0], "o", color=COLOURS["sky"], ms=6)
 
 
-def frame_cells(axes: Axes, maze: GridWorld, marked: npt.NDArray[np.bool_]) -> None:
+def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
     """Frame the cells of the `marked` states, (S,), of a maze.
 
     Examples
@@ -107,7 +107,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
 def draw_heat(
     axes: Axes,
     view: GridView,
-    values: npt.NDArray[np.float64],
+    values: FloatArray,
     palette: str,
     limits: tuple[float, float],
 ) -> AxesImage:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
+from curricle.arrays import FloatArray
 from curricle.checks import numbers, one_of
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
@@ -20,7 +21,6 @@ from curricle.plotting.styles import DIVERGING, SEQUENTIAL, STYLE, caption, new_
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.edges import transfer_names
 
-FloatArray = npt.NDArray[np.float64]
 PANEL = 2.6
 """Width of a panel in inches."""
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

@@ -7,8 +7,8 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import ended_by
 from curricle.learning.result import LearningResult
@@ -21,7 +21,6 @@ from curricle.transfer.component_mapping import ComponentMapping, describe_renam
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
 
-FloatArray = npt.NDArray[np.float64]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 

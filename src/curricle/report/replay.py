@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.learning.record import Snapshots
 from curricle.planning.rollouts import rollout
@@ -24,8 +25,6 @@ from curricle.report.svg import GridDrawing, move_path, shifted, squares
 from curricle.tasks.labels import action_name
 from curricle.tasks.task import Task, generative_model, has_tables, same_task
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""
 
@@ -259,7 +258,7 @@ def before_and_after(
     return episodes if shown else {}
 
 
-def greedy_choices(view: GridView, values: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.bool_]:
+def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
     """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
     greedy = values == values.max(axis=-1, keepdims=True)
     options = _options(view)
@@ -267,7 +266,7 @@ def greedy_choices(view: GridView, values: npt.NDArray[np.floating[Any]]) -> npt
     return np.stack(chosen, axis=-1)
 
 
-def mark_of(view: GridView, chosen: npt.NDArray[np.bool_]) -> str:
+def mark_of(view: GridView, chosen: BoolArray) -> str:
     """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
     if chosen.all() and len(chosen) > 1:
         return ""

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from curricle.arrays import IntArray
 from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.styles import STYLE
 
@@ -132,7 +132,7 @@ class GridDrawing:
         )
 
 
-def shifted(view: GridView, cells: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
+def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
     """Return column and row from the top-left cell of a view, for (n, 2) rows and columns."""
     return [(x, y) for y, x in (cells - np.array(view.origin)).tolist()]
 

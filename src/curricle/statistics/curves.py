@@ -12,10 +12,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.errors import SettingError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch; all others are compared with it."""

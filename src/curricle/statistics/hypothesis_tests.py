@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import permutation_test
 
+from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
@@ -28,8 +29,6 @@ from curricle.statistics.intervals import (
     resample,
     vector,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 EXACT = 14
 """The most seeds for which all 2^K sign vectors are counted, 16,384 of them."""

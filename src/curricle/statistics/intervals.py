@@ -20,11 +20,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import trim_mean
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 Statistic = Callable[..., Any]
 """``statistic(values, axis=...)``: one number for each column, as ``np.mean`` gives."""
@@ -324,7 +322,7 @@ def vector(name: str, values: npt.ArrayLike, axis: str = "K") -> FloatArray:
     return array
 
 
-def check_each(rule: str, valid: npt.NDArray[np.bool_], values: FloatArray, unit: str) -> None:
+def check_each(rule: str, valid: BoolArray, values: FloatArray, unit: str) -> None:
     """Raise SettingError with the rule and the first value that is not valid."""
     if not valid.all():
         place = int(valid.argmin())

@@ -11,12 +11,10 @@ survey", JMLR 21(181), 2020.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, charge_source, require_no_source, require_pair
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import CensoredData, ecdf
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, require_pair, smooth
@@ -23,9 +23,6 @@ from curricle.statistics.intervals import (
     draw_rows,
     percentiles,
 )
-
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
 
 ROUNDING = 1e-9
 """How far a product of shares may be from the fraction it stands for."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from curricle.arrays import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import check_comparable, default_threshold
@@ -139,11 +139,11 @@ class StudyResults:
         """
         return compare_studies([self])
 
-    def source_steps(self, arm: str) -> npt.NDArray[np.int64]:
+    def source_steps(self, arm: str) -> IntArray:
         """Return the steps each seed of an arm spent before its target, (K,), seeds ascending."""
         runs = [self.store.arrays(unit, RUN) for unit in self._units(arm, self.arms.target)]
         seeds = np.concatenate([run["seeds"] for run in runs])
-        steps: npt.NDArray[np.int64] = np.concatenate([run["source_steps"] for run in runs])
+        steps: IntArray = np.concatenate([run["source_steps"] for run in runs])
         return steps[np.argsort(seeds)]
 
     # -- tables --------------------------------------------------------------------------------

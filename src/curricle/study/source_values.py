@@ -3,9 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
+from curricle.arrays import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
@@ -16,7 +14,7 @@ class StoredValues(NamedTuple):
 
     values: Any
     """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
-    steps_used: npt.NDArray[np.int64]
+    steps_used: IntArray
     """(K,) including those of retraining its own sources."""
     calibrations: Sequence[tuple[float, float]] = ()
     """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray
 from curricle.tasks.spaces import frozen
 
-FloatArray = npt.NDArray[np.float64]
 CellArray = npt.NDArray[np.int32]
 
 
@@ -51,7 +51,7 @@ class FactoredModel(NamedTuple):
     prey_policy: FloatArray
     predators: int
     rewards: FloatArray
-    ends: npt.NDArray[np.bool_]
+    ends: BoolArray
     discount: float
 
 

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.tasks.draws import first_above, uniform
 from curricle.tasks.overloads import Overloaded
 from curricle.tasks.spaces import frozen
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def first_state(model, bits):
@@ -55,8 +54,8 @@ class Tables(NamedTuple):
     cumulative: FloatArray  # (Y, O)
     next_state: npt.NDArray[np.integer[Any]]  # (Y, O) int32
     reward: FloatArray  # (Y, O)
-    terminal: npt.NDArray[np.bool_]  # (S,)
-    start_states: npt.NDArray[np.int64]  # (n,)
+    terminal: BoolArray  # (S,)
+    start_states: IntArray  # (n,)
     start_cumulative: FloatArray  # (n,)
 
 
@@ -102,8 +101,8 @@ class DeterministicTables(NamedTuple):
     n_actions: np.uint64
     next_state: npt.NDArray[np.integer[Any]]  # (S * A,) int32
     reward: FloatArray  # (S * A,)
-    terminal: npt.NDArray[np.bool_]  # (S,)
-    start_states: npt.NDArray[np.int64]  # (n,)
+    terminal: BoolArray  # (S,)
+    start_states: IntArray  # (n,)
     start_cumulative: FloatArray  # (n,)
 
 

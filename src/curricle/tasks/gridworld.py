@@ -15,6 +15,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP, check_horizon
@@ -193,7 +194,7 @@ class GridWorld:
     # -- spaces --------------------------------------------------------------------------------
 
     @cached_property
-    def cells(self) -> npt.NDArray[np.int64]:
+    def cells(self) -> IntArray:
         """Row and column of each cell that is not a wall, (S, 2), in the order of states."""
         return frozen(np.argwhere(self._grid != "#") + self.origin)
 
@@ -248,7 +249,7 @@ class GridWorld:
         return np.asarray(self._grid[self._grid != "#"])
 
     @cached_property
-    def _landing(self) -> npt.NDArray[np.int64]:
+    def _landing(self) -> IntArray:
         """The state that each move leads to, (S, 4); MISSING off the grid and in walls."""
         after = self.cells[:, None, :] + _STEPS
         return self.states_at(after[:, :, 0], after[:, :, 1])
@@ -266,7 +267,7 @@ class GridWorld:
             raise TaskError(f"a state needs a free cell of the map: got ({row}, {column})")
         return number
 
-    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
         """Return the states of these cells, `MISSING` off the map and for walls."""
         return self._cell_space.encode(row=row, column=column)
 
@@ -294,11 +295,11 @@ class GridWorld:
             time_limit=self.time_limit,
         )
 
-    def _holds(self, *names: str) -> npt.NDArray[np.bool_]:
+    def _holds(self, *names: str) -> BoolArray:
         """Return which cells hold one of the named objects, (S,) bool."""
         return np.isin(self._contents, [c for c, name in OBJECTS.items() if name in names])
 
-    def _rewards(self, bumped: bool) -> npt.NDArray[np.float64]:
+    def _rewards(self, bumped: bool) -> FloatArray:
         """Return the reward of entering each cell, or of bumping there, (S,) float64."""
         pays, fire = self.rewards, self._holds("fire")
         near_fire = (fire[self._landing] & (self._landing != MISSING)).any(axis=1)
@@ -314,7 +315,7 @@ class GridWorld:
         worst = np.fmin.reduce(terms)
         return np.where(np.isnan(worst), pays.step, worst)
 
-    def _start_states(self) -> npt.NDArray[np.int64]:
+    def _start_states(self) -> IntArray:
         if self.start == "map":
             found = np.flatnonzero(self._contents == "S")
             if not found.size:

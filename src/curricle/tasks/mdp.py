@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.generative_models import (
@@ -31,7 +32,6 @@ from curricle.tasks.outcomes import (
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
 
-FloatArray = npt.NDArray[np.float64]
 LONGEST = 10**12
 """Steps that a time limit may have at most."""
 NO_LIMIT = np.int64(2**62)
@@ -85,7 +85,7 @@ class FiniteMDP:
     probability: FloatArray
     next_state: npt.NDArray[np.integer[Any]]
     reward: FloatArray
-    terminal: npt.NDArray[np.bool_]
+    terminal: BoolArray
     start: FloatArray
     discount: float
     time_limit: int | None = None
@@ -312,7 +312,7 @@ class FiniteMDP:
         return frozen(total)
 
     @cached_property
-    def start_states(self) -> npt.NDArray[np.int64]:
+    def start_states(self) -> IntArray:
         """The states an episode may start in."""
         return frozen(np.flatnonzero(self.start))
 

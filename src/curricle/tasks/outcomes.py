@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import TaskError
 
-FloatArray = npt.NDArray[np.float64]
 PROBABILITY_TOLERANCE = 1e-8
 
 
@@ -33,7 +33,7 @@ def outcome_lists(outcomes: Any) -> list[list[Any]]:
     return lists
 
 
-def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return probabilities, successors and rewards of outcome lists, (S, A, O) each."""
     shape = len(lists), len(lists[0]), max(1, max(len(pair) for row in lists for pair in row))
     p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
@@ -49,7 +49,7 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, npt.NDArray[np.i
     return p, successor, r
 
 
-def terminal_states(lists: list[list[Any]], first: list[int]) -> npt.NDArray[np.bool_]:
+def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
     """Collect the ``terminated`` flags of outcome lists into one flag a state.
 
     Only states that can be reached from the `first` count: tables such as Taxi's also list
@@ -84,7 +84,7 @@ def check_rows(
     probability: FloatArray,
     reward: FloatArray,
     outcome_row: npt.NDArray[np.integer[Any]],
-    terminal: npt.NDArray[np.bool_],
+    terminal: BoolArray,
 ) -> None:
     """Raise TaskError naming the first pair whose outcome row breaks a rule.
 

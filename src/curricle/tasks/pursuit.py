@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
@@ -137,7 +137,7 @@ class Pursuit:
         return Space([Component(n, self.moves, labels=labels) for n in self.predator_names])
 
     @cached_property
-    def landing(self) -> npt.NDArray[np.int64]:
+    def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (cells, moves) int64."""
         row, column = np.unravel_index(np.arange(self.cells), (self.size, self.size))
         steps = np.array(list(MOVES.values()))[-self.moves :]
@@ -175,7 +175,7 @@ class Pursuit:
         )
 
     @cached_property
-    def terminal(self) -> npt.NDArray[np.bool_]:
+    def terminal(self) -> BoolArray:
         """States in which the episode has ended, (S,) bool."""
         return frozen(self._ends[predators_on_prey(self.cells, self.predators)])
 
@@ -264,17 +264,17 @@ class Pursuit:
         return self.predators if self.capture == "as_published" else self._enough_to_end
 
     @property
-    def _ends(self) -> npt.NDArray[np.bool_]:
+    def _ends(self) -> BoolArray:
         """Whether the episode ends with 0, 1, ... predators on the prey's cell, (k + 1,)."""
         return np.arange(self.predators + 1) >= self._enough_to_end
 
     @property
-    def _rewards(self) -> npt.NDArray[np.float64]:
+    def _rewards(self) -> FloatArray:
         """The reward of a step after which 0, 1, ... predators are on the prey's cell, (k + 1,)."""
         caught = np.arange(self.predators + 1) >= self._enough_to_catch
         return np.where(caught, float(self.capture_reward), float(self.step_reward))
 
-    def _prey_policy(self) -> npt.NDArray[np.float64]:
+    def _prey_policy(self) -> FloatArray:
         """The prey's move probabilities, (cells, moves) or (S, moves)."""
         if isinstance(self.prey, str):
             if self.prey != "uniform":

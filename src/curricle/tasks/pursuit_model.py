@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.generative_models import first_states, transitions
 from curricle.tasks.simd import quotient
@@ -24,7 +25,7 @@ class PursuitModel(NamedTuple):
     cells: np.uint64
     inverse: np.uint64  # 2^64 / cells
     landing: npt.NDArray[np.int32]  # (cells * MOVES,)
-    prey_cumulative: npt.NDArray[np.float64]  # (rows * MOVES,) probabilities of the prey's moves
+    prey_cumulative: FloatArray  # (rows * MOVES,) probabilities of the prey's moves
     single_moves: npt.NDArray[np.int32]  # (A * predators,) of each joint action, last one first
     positions: np.uint64  # joint positions of the predators: cells^predators
     to_end: np.uint64  # predators on the prey's cell that end the episode

@@ -7,9 +7,8 @@ all are by default.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-BoolArray = npt.NDArray[np.bool_]
+from curricle.arrays import BoolArray, IntArray
 
 
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
@@ -44,7 +43,7 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     return met[:n_states]
 
 
-def improper_states(mdp: Any, allowed: BoolArray | None = None) -> npt.NDArray[np.int64]:
+def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
     """Return the states from which `allowed` actions can avoid all terminal states for ever.
 
     This is the largest set of states each of which has an allowed action whose every outcome stays

@@ -16,11 +16,11 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.checks import whole_number
 from curricle.errors import TaskError
 
 Array = TypeVar("Array", bound=npt.NDArray[Any])
-IntArray = npt.NDArray[np.int64]
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
 

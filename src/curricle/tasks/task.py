@@ -2,9 +2,7 @@
 
 from typing import Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from curricle.arrays import BoolArray
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Space
@@ -41,7 +39,7 @@ class GenerativeModel(Protocol):
     @property
     def time_limit(self) -> int | None: ...  # noqa: D102
     @property
-    def terminal(self) -> npt.NDArray[np.bool_] | None: ...  # noqa: D102
+    def terminal(self) -> BoolArray | None: ...  # noqa: D102
     @property
     def model(self) -> Any: ...  # noqa: D102
 

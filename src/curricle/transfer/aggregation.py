@@ -4,11 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import CurriculumError
 
-FloatArray = npt.NDArray[np.float64]
 Aggregate = Callable[[FloatArray], FloatArray]
 """Any function (N, S, A) -> (S, A)."""
 

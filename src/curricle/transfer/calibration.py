@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
@@ -20,7 +20,6 @@ from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential
 
-FloatArray = npt.NDArray[np.float64]
 AnyPotential = Any
 """The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
 FIRST_EPISODES = 20

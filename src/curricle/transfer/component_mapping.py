@@ -4,15 +4,13 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
-
-IntArray = npt.NDArray[np.int64]
 
 
 class ComponentMapping(StateActionMapping):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import CurriculumError, SettingError
 from curricle.transfer.mapping import StateActionMapping
@@ -117,7 +118,7 @@ class Transfer:
             return self.calibrate
         return Calibrate() if self.calibrate else None
 
-    def potential(self, source_values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def potential(self, source_values: npt.ArrayLike) -> FloatArray:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""
         return np.asarray(self.mapping.read(source_values, self.scale, self.shift))
 

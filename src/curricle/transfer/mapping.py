@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded, frozen
 from curricle.tasks.task import Task, generative_model, same_task
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
@@ -166,7 +165,7 @@ class StateActionMapping:
             mean_readers=float(used.mean()) if used.size else 0.0,
         )
 
-    def mapped_states(self) -> npt.NDArray[np.bool_]:
+    def mapped_states(self) -> BoolArray:
         """Return which target states have at least one mapped pair, (S,) bool."""
         return np.asarray((self.index >= 0).any(axis=1))
 
@@ -330,7 +329,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)
 
 
-def terminal_states(task: Task) -> npt.NDArray[np.bool_]:
+def terminal_states(task: Task) -> BoolArray:
     """Return which states are known to be terminal, (S,) bool."""
     terminal = generative_model(task).terminal
     return np.zeros(task.states.size, dtype=bool) if terminal is None else terminal

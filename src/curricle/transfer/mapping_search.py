@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
@@ -20,7 +21,6 @@ from curricle.tasks.task import Task, tables
 from curricle.transfer.component_mapping import source_points
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
-IntArray = npt.NDArray[np.int64]
 MAX_ASSIGNMENTS = 10_000
 
 

@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector.utils import batch_space, iterate
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, transferred
 from curricle.transfer.value_sources import ValueSource, no_actions
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -19,7 +19,6 @@ from curricle.tasks.observation_task import ObservationTask, batch_size, is_obse
 from curricle.tasks.spaces import frozen
 from curricle.transfer.potentials import ObservationPotential
 
-FloatArray = npt.NDArray[np.float64]
 Policy = Callable[[Any], tuple[Any, Any]]
 """n stacked observations -> n actions, and the predicted value of each."""
 OBSERVATION_ROLLOUTS = 50

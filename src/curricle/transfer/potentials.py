@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
@@ -31,8 +32,6 @@ from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states,
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.value_sources import ValueSource, no_actions
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 COMPILED_AGGREGATES: dict[Aggregate, int] = {
     minimum: MINIMUM,
     maximum: MAXIMUM,

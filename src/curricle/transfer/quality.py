@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import spearmanr
 
+from curricle.arrays import FloatArray
 from curricle.learning.potential_rollouts import (
     GreedyRollouts,
     PairPotential,
@@ -19,7 +19,6 @@ from curricle.tasks.task import Task, tables
 from curricle.transfer.observation_rollouts import ObservationTarget, greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential
 
-FloatArray = npt.NDArray[np.float64]
 MAX_RANKED = 200_000
 """Pairs over which a rank correlation is taken at most; a sample of more."""
 STREAM = "potential_quality"

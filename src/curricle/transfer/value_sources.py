@@ -7,11 +7,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from curricle.arrays import FloatArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.tasks.observation_task import batch_size
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @runtime_checkable
