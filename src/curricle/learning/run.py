@@ -108,13 +108,10 @@ class Run:
             return Outcome(seed.record, seed.out, steps, episodes, False)
         table = self._sparse(seed.initial, key)
         steps, episodes = self._loop(train_q_learning, len(table.q), seed, table)
-        visited = slice(1, int(table.used[0]))
-        order = np.argsort(table.states[visited])
-        states, q = table.states[visited][order].astype(np.int64), table.q[visited]
-        reorder(q, order)
+        values = _visited(table) if self.storage.save_values else None
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
         full = early and not self._stopped(seed.record, steps)
-        return Outcome(seed.record, SparseValues(frozen(states), frozen(q)), steps, episodes, full)
+        return Outcome(seed.record, values, steps, episodes, full)
 
     def _stopped(self, record: Record, steps: int) -> bool:
         """Return whether a run that ended at so many steps ended by its stopping rule."""
@@ -209,6 +206,15 @@ class Run:
             self._width,
             number(1),
         )
+
+
+def _visited(table: SparseTable) -> SparseValues:
+    """Return the values of the states that have a row; the table is put in their order."""
+    rows = slice(1, int(table.used[0]))
+    order = np.argsort(table.states[rows])
+    states, q = table.states[rows][order].astype(np.int64), table.q[rows]
+    reorder(q, order)
+    return SparseValues(frozen(states), frozen(q))
 
 
 def number(n: int) -> Number:
