@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.errors import CurricleError
 
 LARGEST = 2**63

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate import shaped_task
 from curricle.certificate.checked_shaping import CheckedShaping, ShapingReward, check_shaping
 from curricle.certificate.diagnosis import nonzero_ends, origin, other_discount, several_entries

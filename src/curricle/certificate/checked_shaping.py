@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, Potential, StatePotential

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.labels import action_name, state_name

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.spaces import frozen
 

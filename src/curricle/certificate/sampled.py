@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping
 from curricle.certificate.diagnosis import different_by_action, several_entries, widest
 from curricle.certificate.potential_fit import RELATIVE_RESIDUAL

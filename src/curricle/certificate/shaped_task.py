@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import RewardFunction
 from curricle.errors import PotentialError, SettingError
 from curricle.planning.solution import EPSILON, Solution, solve

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 
 UNKNOWN = float("nan")
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.cli.terminal_tables import print_table, table
 from curricle.errors import StoreError

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import ROUNDING, Curve, charge_source
 from curricle.statistics.metrics import mean_return

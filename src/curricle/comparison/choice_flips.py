@@ -7,7 +7,7 @@ show where learning lost something.
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import NEGLIGIBLE, GreedyEvaluation

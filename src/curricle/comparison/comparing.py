@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.comparison.arms import Arm, concatenated
 from curricle.comparison.comparison import Comparison

@@ -134,12 +134,12 @@ class Forecast:
         lines = [_wrapped(line) for line in lines]
         width = max(len(one.name) for one in self.rows) + 2
         lines.append(
-            f"{'':{width}}{'start':>8}{'phi > Q*':>10}{'excess':>8}{'rank':>7}{'scale':>7}"
+            f"{'':{width}}{'start':>11}{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}"
         )
         for one in self.rows:
             lines.append(
-                f"{one.name + ' *' * one.used:{width}}{one.mean('start'):>8.3g}"
-                f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>8.2g}"
+                f"{one.name + ' *' * one.used:{width}}{one.mean('start'):>11.3g}"
+                f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
                 f"{one.mean('rank'):>7.2f}{one.scale:>7.2g}"
             )
         lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
 from curricle.curriculum.node import Node
 from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining

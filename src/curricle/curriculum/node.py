@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.errors import PotentialError
 from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import no_actions

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential

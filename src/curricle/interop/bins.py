@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatTable, IntArray
+from curricle.array_types import FloatTable, IntArray
 from curricle.checks import numbers
 from curricle.errors import TaskError
 from curricle.tasks.spaces import Component, Space

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium.spaces import Discrete
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
 from curricle.errors import SettingError
 from curricle.interop.environment import RenderMode, TaskEnvironment

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.errors import SettingError
 from curricle.interop.potential_sources import Potential
 from curricle.interop.shaping_potential import Episode, Episodes, check_unshaped, shaping_potential

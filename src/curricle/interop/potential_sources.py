@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.vector.utils import iterate
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential

@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray
+from curricle.array_types import BoolArray
 from curricle.checks import instance, number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.potential_sources import (

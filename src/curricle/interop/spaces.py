@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.errors import SettingError, TaskError
 from curricle.tasks.spaces import Component, Space, frozen
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop.environment import RenderMode, TaskEnvironment

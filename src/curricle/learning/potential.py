@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule

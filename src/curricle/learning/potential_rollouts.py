@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential

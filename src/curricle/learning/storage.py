@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatTable, IntArray
+from curricle.array_types import FloatTable, IntArray
 from curricle.checks import instance, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.tasks.task import GenerativeModel

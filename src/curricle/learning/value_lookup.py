@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import quotient
 from curricle.tasks.spaces import frozen

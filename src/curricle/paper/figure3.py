@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle import GridWorld, solve
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.paper import maze_runs as runs
 from curricle.paper.settings import (
     Claim,

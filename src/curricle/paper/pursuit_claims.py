@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from curricle import Pursuit, evaluate, maximum, mean, minimum, solve, total
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.learning import LearningResult
 from curricle.paper.settings import Claim, answer, over_seeds, verdict
 from curricle.planning import greedy_policy

@@ -21,7 +21,7 @@ from curricle import (
     minimum,
     project,
 )
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.comparison import Attribution, Comparison, Forecast, attribute
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult

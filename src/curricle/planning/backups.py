@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.tasks.overloads import Overloaded
 
 RowArray = npt.NDArray[np.uint32]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
 
 

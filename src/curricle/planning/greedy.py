@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.arrays import FloatTable
+from curricle.array_types import FloatTable
 from curricle.tasks.draws import integers
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import (

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.errors import SettingError
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy

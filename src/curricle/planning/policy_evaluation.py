@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, TIED, acting_row, greedy_action

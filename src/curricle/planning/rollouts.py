@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.planning.simulator import StepRecord, UniformPolicy, simulate, table_policy

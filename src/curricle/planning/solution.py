@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, FloatTable
+from curricle.array_types import BoolArray, FloatArray, FloatTable
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate

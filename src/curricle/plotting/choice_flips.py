@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers, whole_number
 from curricle.comparison.choice_flips import expected_visits, right_states
 from curricle.errors import SettingError

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.plotting.styles import COLOURS

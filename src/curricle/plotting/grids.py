@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.scales import minus
 from curricle.plotting.styles import COLOURS

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import numbers, one_of
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, SettingError

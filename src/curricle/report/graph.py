@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.learning.budget import ended_by
 from curricle.learning.result import LearningResult

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray
+from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.learning.record import Snapshots
 from curricle.planning.rollouts import rollout

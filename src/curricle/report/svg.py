@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.styles import STYLE
 

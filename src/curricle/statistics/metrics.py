@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, charge_source, require_no_source, require_pair
 

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import sem, t
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
 from curricle.statistics.intervals import Interval, check_confidence

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import CensoredData, ecdf
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, require_pair, smooth

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import check_comparable, default_threshold

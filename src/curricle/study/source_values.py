@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues

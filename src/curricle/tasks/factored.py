@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.tasks.spaces import frozen
 
 CellArray = npt.NDArray[np.int32]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.tasks.draws import first_above, uniform
 from curricle.tasks.overloads import Overloaded
 from curricle.tasks.spaces import frozen

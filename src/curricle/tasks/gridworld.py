@@ -15,7 +15,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP, check_horizon

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.generative_models import (

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey

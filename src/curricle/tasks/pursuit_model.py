@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.generative_models import first_states, transitions
 from curricle.tasks.simd import quotient

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.array_types import BoolArray, IntArray
 
 
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:

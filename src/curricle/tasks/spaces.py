@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import whole_number
 from curricle.errors import TaskError
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.spaces import MISSING, Component, Space

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import CurriculumError, SettingError
 from curricle.transfer.mapping import StateActionMapping

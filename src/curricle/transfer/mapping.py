@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.gridworld import GridWorld

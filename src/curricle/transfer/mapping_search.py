@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import IntArray
+from curricle.array_types import IntArray
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING

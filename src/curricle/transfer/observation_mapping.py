@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector.utils import batch_space, iterate
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task

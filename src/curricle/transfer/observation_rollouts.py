@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation

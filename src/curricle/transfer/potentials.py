@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential

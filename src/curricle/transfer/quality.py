@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import spearmanr
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.learning.potential_rollouts import (
     GreedyRollouts,
     PairPotential,

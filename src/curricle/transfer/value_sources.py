@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray
+from curricle.array_types import FloatArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.tasks.observation_task import batch_size
