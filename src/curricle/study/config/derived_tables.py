@@ -154,7 +154,7 @@ def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
     Examples
     --------
     >>> descriptions(harmonic)["half"]
-    'Return last + (first - last) / (1 + n / half); halfway after half steps or visits.'
+    'Steps (updates) after which the value is halfway.'
     """
     docs = [inspect.getdoc(one) or "" for one in getattr(makes, "__mro__", (makes,))]
     found = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
