@@ -77,6 +77,28 @@ def test_a_seed_does_not_depend_on_the_others():
     )
 
 
+def test_seeds_in_another_order_have_the_same_results_in_that_order():
+    seeds = [1, 3, 0]
+    found, ascending = plan(ALWAYS).train(seeds), plan(ALWAYS).train(sorted(seeds))
+    place = [sorted(seeds).index(seed) for seed in seeds]
+    assert found["hunt"].seeds == found["chase"].seeds == tuple(seeds)
+    for name in ("values", "steps_used", "episodes", "greedy_return"):
+        np.testing.assert_array_equal(
+            getattr(found["hunt"], name), getattr(ascending["hunt"], name)[place]
+        )
+
+
+def test_snapshots_go_on_after_retraining():
+    found = plan(ALWAYS).train(seeds=2, snapshots=6)
+    assert found.retrained["hunt"].extra[0] > 0
+    steps = plan(NEVER).train(seeds=1, snapshots=6)["hunt"].snapshots.steps
+    snapshots = found["hunt"].snapshots
+    assert set(snapshots.steps.tolist()) >= set(steps.tolist())
+    assert (np.diff(snapshots.steps) > 0).all()
+    last = found["hunt"].values[0].astype(np.float32)
+    np.testing.assert_array_equal(snapshots.values[-1], last)
+
+
 def test_curves_before_retraining_are_those_without_it():
     with_it, without = plan(ALWAYS).train(seeds=3), plan(None).train(seeds=3)
     for k, decisions in enumerate(with_it.decisions("hunt")):

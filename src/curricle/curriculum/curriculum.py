@@ -244,7 +244,7 @@ class Curriculum(TaskGraph):
             )
             extra: IntArray | int = 0
             if retraining:
-                retrained[name] = self._retrained(name, results[name], sources, spent)
+                retrained[name] = self._retrained(name, results[name], sources, spent, snapshots)
                 results[name], extra = retrained[name].result, retrained[name].extra
             sources[name] = SourceValues.of(results[name], extra)
             if progress is not None:
@@ -257,13 +257,15 @@ class Curriculum(TaskGraph):
         first: LearningResult,
         sources: Mapping[str, SourceValues],
         spent: IntArray | None,
+        snapshots: int,
     ) -> RetrainedResult:
         """Return a task's training, its sources retrained as often as needed."""
         edges, aggregate = self.in_edges(name), self.setting("aggregate", name)
         potentials_of = partial(source_potentials, self.tasks[name], edges, aggregate=aggregate)
         direct = {t.source: (self.node(t.source), sources[t.source].values) for t in edges}
         retrain: RetrainSources = self.setting("retrain", name)
-        return with_retraining(retrain, self.node(name), direct, potentials_of, first, spent)
+        node = self.node(name)
+        return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""

@@ -110,12 +110,13 @@ def with_retraining(
     potentials_of: Potentials,
     first: LearningResult,
     charged: Sequence[int] | IntArray | None,
+    snapshots: int = 0,
 ) -> RetrainedResult:
     """Return the training of a target, continued after each retraining of its direct sources.
 
     `first` is the training of the watched target: until the return of each of K seeds dropped, or
     to its end. Each source comes with its values, (K, S', A'); `charged` are the steps that each
-    seed was charged before.
+    seed was charged before, `snapshots` how many `first` was asked for.
     """
     nodes = {name: own for name, (own, _) in sources.items()}
     each = []
@@ -123,9 +124,12 @@ def with_retraining(
         tables = {name: values[k : k + 1] for name, (_, values) in sources.items()}
         spent = None if charged is None else int(charged[k])
         result = one_seed(first, k)
-        each.append(_one_retrained(retrain, node, nodes, tables, potentials_of, result, spent))
+        asked = 0 if result.snapshots is None else snapshots
+        each.append(
+            _one_retrained(retrain, node, nodes, tables, potentials_of, result, spent, asked)
+        )
     return RetrainedResult(
-        joined_results([one.result for one in each]),
+        joined_results([one.result for one in each], first.seeds),
         np.concatenate([one.extra for one in each]),
         [decisions for one in each for decisions in one.decisions],
     )
@@ -139,6 +143,7 @@ def _one_retrained(
     potentials_of: Potentials,
     result: LearningResult,
     charged: int | None,
+    snapshots: int,
 ) -> RetrainedResult:
     """Return the training of one seed, given its sources with their values, (1, S', A') each."""
     watched, (phi,) = retrain.watched(node), potentials_of(tables)
@@ -165,7 +170,7 @@ def _one_retrained(
             after, then = watched, f"retrains {', '.join(tables)}"
         decisions[-1] = replace(decisions[-1], then=then)
         after = _deferred(after, step)
-        part = _continued(after, result, start, spent, turn)
+        part = _continued(after, result, start, spent, turn, snapshots)
         decisions += [later for later in _decisions(after, part, spent) if later.step > step]
         result = _spliced(result, part)
     return RetrainedResult(result, np.array([extra]), [decisions])
@@ -200,13 +205,23 @@ def _deferred(node: Node, step: int) -> Node:
 
 
 def _continued(
-    node: Node, so_far: LearningResult, start: FloatArray, charged: int, turn: int
+    node: Node,
+    so_far: LearningResult,
+    start: FloatArray,
+    charged: int,
+    turn: int,
+    snapshots: int,
 ) -> LearningResult:
     """Return a target's training from its present step on, started at other values."""
     on = node.replace(name=f"{node.name}/return {turn}")
     warm_up = WarmUp(so_far.steps_used, np.zeros(1))
     return on.train(
-        so_far.seeds, [_initial(on, start)], warm_ups=[warm_up], charged=[charged], workers=1
+        so_far.seeds,
+        [_initial(on, start)],
+        warm_ups=[warm_up],
+        charged=[charged],
+        snapshots=snapshots,
+        workers=1,
     )
 
 
@@ -228,8 +243,8 @@ def _spliced(first: LearningResult, second: LearningResult) -> LearningResult:
         new = second.snapshots.steps > snapshots.steps[-1]
         snapshots = Snapshots(
             snapshots.seed,
-            np.concatenate([snapshots.steps, second.snapshots.steps[new]]),
-            np.concatenate([snapshots.values, second.snapshots.values[new]]),
+            frozen(np.concatenate([snapshots.steps, second.snapshots.steps[new]])),
+            frozen(np.concatenate([snapshots.values, second.snapshots.values[new]])),
         )
     return replace(
         second,

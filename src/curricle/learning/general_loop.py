@@ -188,14 +188,16 @@ def write_checkpoint(record, checkpoint, so_far, q, other, stopping):
 
 
 @inlined
-def warm_up_checkpoints(record, step, eval_freq, value):
-    """Return the first checkpoint from `step` on; those before get the value of step 0.
+def warm_up_checkpoints(record, step, eval_freq, value, q, other):
+    """Return the first checkpoint from `step` on; those before get the return before learning.
 
-    `value` is a number: evaluating here too would compile the evaluation a second time.
+    `value` is that return, a number: evaluating here too would compile the evaluation a second
+    time. Snapshots there are the mean of the tables `q` and `other` before learning.
     """
     checkpoint = 0
     while checkpoint * eval_freq < step:
         record.greedy_return[checkpoint] = value
+        keep_snapshot(record, checkpoint, q, other)
         checkpoint += 1
     return checkpoint
 
@@ -216,7 +218,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     step, episodes, ended, ended_return = done
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
     while True:

@@ -148,7 +148,7 @@ def train_guarded(
     step, episodes, ended, ended_return = done
     view = Acting(q[1:], none, 0.0, row)
     value = greedy_return(evaluation, model, view) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[1], q[1])
     record.guard_share[:checkpoint] = share
     counter = stream[0] + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0

@@ -60,7 +60,7 @@ def train_q_learning(
     find_row_maxima(table)
     step, episodes, ended, ended_return = done
     value = greedy_return(evaluation, model, table) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value)
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q, q)
     episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)

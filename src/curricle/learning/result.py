@@ -139,11 +139,17 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
     )
 
 
-def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
-    """Return the results of several groups of seeds as one, in the order of the seeds' numbers."""
+def joined_results(
+    parts: Sequence[LearningResult], seeds: Sequence[int] | None = None
+) -> LearningResult:
+    """Return the results of several groups of seeds as one, in the order of `seeds`.
+
+    By default that is the order of the seeds' numbers.
+    """
     longest = max(parts, key=lambda part: len(part.steps))
-    seeds = [seed for part in parts for seed in part.seeds]
-    order = np.argsort(seeds)
+    place = {seed: k for k, seed in enumerate(chain.from_iterable(part.seeds for part in parts))}
+    seeds = sorted(place) if seeds is None else seeds
+    order = np.array([place[seed] for seed in seeds])
 
     def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
         return frozen(np.concatenate(arrays)[order])
@@ -164,7 +170,7 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     snapshots = [part.snapshots for part in parts if part.snapshots is not None]
     return replace(
         longest,
-        seeds=tuple(sorted(seeds)),
+        seeds=tuple(seeds),
         values=values,
         training_return=padded("training_return", constant_values=np.nan),
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
