@@ -7,6 +7,7 @@ import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
 from curricle.learning.record import WarmUp
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.transfer import calibration
 from curricle.transfer.calibration import calibrate, fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import mapped_potential
@@ -164,6 +165,19 @@ def test_a_potential_that_reaches_nothing_is_refused_early():
     assert found.episodes == 20
 
 
+def test_no_episode_is_rolled_out_twice_where_the_first_ones_are_all(monkeypatch):
+    asked = list[int]()
+
+    def recorded(potential, *, episodes, **stream):
+        asked.append(episodes)
+        return greedy_rollouts(potential, episodes=episodes, **stream)
+
+    monkeypatch.setattr(calibration, "greedy_rollouts", recorded)
+    for episodes in (5, 20, 21):
+        calibrate(optimum(LINE), episodes=episodes)
+    assert asked == [5, 20, 20, 21]
+
+
 def test_a_potential_of_zeros_is_refused():
     found = refused(cr.StateActionPotential(LINE, np.zeros((4, 4))))
     assert "phi was 0 in 100% of" in found.refusal
@@ -282,10 +296,14 @@ def test_learning_starts_after_the_warm_up(learner, guard):
         pytest.skip("guards are for Q-learning")
     shaping = cr.QInitialisation(mapped(), guard)
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
-    options = {"shaping": shaping, "eval_freq": 50, "seeds": [3]}
+    options = {"shaping": shaping, "eval_freq": 50, "seeds": [3], "snapshots": 100}
     late = cr.learn(HUNT, learner, 1130, warm_up=[warm_up], **options)
     plain = cr.learn(HUNT, learner, 1000, **options)
     np.testing.assert_array_equal(late.values, plain.values)
+    before, snapshots = plain.snapshots.values[0], late.snapshots
+    assert snapshots.steps[:4].tolist() == [0, 50, 100, 150]
+    np.testing.assert_array_equal(snapshots.values[:3], [before] * 3)
+    assert (snapshots.values[3] != before).any()
     assert late.episodes_used[0] == plain.episodes_used[0] + 3
     assert late.episodes[0, :3].tolist() == [0, 1, 2]
     assert late.training_return[0, 1:3].tolist() == [-30.0, -5.0]

@@ -90,6 +90,15 @@ def test_a_potential_of_states_gets_a_plain_answer(plan):
     assert found.coverage["near -> hunt"].mapped == 1.0
 
 
+def test_a_mapping_to_fractions_of_states_is_refused_with_the_first_of_them(plan):
+    near = plan.tasks["hunt"]
+    mapping = cr.transfer.ObservationMapping(
+        near, cr.GridWorld("S.T"), lambda rows: np.array([1.0, 0.5])[: len(rows)], [0] * 25
+    )
+    with pytest.raises(cr.errors.MappingError, match="states must be whole numbers: got 0.5"):
+        mapping.coverage(np.zeros((2, *near.observations.shape)))
+
+
 def test_controls_that_make_no_sense_are_refused(plan):
     check_fit(["scaled", "negated", "pretraining"], "transfer", plan)
     for control in ("placebo", "random_start"):

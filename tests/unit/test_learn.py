@@ -246,3 +246,16 @@ def test_learning_leaves_the_potential_as_it_was():
 def test_a_result_prints_in_short():
     text = repr(learn(LINE, budget=2000, seeds=2))
     assert text.startswith("LearningResult(QLearning, 2 seeds, 2,000 steps and ")
+
+
+def test_one_shaping_of_all_seeds_makes_one_potential(monkeypatch):
+    made = list[int]()
+    make = StateActionPotential.__post_init__
+    monkeypatch.setattr(
+        StateActionPotential, "__post_init__", lambda self: (made.append(1), make(self))[1]
+    )
+    phi = np.ones((LINE.states.size, LINE.actions.size))
+    together = learn(LINE, budget=100, seeds=4, shaping=QInitialisation(phi))
+    assert len(made) == 1
+    apart = learn(LINE, budget=100, seeds=4, shaping=[QInitialisation(phi)] * 4)
+    assert same(together, apart)

@@ -120,7 +120,9 @@ class Run:
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
         shaping, record = seed.settings.shaping, seed.record
-        q = np.stack([self._filled(seed.initial) for _ in range(self.learner.tables)])
+        q = np.empty((self.learner.tables, *self.shape), self.storage.dtype)
+        for table in q:
+            self._filled(seed.initial, table)
         kernel = NOTHING_ADDED if shaping is None else shaping.kernel()
         steps, episodes = self._loop(general_loop.train, q.shape[1], seed, kernel, q)
         offset = (lambda step: 0.0) if shaping is None else shaping.offset
@@ -131,7 +133,9 @@ class Run:
         return Outcome(record, seed.out, steps, episodes, False)
 
     def _train_guarded(self, seed: _Seed, guard: Guard) -> Outcome:
-        q = np.stack([self._filled(None), self._filled(seed.initial)])
+        q = np.empty((2, *self.shape), self.storage.dtype)
+        self._filled(None, q[0])
+        self._filled(seed.initial, q[1])
         steps, episodes, ahead = self._loop(train_guarded, q.shape[1], seed, guard.kernel, q)
         if seed.out is not None:
             seed.out[...] = q[ahead]

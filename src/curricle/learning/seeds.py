@@ -1,8 +1,9 @@
 """The seeds of a training: their numbers, what each is trained with, threads over them."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -57,19 +58,27 @@ def seed_settings(
     returns a shaping as it fits the task.
     """
     numbers = seed_tuple(seeds)
-    if shaping is not None and not isinstance(shaping, Sequence):
-        shaping = [shaping] * len(numbers)
+
+    def checked(one: Any) -> Shaping | None:
+        if one is None:
+            return None
+        _check_shaping(one, learner)
+        return fitted(one)
+
+    # One for all is fitted once, as each fitting may make an array of S x A.
+    shapings: Iterable[Shaping | None]
+    if isinstance(shaping, Sequence):
+        shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
+    else:
+        shapings = repeat(checked(shaping), len(numbers))
     found = list[SeedSettings]()
     for seed, one, acted, cost in zip(
         numbers,
-        _one_a_seed("shaping", shaping, len(numbers), None),
+        shapings,
         _one_a_seed("warm-up", warm_up, len(numbers), NO_WARM_UP),
         _one_a_seed("charge", charged, len(numbers), 0),
         strict=True,
     ):
-        if one is not None:
-            _check_shaping(one, learner)
-            one = fitted(one)
         cost = whole_number("each of charged", cost, 0, SettingError)
         _check_limits(limits, seed, acted, cost)
         found.append(SeedSettings(seed, one, acted, cost))

@@ -153,7 +153,7 @@ def fit_calibration(
     # are the first of the rest.
     few = min(FIRST_EPISODES, settings.episodes)
     rollouts = roll_out(potential, episodes=few, seed=seed, stream=stream)
-    if not _nothing_reached(rollouts):
+    if few < settings.episodes and not _nothing_reached(rollouts):
         rollouts = roll_out(potential, episodes=settings.episodes, seed=seed, stream=stream)
     scale, shift, explained = 1.0, 0.0, float("nan")
     refusal = _nothing_reached(rollouts) or _mostly_zero(rollouts)

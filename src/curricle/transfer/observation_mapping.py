@@ -285,6 +285,7 @@ def _integers(what: str, given: Any) -> IntArray:
     if isinstance(given, np.ndarray) and given.dtype == np.int64:
         return given
     found = numbers(f"a mapping's {what}", given, MappingError)
-    if not np.issubdtype(np.asarray(given).dtype, np.integer) and (found != found // 1).any():
-        raise MappingError(f"a mapping's {what} must be whole numbers: got {found.flat[0]!r} ...")
+    broken = found[found != found // 1]
+    if broken.size:
+        raise MappingError(f"a mapping's {what} must be whole numbers: got {broken[0]:g}")
     return np.asarray(given).astype(np.int64)
