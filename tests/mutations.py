@@ -54,8 +54,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination, fast loop",
         "learning/q_learning.py",
-        "if not over:",
-        "if not over and step + 1 != last:",
+        "if not terminated:",
+        "if not terminated and step + 1 != last:",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -183,8 +183,8 @@ MUTATIONS = [
     Mutation(
         "patience of a stopping rule ignored",
         "learning/stopping.py",
-        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not greedy[i] >=",
-        "range(checkpoint, checkpoint + 1):\n        if not greedy[i] >=",
+        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not (greedy[i] >=",
+        "range(checkpoint, checkpoint + 1):\n        if not (greedy[i] >=",
         ("tests/unit/test_stopping_rules.py",),
     ),
     Mutation(

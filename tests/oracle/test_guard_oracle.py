@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.guard import FADING, FEWEST, Guard
+from curricle.learning.guard import FADING, MIN_EPISODES, Guard
 from curricle.tasks.draws import stream_start
 
 from .conftest import draw_best, integers, pick, plain_sum, random_bits, splitmix64, uniform
@@ -50,7 +50,7 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
             mean[acting] += part * surprise
             variance[acting] = (1.0 - part) * (variance[acting] + part * surprise * surprise)
             seen[acting] += 1.0
-            if min(seen) >= FEWEST:
+            if min(seen) >= MIN_EPISODES:
                 gap = mean[1] - mean[0]
                 ahead = 1 if gap >= 0.0 else 0
                 error = (variance[0] + variance[1]) * (1.0 / guard.memory)

@@ -95,7 +95,7 @@ def test_a_mapping_to_fractions_of_states_is_refused_with_the_first_of_them(plan
     mapping = cr.transfer.ObservationMapping(
         near, cr.GridWorld("S.T"), lambda rows: np.array([1.0, 0.5])[: len(rows)], [0] * 25
     )
-    with pytest.raises(cr.errors.MappingError, match="states must be whole numbers: got 0.5"):
+    with pytest.raises(cr.errors.MappingError, match=r"states must be whole numbers: got 0\.5"):
         mapping.coverage(np.zeros((2, *near.observations.shape)))
 
 

@@ -179,3 +179,15 @@ def test_snapshots_of_stopped_and_shaped_runs_end_with_what_was_learnt():
     assert result.snapshots.steps[-1] == result.steps_used[0]
     np.testing.assert_allclose(result.snapshots.values[-1], result.values[0], rtol=1e-6)
     assert learn(MAZE, budget=100).snapshots is None
+
+
+@pytest.mark.parametrize("place", [1, 2, 3])
+def test_an_unknown_return_among_the_last_neither_reaches_a_level_nor_drops(place):
+    rule = StoppingRule(1000, threshold=5.0, drop=1.0, patience=3)
+    for others in (9.0, -9.0):
+        greedy = np.array([0.0, others, others, others])
+        assert rule.decisions([0, 1, 2, 3], greedy)[-1].ends
+        greedy[place] = np.nan
+        last = rule.decisions([0, 1, 2, 3], greedy)[-1]
+        assert not last.ends
+        assert np.isnan([last.lowest, last.highest]).all()

@@ -10,7 +10,7 @@ from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.budget import Budget, longest_run, spacing
 from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
@@ -63,7 +63,6 @@ class Node:
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
         """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
-        limits(settings["budget"])
         eval_freq = spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
         for which, kind in {"learner": learner, **_KINDS}.items():
@@ -136,10 +135,10 @@ class Node:
                 self.task, self.learner, self.budget, shaping=each or None, saves=saves, **common
             )
             return found if self.storage.save_values else replace(found, values=None)
-        # Without sources a guard has nothing to watch. The shaping stays, with no potential: unless
-        # Q starts at potentials, Q-learning is then done by the general loop, which draws other
-        # random numbers than the loop for plain Q-learning. A study file gives such a task no
-        # shaping, so there it has the latter.
+        # Without sources there is no potential, so no guard either. The shaping stays: unless it is
+        # one that starts Q at a potential, the general loop then does the Q-learning, which draws
+        # other random numbers than the fast loop. A study file gives a task without sources no
+        # shaping, so there the fast loop does it.
         return learn(
             self.task,
             self.learner,

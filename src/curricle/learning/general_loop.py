@@ -202,11 +202,11 @@ def warm_up_checkpoints(record, step, eval_freq, value, q, other):
     return checkpoint
 
 
-def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, eval_freq, record):
+def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, eval_freq, record):
     """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` the warm-up, `budget` are the :class:`Bounds`, `eval_freq` the steps between
+    `used` the warm-up, `budget` are the :class:`Bounds`, `eval_freq` the steps between
     checkpoints (checkpoint 0 is before the first step).
     """
     discount, limit = horizon
@@ -215,7 +215,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, done, budget, ev
     n_actions = q.shape[2]
     values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
     row = np.empty((1, n_actions))
-    step, episodes, ended, ended_return = done
+    step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])

@@ -30,7 +30,7 @@ from curricle.tasks.draws import STRIDE, splitmix64
 from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
 from curricle.tasks.overloads import inlined
 
-FEWEST = 5
+MIN_EPISODES = 5
 """Episodes of each learner before they are compared."""
 FADING = 0.999
 """Factor, per episode, of the steps counted for each learner."""
@@ -85,7 +85,7 @@ class Guard:
         number("share of a guard", self.share, SettingError, min_share, 1 - min_share)
         number("pace of a guard", self.pace, SettingError, 0.0, 1.0)
         number("standard_errors of a guard", self.standard_errors, SettingError, 0.0)
-        whole_number("memory of a guard", self.memory, FEWEST, SettingError)
+        whole_number("memory of a guard", self.memory, MIN_EPISODES, SettingError)
 
     @property
     def kernel(self) -> "GuardKernel":
@@ -122,7 +122,7 @@ def add_return(mean, variance, episodes, learner, returned, forgetting):
 @inlined
 def compare_learners(guard, mean, variance, episodes, ahead, share):
     """Return which learner is ahead and the share of phi's, after an episode."""
-    if min(episodes[0], episodes[1]) < FEWEST:
+    if min(episodes[0], episodes[1]) < MIN_EPISODES:
         return ahead, share
     gain, errors = mean[1] - mean[0], guard.standard_errors
     ahead = 1 if gain >= 0.0 else 0
@@ -133,7 +133,7 @@ def compare_learners(guard, mean, variance, episodes, ahead, share):
 
 
 def train_guarded(
-    model, horizon, rule, guard, q, evaluation, stream, done, budget, eval_freq, record
+    model, horizon, rule, guard, q, evaluation, stream, used, budget, eval_freq, record
 ):
     """Learn in place on `q` (2, S, A), the second one started at phi; fill `record`.
 
@@ -145,7 +145,7 @@ def train_guarded(
     none = np.empty((0, q.shape[2]))
     mean, variance, seen, acted = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
     ahead, share, acting = 1, guard.share, 1
-    step, episodes, ended, ended_return = done
+    step, episodes, ended, ended_return = used
     view = Acting(q[1:], none, 0.0, row)
     value = greedy_return(evaluation, model, view) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[1], q[1])

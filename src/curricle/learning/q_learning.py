@@ -18,7 +18,7 @@ from curricle.tasks.generative_models import first_state, has_failed, transition
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import of_width, prefetch
 
-NOWHERE = np.uint64(2**64 - 1)
+NO_ROW = np.uint64(2**64 - 1)
 
 
 @inlined
@@ -41,12 +41,12 @@ def update(q, best, greedy, row, change):
 
 
 def train_q_learning(
-    model, horizon, rule, table, evaluation, stream, done, budget, eval_freq, record
+    model, horizon, rule, table, evaluation, stream, used, budget, eval_freq, record
 ):
     """Learn in place on `table`, fill `record`, return the steps and episodes done.
 
     `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `done` the warm-up, `budget` the :class:`Bounds`, `eval_freq` the steps between checkpoints
+    `used` the warm-up, `budget` the :class:`Bounds`, `eval_freq` the steps between checkpoints
     (checkpoint 0 is before the first step). A full table ends the run before the step that needs
     another row.
 
@@ -58,13 +58,13 @@ def train_q_learning(
     real, limit = q.dtype.type, horizon[1]
     discount, far = real(horizon[0]), len(table.far) > 0
     find_row_maxima(table)
-    step, episodes, ended, ended_return = done
+    step, episodes, ended, ended_return = used
     value = greedy_return(evaluation, model, table) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q, q)
     episode_return, counter = 0.0, stream[0] + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    waiting, change_there = NOWHERE, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
+    pending, pending_change = NO_ROW, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
         if step == checkpoint * eval_freq:
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
@@ -76,23 +76,23 @@ def train_q_learning(
         stop = min(checkpoint * eval_freq, budget.steps)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
-            next_state, reward, over = transition(model, state, action, splitmix64(bits))
-            next_row = row_of(table, next_state, over)
+            next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
+            next_row = row_of(table, next_state, terminated)
             if is_full(table, next_row):
                 row = next_row
                 break
             if far:
                 prefetch(q, next_row)
-            if waiting != NOWHERE:
-                update(q, best, greedy, waiting, change_there)
-                waiting = NOWHERE
+            if pending != NO_ROW:
+                update(q, best, greedy, pending, pending_change)
+                pending = NO_ROW
             target = real(reward)
-            if not over:
+            if not terminated:
                 target += discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
-            ends = over or step + 1 == last or truncated(model)
+            ends = terminated or step + 1 == last or truncated(model)
             if far and not ends and next_row != row:
-                waiting, change_there = row, change
+                pending, pending_change = row, change
             else:
                 update(q, best, greedy, row, change)
 
@@ -108,6 +108,6 @@ def train_q_learning(
                 row = row_of(table, state, False)
                 if is_full(table, row):
                     break
-        if waiting != NOWHERE:
-            update(q, best, greedy, waiting, change_there)
-            waiting = NOWHERE
+        if pending != NO_ROW:
+            update(q, best, greedy, pending, pending_change)
+            pending = NO_ROW

@@ -10,8 +10,8 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
 
-LARGEST = 128_000_000
-"""Bytes that the snapshots of a run may take; a larger task has fewer, or none."""
+MAX_SNAPSHOT_BYTES = 128_000_000
+"""Bytes that the snapshots of a run may take; a large task has fewer than asked for, or none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArr
 
     They lie quadratically: half of them in the first quarter of the run.
     """
-    allowed = min(snapshots, LARGEST // (4 * pairs))
+    allowed = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * pairs))
     if allowed < 2:
         return np.zeros(0, np.int64)
     place = np.linspace(0.0, 1.0, allowed) ** 2 * (checkpoints - 1)
@@ -122,7 +122,7 @@ class WarmUp:
         return int(self.lengths.sum())
 
     def write(self, record: Record, eval_freq: int) -> Used:
-        """Fill the checkpoints before its end; return what the next one still lacks."""
+        """Fill the checkpoints before its end; return what was used, for the loop to go on from."""
         ends = np.cumsum(self.lengths)
         checkpoint = -(-ends // eval_freq)
         n = int(checkpoint.max(initial=0))

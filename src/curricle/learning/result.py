@@ -88,29 +88,30 @@ def learning_result(
     learner: Learner,
     seeds: tuple[int, ...],
     values: Any,
-    done: Sequence[Outcome],
+    outcomes: Sequence[Outcome],
     eval_freq: int,
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
-    n = max(outcome.steps for outcome in done) // eval_freq + 1
+    n = max(outcome.steps for outcome in outcomes) // eval_freq + 1
     curves = {
-        name: np.stack([getattr(outcome.record, name)[:n] for outcome in done])
+        name: np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
         for name in ("training_return", *HELD)
     }
-    for k, outcome in enumerate(done):
-        last = outcome.steps // eval_freq
+    for k, outcome in enumerate(outcomes):
+        end = outcome.steps // eval_freq
         for name in HELD:
-            curves[name][k, last + 1 :] = curves[name][k, last]
+            curves[name][k, end + 1 :] = curves[name][k, end]
+    last = None if values is None else values[0]
     return LearningResult(
         task=task,
         learner=learner,
         seeds=seeds,
         values=frozen(values) if isinstance(values, np.ndarray) else values,
         steps=frozen(np.arange(n) * eval_freq),
-        steps_used=frozen(np.array([outcome.steps for outcome in done])),
-        episodes_used=frozen(np.array([outcome.episodes for outcome in done])),
-        out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in done])),
-        snapshots=_snapshots(seeds[0], done[0], None if values is None else values[0], eval_freq),
+        steps_used=frozen(np.array([outcome.steps for outcome in outcomes])),
+        episodes_used=frozen(np.array([outcome.episodes for outcome in outcomes])),
+        out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
+        snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
         **{name: frozen(curve) for name, curve in curves.items()},
     )
 

@@ -17,7 +17,7 @@ from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import NOTHING_ADDED, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import SparseValues, Storage
-from curricle.learning.tables import DenseTable, Number, SparseTable, reorder
+from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
 from curricle.learning.value_lookup import no_sources, read_table
 from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.draws import splitmix64_number
@@ -115,8 +115,8 @@ class Run:
 
     def _stopped(self, record: Record, steps: int) -> bool:
         """Return whether a run that ended at so many steps ended by its stopping rule."""
-        checkpoint, since = divmod(steps, self.eval_freq)
-        return not since and bool(stops(self.stopping, record.greedy_return, checkpoint, steps))
+        checkpoint, rest = divmod(steps, self.eval_freq)
+        return not rest and bool(stops(self.stopping, record.greedy_return, checkpoint, steps))
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
         shaping, record = seed.settings.shaping, seed.record
@@ -165,9 +165,9 @@ class Run:
         return self.task.states.size, self.task.actions.size
 
     @property
-    def _width(self) -> Number:
+    def _width(self) -> StaticInt:
         n_actions = self.task.actions.size
-        return number(n_actions if n_actions <= UNROLLED else 0)
+        return static_int(n_actions if n_actions <= UNROLLED else 0)
 
     def _filled(self, potential: Any, q: FloatTable | None = None) -> FloatTable:
         """Return a table, a new one unless given, of the initial value plus the potential."""
@@ -184,7 +184,7 @@ class Run:
         return q
 
     def _dense(self, q: FloatTable, key: np.uint64) -> DenseTable:
-        far = number(q.nbytes > NEAR)
+        far = static_int(q.nbytes > NEAR)
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         return DenseTable(q, best, greedy, key, self._width, far)
 
@@ -192,7 +192,7 @@ class Run:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
         lookup = no_sources(n_actions) if potential is None else potential.lookup
-        # What is read together lies together: a miss of the caches costs as much as all else.
+        # These are read together, so they lie together: a cache miss takes as long as all the rest.
         heads = np.empty(
             rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)
         )
@@ -208,7 +208,7 @@ class Run:
             lookup._replace(initial=float(self.learner.initial_value)),
             key,
             self._width,
-            number(1),
+            static_int(1),
         )
 
 
@@ -221,6 +221,6 @@ def _visited(table: SparseTable) -> SparseValues:
     return SparseValues(frozen(states), frozen(q))
 
 
-def number(n: int) -> Number:
-    """Return a number as loops are compiled for it."""
+def static_int(n: int) -> StaticInt:
+    """Return a number as a type, so that loops are compiled for it."""
     return (None,) * n

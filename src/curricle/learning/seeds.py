@@ -14,7 +14,7 @@ from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.learning.shaping import Shaping
 from curricle.tasks.live import is_live
 
-Done = TypeVar("Done")
+Result = TypeVar("Result")
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
@@ -126,7 +126,7 @@ def threads_for(task: Any, workers: int | None, seeds: int) -> int:
     return 1 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
 
 
-def over_seeds(work: Callable[[int], Done], seeds: int, threads: int) -> list[Done]:
+def over_seeds(work: Callable[[int], Result], seeds: int, threads: int) -> list[Result]:
     """Return work(0) .. work(seeds - 1).
 
     A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.

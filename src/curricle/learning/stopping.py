@@ -184,7 +184,7 @@ def lowest_of_last(rule, greedy, checkpoint):
         return np.nan
     lowest = np.inf
     for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not greedy[i] >= lowest:  # NaN is the lowest of all
+        if not (greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
             lowest = greedy[i]
     return lowest
 
@@ -196,7 +196,7 @@ def highest_of_last(rule, greedy, checkpoint):
         return np.nan
     highest = -np.inf
     for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not greedy[i] <= highest:
+        if not (greedy[i] <= highest or np.isnan(highest)):
             highest = greedy[i]
     return highest
 

@@ -17,7 +17,7 @@ from curricle.tasks.draws import splitmix64
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import of_width
 
-Number = tuple[None, ...]
+StaticInt = tuple[None, ...]
 """A number as a type, the tuple's length: loops are compiled for each."""
 
 
@@ -28,8 +28,8 @@ class DenseTable(NamedTuple):
     row_max: FloatTable  # (S,) max_a q(s, a)
     row_argmax: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
     key: np.uint64  # breaks the ties before learning
-    width: Number  # A where loops along a row are to be unrolled, else 0
-    far: Number  # 1 where the table exceeds the nearest cache, else 0
+    width: StaticInt  # A where loops along a row are to be unrolled, else 0
+    far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
 class SparseTable(NamedTuple):
@@ -45,8 +45,8 @@ class SparseTable(NamedTuple):
     used: IntArray  # (1,) rows in use, row 0 among them
     lookup: ValueLookup
     key: np.uint64  # breaks the ties of new rows
-    width: Number  # A where loops along a row are to be unrolled, else 0
-    far: Number  # 1 where the table exceeds the nearest cache, else 0
+    width: StaticInt  # A where loops along a row are to be unrolled, else 0
+    far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
 def find_row_maxima(table):

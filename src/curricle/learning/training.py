@@ -134,9 +134,9 @@ def learn(
     if rows:
         _check_sparse(run, each)
     starts = [stream_start(one.seed, stream) for one in each]
-    values, done = _train_all(run, each, starts, snapshots, threads)
+    values, outcomes = _train_all(run, each, starts, snapshots, threads)
     numbers = tuple(one.seed for one in each)
-    return learning_result(task, learner, numbers, values, done, eval_freq)
+    return learning_result(task, learner, numbers, values, outcomes, eval_freq)
 
 
 def _given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
@@ -157,8 +157,8 @@ def _train_all(
         out = None if values is None else values[k]
         return run.train(each[k], starts[k], out, 0 if k else snapshots)
 
-    done = over_seeds(train, len(each), threads)
-    return tuple(one.values for one in done) if save and run.rows else values, done
+    outcomes = over_seeds(train, len(each), threads)
+    return tuple(one.values for one in outcomes) if save and run.rows else values, outcomes
 
 
 def _check_sparse(run: Run, each: Sequence[SeedSettings]) -> None:

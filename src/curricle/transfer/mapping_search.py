@@ -87,11 +87,11 @@ def find_projections(
     if pairs < 1:
         raise SettingError(f"pairs must be at least 1: got {pairs}")
     spaces = (target.states, source.states), (target.actions, source.actions)
-    number = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
-    if number > MAX_ASSIGNMENTS:
+    n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
+    if n_assignments > MAX_ASSIGNMENTS:
         raise MappingError(
             f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
-            f"tasks have {number:,}"
+            f"tasks have {n_assignments:,}"
         )
     mdp, source_mdp = tables(target), tables(source)
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
