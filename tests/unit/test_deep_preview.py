@@ -160,3 +160,14 @@ def test_random_play_draws_from_the_space_alone():
     assert np.array_equal(one[0].rewards, other[0].rewards)
     assert not np.array_equal(one[0].rewards, one[1].rewards)
     assert state in (0, 1)
+
+
+def test_actions_of_a_target_without_numbered_actions_are_refused():
+    car = cr.observation_task("MountainCarContinuous-v0")
+    with pytest.raises(cr.errors.MappingError, match="needs a target with numbered actions: got"):
+        cr.transfer.ObservationMapping(car, car, actions=[0])
+
+
+def test_action_values_need_the_number_of_actions_for_state_values():
+    with pytest.raises(cr.errors.PotentialError, match="got action_values without actions"):
+        cr.transfer.FunctionValues(lambda rows, actions: actions)

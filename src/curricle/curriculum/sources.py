@@ -82,7 +82,7 @@ def _readable(edge: Transfer, values: Any, *, observed: bool) -> list[Any]:
         return [*values]
     raise CurriculumError(
         f"a source's values must be kept, in dense tables{' or networks' * observed}: those of "
-        f"{edge.source!r}, which {edge.target!r} reads, are not (storage)"
+        f"{edge.source!r}, which {edge.target!r} reads, are not; see Storage"
     )
 
 

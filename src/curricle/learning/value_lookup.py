@@ -24,9 +24,9 @@ class ValueLookup(NamedTuple):
     """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources; C components of the target's states.
 
     Each source's values have one row more than it has states and one column more than it has
-    actions, for pairs without counterpart. A source's row for a target state
-    starts at ``first[n]`` plus ``strides[strides_at[n, c] + value]`` for the value of each
-    component; the target's action adds ``action[n, a]``.
+    actions, for pairs without a counterpart. A source's row for a target state starts at
+    ``first[n]`` plus ``strides[strides_at[n, c] + value]`` for the value of each component; the
+    target's action adds ``action[n, a]``.
     """
 
     values: FloatArray  # (V,) of all sources, flat, scaled and shifted

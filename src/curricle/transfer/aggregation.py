@@ -99,4 +99,4 @@ _OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = 
     (total, sum),
 )
 UNCHANGED_ALONE = tuple(known for known, _ in _OF_NUMBERS)
-"""Aggregates that return a single potential unchanged."""
+"""Aggregates for which the aggregate of one potential is that potential."""

@@ -245,15 +245,18 @@ class ObservationMapping:
         return np.broadcast_to(row, (n, len(row)))
 
     def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:
+        if self.target.n_actions is None:
+            raise MappingError(
+                "a mapping of actions needs a target with numbered actions: got "
+                f"{self.target.actions}"
+            )
         table, n_source = _integers("actions", actions), self._source_actions
         if table.shape != shape:
             raise MappingError(f"a mapping's actions must have shape {shape}: got {table.shape}")
         bad = table[(table < UNMAPPED) | (table >= (n_source or np.inf))]
         if bad.size:
-            raise MappingError(
-                f"a mapping's actions must lie in 0..{(n_source or 0) - 1} or be UNMAPPED: got "
-                f"{bad[0]}"
-            )
+            allowed = "be 0 or more" if n_source is None else f"lie in 0..{n_source - 1}"
+            raise MappingError(f"a mapping's actions must {allowed}, or be UNMAPPED: got {bad[0]}")
         return table
 
     def _transferred(

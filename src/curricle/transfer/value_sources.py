@@ -108,8 +108,9 @@ class FunctionValues:
 
     def __post_init__(self) -> None:
         if self.state_values is None and (self.action_values is None or self.actions is None):
+            got = "neither" if self.action_values is None else "action_values without actions"
             raise PotentialError(
-                "values need state_values, or action_values and the number of actions: got neither"
+                f"values need state_values, or action_values and the number of actions: got {got}"
             )
 
     @property
@@ -133,9 +134,9 @@ class FunctionValues:
 
 
 def no_actions(values: Any) -> PotentialError:
-    """Return the error that these are values of states alone."""
+    """Return the error that these are state values, without action values."""
     return PotentialError(
-        "values of states alone cannot tell actions apart, as initialising needs: "
+        "state values cannot tell actions apart, as QInitialisation and LookAheadAdvice need: "
         f"{type(values).__name__} has no action values; use StateShaping"
     )
 
