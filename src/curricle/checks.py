@@ -50,7 +50,7 @@ def number(
         raise error(f"{name} must be a number: got {value!r}")
     if not _is_finite(value):
         raise error(f"{name} must be finite: got {_shown(value)}")
-    if not low <= value <= high:
+    if not low <= float(value) <= high:
         limits = f"lie in [{low:g}, {high:g}]" if high < math.inf else f"be at least {low:g}"
         raise error(f"{name} must {limits}: got {value:g}")
     return float(value)
@@ -66,6 +66,8 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
     array([[1., 2.]])
     """
     try:
+        if values is None or np.iscomplexobj(values):  # NumPy would make nan and real parts of them
+            raise TypeError
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise error(f"{name} must be an array of numbers: got {values!r}") from None

@@ -231,9 +231,13 @@ def test_seeds_that_make_no_sense(refused, study_file, tmp_path, seeds, words):
     assert not list(tmp_path.iterdir())
 
 
-def test_tracking_is_passed_on(curricle, refused, study_file, tmp_path):
-    pytest.importorskip("tensorboardX")
+def test_an_unknown_tracker_is_refused_before_a_folder_is_made(refused, study_file, tmp_path):
     refused(1, "a tracker must be one of", "run", study_file, "--track", "tensorbord")
+    assert not list(tmp_path.iterdir())
+
+
+def test_tracking_is_passed_on(curricle, study_file, tmp_path):
+    pytest.importorskip("tensorboardX")
     code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
     assert code == 0, complaint
     assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))

@@ -275,6 +275,9 @@ def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
             "tasks.chase.budget=0",
             "as set: tasks.chase.budget is refused: a budget in steps must be",
         ),
+        ("tasks.chase.time_limit=0", "line 7, as set: tasks.chase is refused: time_limit in"),
+        ("a.b=3", "as set: a is unknown: known are"),
+        ("snapshots=-1", "as set: snapshots must be at least 0: got -1"),
     ],
 )
 def test_a_change_that_cannot_be_made(complaints, change, sentence):

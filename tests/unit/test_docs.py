@@ -1,5 +1,6 @@
 """The documentation: its reference is whole or its build fails, and its tutorial is right."""
 
+import doctest
 import re
 import subprocess
 import sys
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import curricle
 from curricle import read_study
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -24,6 +26,21 @@ def test_the_tutorials_own_task_is_as_it_says(tmp_path):
     }
     assert coverages["with-key"].mapped == pytest.approx(28 / 58)
     assert coverages["by-name"].mapped == pytest.approx(56 / 58)
+
+
+def test_the_tutorials_maze_is_the_same_in_its_file_and_its_program(tmp_path):
+    text = (DOCS / "tutorial.md").read_text("utf-8")
+    drawn = re.search(r"^```toml\n(\[tasks\.maze\].*?)^```$", text, re.MULTILINE | re.DOTALL)[1]
+    (tmp_path / "maze.toml").write_text(f"name = 'maze'\n{drawn}", "utf-8")
+    (told,) = [
+        example.source
+        for example in doctest.DocTestParser().get_examples(text)
+        if example.source.startswith("maze = ")
+    ]
+    program = {"cr": curricle}
+    exec(told, program)
+    (arm,) = (study := read_study(tmp_path / "maze.toml")).arms
+    assert study.curriculum(arm).tasks["maze"] == program["maze"]
 
 
 @pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.name)

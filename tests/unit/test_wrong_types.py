@@ -44,6 +44,12 @@ CALLS = {
     "an infinite limit": lambda: cr.GridWorld("S.T", time_limit=INF),
     "a limit beyond 64 bits": lambda: cr.GridWorld("S.T", time_limit=10**30),
     "discount as text": lambda: cr.GridWorld("S.T", discount="x"),
+    "a map of numbers": lambda: cr.GridWorld([1, 2]),
+    "a shaping as text": lambda: run(shaping="state"),
+    "a warm-up as a number": lambda: run(warm_up=5),
+    "warm-ups as numbers": lambda: run(seeds=1, warm_up=[5]),
+    "no potential's values": lambda: cr.StatePotential(LINE, None),
+    "complex values of a potential": lambda: cr.StatePotential(LINE, np.zeros(3, complex)),
     "no map": lambda: cr.GridWorld(None),
     "rewards as a number": lambda: cr.GridWorld("S.T", rewards=5),
     "a reward of None": lambda: cr.Rewards(step=None),
@@ -126,6 +132,15 @@ def test_a_number_beyond_64_bits_is_refused_in_one_sentence(huge):
     if abs(huge) > 2**63:
         with pytest.raises(SettingError, match=r"must be finite: got [^\n]{1,40}$"):
             cr.QLearning(learning_rate=huge)
+
+
+def test_a_shaping_as_text_is_told_from_a_list_of_shapings():
+    with pytest.raises(SettingError, match=r"^shaping must be a Shaping, .*: got a str$"):
+        run(shaping="state")
+
+
+def test_numbers_of_single_precision_are_compared_without_a_warning():
+    assert cr.QLearning(inverse_temperature=np.float32(0.5)).inverse_temperature == 0.5
 
 
 def test_whole_numbers_may_be_written_as_floats():

@@ -184,8 +184,8 @@ class Comparison:
     def __str__(self) -> str:
         width = max(len(name) for name in self.arms) + 2
         lines = [
-            f"{self.target!r} in {self.total:,} steps, sources charged; {self.seeds} seeds; "
-            f"threshold {self.threshold:.4g}",
+            f"{self.target!r} in {self.total:,} steps, sources charged; "
+            f"{self.seeds} seed{'s' * (self.seeds > 1)}; threshold {self.threshold:.4g}",
             f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
             f"{'strong gain':<22}{'weak gain':<22}verdict",
         ]

@@ -159,13 +159,13 @@ def open_trackers(
         ...
     curricle.errors.SettingError: a tracker must be one of tensorboard, wandb, mlflow: got ...
     """
-    opened = Trackers([_tracker(each) for each in dict.fromkeys(trackers)], report)
+    opened = Trackers([tracker_of(each) for each in dict.fromkeys(trackers)], report)
     opened.start(study, configuration, Path(folder))
     return opened
 
 
-def _tracker(given: str | Tracker) -> Tracker:
-    """Return the tracker of a name, if its tool is installed."""
+def tracker_of(given: str | Tracker) -> Tracker:
+    """Return the tracker of a name, or raise SettingError if there is none or no tool for it."""
     if isinstance(given, Tracker):
         return given
     one_of("a tracker", given, TRACKERS, SettingError)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.checks import whole_number
+from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.learning.shaping import Shaping
@@ -67,7 +67,7 @@ def seed_settings(
 
     # One for all is fitted once, as each fitting may make an array of S x A.
     shapings: Iterable[Shaping | None]
-    if isinstance(shaping, Sequence):
+    if _is_list(shaping):
         shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
@@ -79,13 +79,20 @@ def seed_settings(
         _one_a_seed("charge", charged, len(numbers), 0),
         strict=True,
     ):
+        instance("each warm-up", acted, WarmUp, SettingError)
         cost = whole_number("each of charged", cost, 0, SettingError)
         _check_limits(limits, seed, acted, cost)
         found.append(SeedSettings(seed, one, acted, cost))
     return found
 
 
+def _is_list(given: Any) -> bool:
+    return isinstance(given, Sequence | np.ndarray) and not isinstance(given, str)
+
+
 def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
+    if given is not None and not _is_list(given):
+        raise SettingError(f"{what} must be a list, one a seed: got {given!r}")
     each = [default] * n_seeds if given is None else list(given)
     if len(each) != n_seeds:
         raise SettingError(f"one {what} a seed means {n_seeds} of them: got {len(each)}")

@@ -20,7 +20,7 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import CurricleError, SettingError, StoreError, StudyError
-from curricle.interop.trackers import Tracker, open_trackers
+from curricle.interop.trackers import Tracker, open_trackers, tracker_of
 from curricle.learning.result import LearningResult
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -122,6 +122,7 @@ def run_study(
         study.check_networks()
     except ImportError as error:
         raise SettingError(f"a task is learnt by a network: {error}") from None
+    trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     configuration, folder = study.to_data(), str(study.folder.resolve())
     description = {
         "curricle": metadata.version("curricle"),

@@ -332,7 +332,7 @@ class GridWorld:
 
 
 def _read_map(given: Any) -> tuple[str, ...]:
-    if not isinstance(given, str | list | tuple):
+    if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
         raise TaskError(f"a map must be text or a list of lines: got {given!r}")
     if isinstance(given, str):
         given = [line.strip() for line in dedent(given).strip().splitlines()]

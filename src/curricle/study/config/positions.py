@@ -37,8 +37,11 @@ class Positions:
     def sentence(self, path: KeyPath, text: str) -> str:
         """Return what is wrong as a sentence on one line: file, line, key path and text."""
         line = self.line(path)
-        given = any(path[: len(one)] == one for one in self.given)
-        where = f", line {line}" if line else ", as set" if given else ""
+        # Set from outside: the key, the table it is in, or a key in the table that it names.
+        given = path and any(
+            path[: len(one)] == one or one[: len(path)] == path for one in self.given
+        )
+        where = (f", line {line}" if line else "") + (", as set" if given else "")
         return f"{self.file}{where}: {path_text(path) or 'the study'} {' '.join(text.split())}"
 
     def in_file(self, arm: str, path: KeyPath) -> KeyPath:

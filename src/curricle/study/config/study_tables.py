@@ -72,7 +72,7 @@ class RunTable(Table):
     )
     window: Count = Field(default=5, description="Checkpoints over which curves are smoothed.")
     snapshots: Whole = Field(
-        24, description="Value tables of the first seed kept during training, for the report."
+        24, ge=0, description="Value tables of the first seed kept during training, for the report."
     )
     scratch: Flag = Field(
         default=True, description="Whether learning the target from scratch is an arm too."
