@@ -1,7 +1,7 @@
 """Any Gymnasium environment as a task: of numbered states, or seen through observations."""
 
-from collections.abc import Callable
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
 from operator import index
 from typing import Any, Literal
@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from curricle.checks import whole_number
-from curricle.errors import TaskError
+from curricle.errors import CurricleError, TaskError
 from curricle.interop.bins import Bins
 from curricle.interop.spaces import Number, Point, counts_from_0, is_discrete, space_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
@@ -73,8 +73,8 @@ def from_gymnasium(
     Raises
     ------
     TaskError
-        When a space is not discrete and there is no `encode`, when names do not fit, or when an
-        environment cannot be made again.
+        When ``gymnasium.make`` fails, a space is not discrete and there is no `encode`, names do
+        not fit, or an environment cannot be made again.
 
     Examples
     --------
@@ -89,7 +89,11 @@ def from_gymnasium(
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
     """
     make = _maker(environment, time_limit, make_arguments)
-    made = nullcontext(environment) if isinstance(environment, gym.Env) else closing(make())
+    if isinstance(environment, gym.Env):
+        made: AbstractContextManager[Any] = nullcontext(environment)
+    else:
+        with _refusals_of_make(environment):
+            made = closing(make())
     with made as env:
         limit: Any = time_limit
         if time_limit == "own":
@@ -130,7 +134,7 @@ def observation_task(
     Raises
     ------
     TaskError
-        When there is no such environment, or the function does not return one.
+        When ``gymnasium.make`` fails, or the function does not return an environment.
 
     Examples
     --------
@@ -138,21 +142,33 @@ def observation_task(
     ObservationTask(CartPole-v1, discount 0.98, Box(4,) -> Discrete(2))
     """
     if isinstance(environment, str):
-        try:
+        with _refusals_of_make(environment):
             return ObservationTask(
                 EnvironmentMaker(environment, make_arguments), discount, time_limit
             )
-        except (gym.error.Error, ImportError) as error:
-            raise TaskError(
-                f"an environment must be one of Gymnasium's registry: {environment!r} failed with "
-                f"{type(error).__name__}: {error}"
-            ) from error
     if make_arguments:
         raise TaskError(
             "arguments go with an id of Gymnasium's registry, not with a function: got "
             f"{', '.join(make_arguments)}"
         )
     return ObservationTask(environment, discount, time_limit)
+
+
+@contextmanager
+def _refusals_of_make(what: Any) -> Iterator[None]:
+    """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except Exception as error:
+        if not isinstance(what, str | EnvSpec):
+            raise
+        name = what if isinstance(what, str) else what.id
+        raise TaskError(
+            f"an environment must be one that gymnasium.make makes: {name!r} failed with "
+            f"{type(error).__name__}: {error}"
+        ) from error
 
 
 def _maker(

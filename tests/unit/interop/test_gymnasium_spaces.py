@@ -214,8 +214,15 @@ def test_what_cannot_be_made_is_refused_in_a_sentence():
     for limit in (0, 1.5, "5"):
         with pytest.raises(cr.errors.TaskError, match="time_limit in steps must be a whole number"):
             cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=limit)
-    with pytest.raises(gym.error.NameNotFound):
-        cr.from_gymnasium("NoSuchThing-v0", discount=0.9)
+    for make in (cr.from_gymnasium, cr.observation_task):
+        for name, arguments, failure in (
+            ("NoSuchThing-v0", {}, "NameNotFound"),
+            ("nomodule:NoSuchThing-v0", {}, "ModuleNotFoundError"),
+            ("FrozenLake-v1", {"frozen": True}, "TypeError"),
+            ("FrozenLake-v1", {"map_name": "9x9"}, "KeyError"),
+        ):
+            with pytest.raises(cr.errors.TaskError, match=f"{name}' failed with {failure}: "):
+                make(name, discount=0.9, **arguments)
     for name in ("make", "encode", "act"):
         parts = {"make": Ring, name: 3}
         with pytest.raises(cr.errors.TaskError, match=f"{name} must be a function: got 3"):
