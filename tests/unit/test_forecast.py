@@ -186,9 +186,11 @@ def test_a_scale_that_most_seeds_cannot_be_given_is_none():
             plan.train(3, only=["source"])["source"], values=np.stack([Q, 0 * Q, 0 * Q])
         )
     }
-    found = cr.forecast(plan, seeds=3, trained=silent)["mean"]
+    forecast = cr.forecast(plan, seeds=3, trained=silent)
+    found = forecast["mean"]
     assert [bool(one.refusal) for one in found.calibrations] == [False, True, True]
     assert np.isnan(found.scale)
+    assert re.search(r"^mean \*.* none$", str(forecast), re.MULTILINE)
     assert cr.forecast(plan, seeds=1, trained=sources)["mean"].scale == pytest.approx(1.0)
 
 

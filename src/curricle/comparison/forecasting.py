@@ -137,10 +137,11 @@ class Forecast:
             f"{'':{width}}{'start':>11}{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}"
         )
         for one in self.rows:
+            scale = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
             lines.append(
                 f"{one.name + ' *' * one.used:{width}}{one.mean('start'):>11.3g}"
                 f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
-                f"{one.mean('rank'):>7.2f}{one.scale:>7.2g}"
+                f"{one.mean('rank'):>7.2f}{scale:>7}"
             )
         lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]
         return "\n".join(lines)
