@@ -165,7 +165,7 @@ def test_rows_are_a_table():
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict
-    assert scratch["return"] == 1.125
+    assert scratch["mean_return"] == 1.125
     assert scratch["verdict"] == ""
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(scratch))

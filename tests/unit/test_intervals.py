@@ -324,7 +324,7 @@ def test_stratified_bootstrap_hides_no_nan():
         ([], {}, r"scores must have shape \(K, M\), neither 0, .*: got \[\(0,\)\]"),
         (np.zeros((3, 0)), {}, r"or be one array \(K,\) per task: got \[\]"),
         ([[1.0], [[1.0]]], {}, r"got \[\(1,\), \(1, 1\)\]"),
-        ([[1.0], None], {}, r"got \[\(1,\), \(\)\]"),
+        ([[1.0], None], {}, "scores must be an array of numbers: got None"),
         (np.array([[1.0, INF]]), {}, "values must not be infinite: got inf"),
         ([1.0, 2.0], {"statistic": np.cumsum}, "one number per column: got shape"),
         ([1.0, 2.0], {"confidence": 0.0}, "confidence must be between 0 and 1: got 0.0"),

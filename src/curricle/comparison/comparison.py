@@ -170,7 +170,7 @@ class Comparison:
             "reached": int(times.reached.sum()),
         }
         intervals = {"steps_to_threshold": times.restricted_mean()}
-        intervals["return"] = self.mean_return(name)
+        intervals["mean_return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
         for measure, interval in intervals.items():

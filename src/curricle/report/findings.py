@@ -18,7 +18,7 @@ MEASURES = {
         "probability that a run has a higher mean return than a run from scratch",
     ),
     "strong_steps_saved": ("steps saved", "steps to the threshold, fewer than from scratch"),
-    "return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
+    "mean_return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
     "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
     "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
     "weak_steps_saved": ("steps saved", "target steps to the threshold, fewer than from scratch"),

@@ -71,7 +71,7 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
             "jumpstart",
             "asymptotic_gain",
             "probability_of_improvement",
-            "return",
+            "mean_return",
         ):
             shown = cells[row["arm"]][measure]
             numbers = [shown.text, *shown.below.strip("[]").split(", ")]
