@@ -148,7 +148,7 @@ def ring_by_tables(n=9):
     )
 
 
-# -- a tree ----------------------------------------------------------------------------------------
+# -- ways into a state -----------------------------------------------------------------------------
 
 
 def tree(discount=0.9):
@@ -158,3 +158,19 @@ def tree(discount=0.9):
     return FiniteMDP.from_outcomes(
         outcomes + [[[], []]] * 8, terminal=np.arange(15) >= 7, start=0, discount=discount
     )
+
+
+def meeting_paths():
+    """Return a task, and advice on the worse action of state 0 that look-back does not take back.
+
+    States 1 and 2 are entered from state 0 with advice, but nine times in ten from 4 without.
+    """
+    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
+    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
+    task = FiniteMDP.from_outcomes(
+        [choice, after, after, [[], []], elsewhere],
+        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
+    )  # fmt: skip
+    phi = np.zeros((5, 2))
+    phi[0, 1] = 5.0
+    return task, phi

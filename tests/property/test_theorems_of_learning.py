@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.learning.run import Run
-from tests.tasks import DenseMDP, mdps, tree
+from tests.tasks import DenseMDP, mdps, meeting_paths, tree
 
 whole = st.integers(-8, 8)
 
@@ -144,14 +144,7 @@ def test_look_back_advice_can_mislead_where_several_ways_meet():
     # Why the tree above: SARSA's target carries the *average* of what came before s' / gamma, not
     # this step's own. Here most ways into states 1 and 2 come from 4, without advice, so that
     # advice on the worse action of state 0 is never taken back. A known limit, no invariance.
-    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
-    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
-    task = cr.FiniteMDP.from_outcomes(
-        [choice, after, after, [[], []], elsewhere],
-        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
-    )  # fmt: skip
-    phi = np.zeros((5, 2))
-    phi[0, 1] = 5.0
+    task, phi = meeting_paths()
     sarsa = cr.SARSA(learning_rate=cr.learning.harmonic(half=20), epsilon=0.1)
     misled = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookBackAdvice(phi))
     safe = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookAheadAdvice(phi))

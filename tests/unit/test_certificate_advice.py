@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.certificate import certify
 from curricle.certificate.checked_shaping import check_shaping
 from tests.certificates import MAZE, PHI, RNG
-from tests.tasks import tree
+from tests.tasks import meeting_paths, tree
 
 
 def test_look_back_advice_is_safe_where_each_state_has_one_past():
@@ -29,14 +29,7 @@ def test_look_back_advice_is_safe_where_only_an_end_has_two_pasts():
 
 
 def test_look_back_advice_is_not_proven_where_paths_meet():
-    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
-    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
-    task = cr.FiniteMDP.from_outcomes(
-        [choice, after, after, [[], []], elsewhere],
-        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
-    )  # fmt: skip
-    phi = np.zeros((5, 2))
-    phi[0, 1] = 5.0
+    task, phi = meeting_paths()
     found = certify(task, cr.LookBackAdvice(cr.StateActionPotential(task, phi)))
     assert found.holds is None
     assert not found
