@@ -10,7 +10,8 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.errors import CurricleError
 
-LARGEST = 2**63
+BEYOND_64_BITS = 2**63
+"""The first whole number that a signed integer of 64 bits cannot hold."""
 
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
@@ -24,7 +25,7 @@ def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) 
     >>> whole_number("budget", 1e4, 1, SettingError)
     10000
     """
-    if _is_real(value) and not -LARGEST < value < LARGEST and value == value:
+    if _is_real(value) and not -BEYOND_64_BITS < value < BEYOND_64_BITS and value == value:
         raise error(f"{name} must be a whole number below 2^63: got {_shown(value)}")
     if not _is_real(value) or value != value // 1 or value < least:
         raise error(f"{name} must be a whole number, at least {least}: got {value!r}")

@@ -23,6 +23,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
+from curricle.checks import BEYOND_64_BITS
+
 SHOWN = 60
 """Characters of a value that a message repeats."""
 PHRASES = {
@@ -144,7 +146,7 @@ def whole_number(value: Any) -> int:
     whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
     if not whole or isinstance(value, bool):
         raise wrong(f"must be a whole number: got {shown(value)}")
-    if abs(value) >= 2**63:
+    if abs(value) >= BEYOND_64_BITS:
         raise wrong(f"must fit into 64 bits: got {shown(value)}")
     return int(value)
 
