@@ -1,8 +1,8 @@
 """Files that are either whole or absent."""
 
 import os
-import tempfile
 from pathlib import Path
+from secrets import token_hex
 from urllib.parse import quote
 
 PART = ".part"
@@ -20,24 +20,32 @@ def file_name(text: str) -> str:
     return quote(text, safe=" ").replace(".", "%2E")
 
 
+def part_in(folder: Path) -> Path:
+    """Return a new path in a folder for something that is being written.
+
+    What is made there has the user's own permissions (umask), unlike what ``tempfile`` makes.
+    """
+    return folder / f".{token_hex(8)}{PART}"
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place and move it there when it is complete.
 
     Examples
     --------
-    >>> place = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> from tempfile import mkdtemp
+    >>> place = Path(mkdtemp()) / "a.txt"
     >>> write_whole(place, b"whole")
     >>> place.read_bytes()
     b'whole'
     """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
+    temporary = part_in(path.parent)
     try:
-        with os.fdopen(handle, "wb") as file:
+        with temporary.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())  # the name must not come before the content
-        os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise

@@ -53,7 +53,7 @@ def _page(study: StudyResults) -> str:
         results,
         decisions={place: list(study.ended_by(*place).values()) for place in places},
         environment={
-            "command": " ".join(last["command"]),
+            "file": last["file"],
             "started": last["started"],
             "seeds": seed_ranges(study.seeds),
             "commit": last["commit"] or "none",

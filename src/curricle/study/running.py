@@ -8,7 +8,6 @@ import os
 import platform
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, suppress
@@ -235,18 +234,21 @@ class _Scheduler:
 
 
 def _provenance(study: StudyConfig) -> dict[str, Any]:
-    """Return what a run is made with: versions, machine, commit of the study's file, command."""
+    """Return what a run is made with: versions, kind of machine, the study's file and its commit.
+
+    Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
+    """
     versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OF_NETWORKS:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": sys.argv,
+        "file": study.file,
         "seeds": list(study.seeds),
         "commit": _commit(study.folder),
         "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "machine": f"{platform.system()} {platform.machine()}",
         "versions": versions,
     }
 

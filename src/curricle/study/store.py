@@ -6,7 +6,6 @@ import json
 import os
 import re
 import shutil
-import tempfile
 import zipfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
-from curricle.files import PART, write_whole
+from curricle.files import PART, part_in, write_whole
 from curricle.study.serialization import (
     CURVES,
     DECISIONS,
@@ -204,7 +203,7 @@ class StudyStore:
         self.write_json(RUNS, [*self.runs(), provenance])
 
     def runs(self) -> list[dict[str, Any]]:
-        """Return the versions, machine, commit, command and seeds of each run so far."""
+        """Return the versions, kind of machine, commit, file and seeds of each run so far."""
         found: list[dict[str, Any]] = self.read_json(RUNS) if self.has(RUNS) else []
         return found
 
@@ -251,11 +250,11 @@ class StudyStore:
         about = {"key": unit.key, "task": unit.task, "seeds": unit.seeds, "files": sizes}
         with _write_errors(self.path):
             place.parent.mkdir(parents=True, exist_ok=True)
-            part = Path(tempfile.mkdtemp(dir=place.parent, prefix=".", suffix=PART))
+            part = part_in(place.parent)
+            part.mkdir()
             try:
                 for file, content in {**files, MANIFEST: sealed(about)}.items():
                     write_whole(part / file, content)
-                os.chmod(part, 0o755)
                 shutil.rmtree(place, ignore_errors=True)  # without a manifest it is not complete
                 os.replace(part, place)
                 shutil.rmtree(self.checkpoints(unit), ignore_errors=True)

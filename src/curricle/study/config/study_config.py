@@ -86,6 +86,11 @@ class StudyConfig(RunTable):
         """The folder of the modules with the study's own functions."""
         return self._folder
 
+    @property
+    def file(self) -> str:
+        """The name of the file that it was read from, without its folder; else the study's name."""
+        return Path(self._positions.file).name
+
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
         """The curricula of all arms, by name.
