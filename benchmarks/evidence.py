@@ -9,9 +9,8 @@ import argparse
 import importlib
 import json
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import matplotlib
@@ -40,7 +39,7 @@ class Benchmark:
         options.out.mkdir(parents=True, exist_ok=True)
         jobs = [(arm, seed) for seed in range(options.seeds) for arm in options.arms]
         # Torch does not survive a fork.
-        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
+        with cr.study.WorkerProcesses(options.workers) as pool:
             running = {pool.submit(train, module, *job, options.out): job for job in jobs}
             for done in as_completed(running):
                 print(

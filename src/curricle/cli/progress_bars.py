@@ -2,9 +2,7 @@
 
 import sys
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ from rich.progress import (
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.running import Progress, run_study
+from curricle.study.workers import WorkerProcesses
 
 
 def run_with_bars(
@@ -47,8 +46,8 @@ def run_with_bars(
                 print(f"done {unit.label}", file=sys.stderr, flush=True)
 
     with bars, ExitStack() as ending:
-        pool: ProcessPoolExecutor | None = None
+        pool: WorkerProcesses | None = None
         if processes or Arms.of(study).live:
-            pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+            pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         run_study(study, path, workers=workers, executor=pool, progress=show, **settings)

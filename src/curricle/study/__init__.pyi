@@ -5,3 +5,4 @@ from .results import StudyResults as StudyResults, compare_studies as compare_st
 from .running import Progress as Progress, merge as merge, run_study as run_study
 from .store import StudyStore as StudyStore
 from .units import Unit as Unit, UnitInput as UnitInput, train_unit as train_unit
+from .workers import WorkerProcesses as WorkerProcesses

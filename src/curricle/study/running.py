@@ -76,7 +76,7 @@ def run_study(
         before.
     workers : int, optional
         Threads; as many as there are processors by default, one where a task runs in Python or is
-        learnt by a network (use an executor of processes for those). Results do not depend on it.
+        learnt by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
         Trains the units instead; it is not shut down. A unit is a picklable function of picklable
         data (:func:`train_unit`), so processes and other machines can be used.

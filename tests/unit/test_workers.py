@@ -1,0 +1,60 @@
+"""Worker processes: none outlives the process that started it, and none says a word about it."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+
+PARENT = """
+import os
+import signal
+import sys
+import time
+
+from curricle.study.workers import WorkerProcesses
+
+
+def work():
+    os.write(1, b"w")
+    time.sleep(600)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    pool = WorkerProcesses(2)
+    pool.submit(work)
+    pool.submit(work)
+    try:
+        time.sleep(600)
+    except KeyboardInterrupt:
+        os._exit(130)
+"""
+ENDS = {
+    "SIGTERM": lambda parent: parent.send_signal(signal.SIGTERM),
+    "SIGHUP": lambda parent: parent.send_signal(signal.SIGHUP),
+    "SIGQUIT": lambda parent: parent.send_signal(signal.SIGQUIT),
+    "SIGKILL": lambda parent: parent.send_signal(signal.SIGKILL),
+    "Ctrl-C": lambda parent: os.killpg(parent.pid, signal.SIGINT),  # as a terminal sends it
+}
+
+
+def test_workers_end_with_their_parent_in_silence(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    command = [sys.executable, script]
+    parents = {
+        how: subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        for how in ENDS
+    }
+    for how, parent in parents.items():
+        assert parent.stdout.read(2) == b"ww", how  # both are at work
+        ENDS[how](parent)
+    # The pipe ends when the last process that writes to it does.
+    found = {how: parent.communicate(timeout=2)[0] for how, parent in parents.items()}
+    assert found == dict.fromkeys(ENDS, b"")
