@@ -176,7 +176,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         for q in tables:
             for s in range(n_states):
                 q[s] = [x + y for x, y in zip(q[s], phi[s], strict=True)]
-    visits = [[0] * n_actions for _ in range(n_states)]
+    visits = [[[0] * n_actions for _ in range(n_states)] for _ in tables]
 
     def frame_at(state, step):
         held = [i for i, first in enumerate(potential.frame_steps) if first <= step]
@@ -227,7 +227,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
             reward += phi[state][action]
 
         coin = next(draw) if len(tables) == 2 else 0
-        which = coin & 1
+        which = coin & 1  # tables 0 and 1 have visits of their own
         q, target = tables[which], reward
         if literal:
             target -= phi[state][action]
@@ -247,8 +247,8 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
                 worth = tables[1 - which][after][draw_best(q[after], coin)[0]]
             target += gamma * worth
         counts = rates.shape == 3
-        rate = value_of(rates, visits[state][action] if counts else step)
-        visits[state][action] += 1
+        rate = value_of(rates, visits[which][state][action] if counts else step)
+        visits[which][state][action] += 1
         shown = acting(state, step)
         q[state][action] += rate * (target - q[state][action])
         if ties:

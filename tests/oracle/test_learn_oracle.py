@@ -49,7 +49,7 @@ def test_learner_equals_the_naive_one_on_other_shapes(kind, seed, random_mdp, na
     assert_same(result, naive_learn(task, learner, 400, eval_freq=7, seed=seed))
 
 
-@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA, cr.DoubleQLearning])
 @pytest.mark.parametrize("name", SCHEDULES)
 def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
     task, learner = random_mdp(2, time_limit=9), kind(learning_rate=SCHEDULES[name])

@@ -1,8 +1,9 @@
 """Numbers that change while learning."""
 
+import numpy as np
 import pytest
 
-from curricle import SARSA, GridWorld, QLearning, learn
+from curricle import SARSA, DoubleQLearning, FiniteMDP, GridWorld, QLearning, learn
 from curricle.learning import constant, exponential, harmonic, linear
 
 
@@ -38,6 +39,21 @@ def test_a_harmonic_learning_rate_averages_the_rewards_of_a_pair():
 def test_a_learning_rate_of_0_learns_nothing(kind):
     result = learn(GridWorld("S.T"), kind(learning_rate=0, initial_value=3.5), 200)
     assert (result.values[0, :2] == 3.5).all()
+
+
+@pytest.mark.parametrize("steps", [20, 1000])
+def test_each_table_of_double_q_learning_averages_the_rewards_that_it_saw(steps):
+    """With counts of their own, both tables forget where they started at their first update."""
+    task = FiniteMDP.from_dense(
+        np.array([[[0.0, 1.0]], [[0.0, 1.0]]]),
+        [[1.0], [0.0]],
+        terminal=[0, 1],
+        start=0,
+        discount=0.9,
+    )
+    learner = DoubleQLearning(learning_rate=harmonic(), initial_value=100.0)
+    result = learn(task, learner, steps, seeds=20)
+    np.testing.assert_array_equal(result.values[:, 0, 0], 1.0)
 
 
 @pytest.mark.parametrize("schedule", [constant(1), linear(1, 0, steps=4), harmonic(1, half=2)])

@@ -183,6 +183,16 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
         assert again.episodes_used[0] == short.episodes_used[0]
 
 
+@pytest.mark.parametrize("kind", [QLearning, cr.DoubleQLearning])
+def test_counted_updates_take_as_much_memory_as_values(kind):
+    learner = kind(learning_rate=cr.learning.harmonic())
+    enough = HUNT.states.size * (2 * kind.tables * HUNT.actions.size * 8 + 12)
+    settings = {"budget": 10, "evaluation": ROLLED}
+    cr.learn(HUNT, learner, storage=Storage("dense", memory_limit=enough), **settings)
+    with pytest.raises(SettingError, match="must fit the memory_limit"):
+        cr.learn(HUNT, learner, storage=Storage("dense", memory_limit=enough - 1), **settings)
+
+
 def test_memory_is_shared_by_the_seeds_that_hold_values():
     kept = limited(100, seeds=4, evaluation=ROLLED)
     assert [len(met.states) for met in kept.values] == [25] * 4

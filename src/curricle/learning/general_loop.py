@@ -260,7 +260,9 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
-        rate = rate_of(rule.learning_rate, state, action, step - 1)
+        # Each table counts its own updates: its rows of counts follow those of the table before.
+        counted = np.uint64(table) * np.uint64(q.shape[1]) + state
+        rate = rate_of(rule.learning_rate, counted, action, step - 1)
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 

@@ -19,7 +19,8 @@ class Learner:
     Parameters
     ----------
     learning_rate : float or Schedule
-        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair.
+        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair (of each
+        table, where there are two).
     epsilon : float or Schedule, optional
         Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
         ties broken at random. The default, 0.1, holds unless `inverse_temperature` is given.
@@ -58,11 +59,17 @@ class Learner:
         number("initial_value", self.initial_value, SettingError)
         self.kernel()
 
+    @property
+    def counts(self) -> int:
+        """The tables of counted updates: one for each table where the rate is harmonic, else 0."""
+        rate = self.learning_rate
+        return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
+
     def kernel(self, rows: int = 1, n_actions: int = 1) -> LearnerKernel:
-        """Return the learner as compiled loops read it, for tables of so many rows."""
+        """Return the learner as compiled loops read it, its tables having so many rows in all."""
         given: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
-        by_visits = given.shape == HARMONIC
-        rate = ByVisits(given, np.zeros((rows, n_actions), np.int64)) if by_visits else given.kernel
+        counts = np.zeros((rows, n_actions), np.int64) if self.counts else None
+        rate = given.kernel if counts is None else ByVisits(given, counts)
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return LearnerKernel(self.update, rate, Softmax(beta.kernel))
@@ -115,7 +122,8 @@ class ExpectedSARSA(Learner):
 class DoubleQLearning(Learner):
     """Two tables; a coin chooses which one is updated from the other's value (van Hasselt 2010).
 
-    It acts on, and reports, the mean of both.
+    It acts on, and reports, the mean of both. A harmonic learning rate counts the updates of each
+    table by themselves, so that each is a sample mean.
 
     Examples
     --------

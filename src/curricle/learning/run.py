@@ -124,7 +124,7 @@ class Run:
         for table in q:
             self._filled(seed.initial, table)
         kernel = NOTHING_ADDED if shaping is None else shaping.kernel()
-        steps, episodes = self._loop(general_loop.train, q.shape[1], seed, kernel, q)
+        steps, episodes = self._loop(general_loop.train, len(q) * q.shape[1], seed, kernel, q)
         offset = (lambda step: 0.0) if shaping is None else shaping.offset
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             values += offset(checkpoint * self.eval_freq)

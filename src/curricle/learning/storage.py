@@ -17,6 +17,8 @@ UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 ROW_EXTRAS = 4 + 8 + 4 * 4
 """Bytes of a sparse row besides its values and their maximum: greedy action, state, slots."""
+COUNT = 8
+"""Bytes of the count of a pair's updates."""
 
 
 @dataclass(frozen=True)
@@ -78,26 +80,28 @@ class Storage:
             )
         return int(float(match[1]) * UNITS[match[2]])
 
-    def dense_bytes(self, n_states: int, n_actions: int, tables: int) -> int:
-        """Return the bytes of one seed's dense table."""
+    def dense_bytes(self, n_states: int, n_actions: int, tables: int, counts: int = 0) -> int:
+        """Return the bytes of one seed's dense tables, `counts` of them of counted updates."""
         size = np.dtype(self.dtype).itemsize
-        return n_states * (tables * n_actions * size + size + 4)
+        return n_states * (n_actions * (tables * size + counts * COUNT) + size + 4)
 
-    def rows_within(self, limit: int, n_actions: int) -> int:
-        """Return how many rows of a sparse table fit."""
-        return limit // ((n_actions + 1) * np.dtype(self.dtype).itemsize + ROW_EXTRAS)
+    def rows_within(self, limit: int, n_actions: int, counts: int = 0) -> int:
+        """Return how many rows of a sparse table fit, its counted updates included."""
+        size = np.dtype(self.dtype).itemsize
+        return limit // ((n_actions + 1) * size + n_actions * counts * COUNT + ROW_EXTRAS)
 
 
 def rows_allowed(
-    storage: Storage, task: GenerativeModel, *, tables: int, seeds: int, steps: int
+    storage: Storage, task: GenerativeModel, *, tables: int, counts: int, seeds: int, steps: int
 ) -> int:
     """Return the rows a sparse table may have, or 0 if tables are dense.
 
-    `seeds` of them hold tables at the same time, each `tables` of them, and a run has up to `steps`
-    steps. Raises SettingError when dense tables that were asked for exceed the memory limit.
+    `seeds` of them hold tables at the same time, each `tables` of them and `counts` of counted
+    updates, and a run has up to `steps` steps. Raises SettingError when dense tables that were
+    asked for exceed the memory limit.
     """
     n_states, n_actions = task.states.size, task.actions.size
-    needed = seeds * storage.dense_bytes(n_states, n_actions, tables)
+    needed = seeds * storage.dense_bytes(n_states, n_actions, tables, counts)
     if storage.kind == "dense" or (storage.kind == "auto" and needed <= storage.limit):
         if needed > storage.limit:
             raise SettingError(
@@ -106,7 +110,7 @@ def rows_allowed(
                 f"{storage.dtype} take {needed / 1e9:.3g} GB; see also dtype, save_values and kind"
             )
         return 0
-    fitting = storage.rows_within(storage.limit // seeds, n_actions)
+    fitting = storage.rows_within(storage.limit // seeds, n_actions, counts)
     # A step visits one state, and another when it starts an episode.
     return max(1, min(fitting, n_states, 2 * steps + 1, 2**31 - 2))
 

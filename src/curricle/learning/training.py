@@ -127,6 +127,7 @@ def learn(
         storage,
         generative,
         tables=2 if guarded else learner.tables,
+        counts=learner.counts,
         seeds=len(each) if storage.save_values else threads,
         steps=longest,
     )
