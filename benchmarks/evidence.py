@@ -52,11 +52,11 @@ class Benchmark:
     def tell(self, curves: Mapping[str, cr.statistics.Curve]) -> None:
         """Print each arm: what it spent, where it began and ended, when it had learnt."""
         seeds = len(next(iter(curves.values())).values)
-        print(f"\n{self.title}; {seeds} seeds, mean [95 % bootstrap interval]")
+        print(f"\n{self.title}; {seeds} seeds, mean [95 % interval]")
         print(f"learnt: a return of {self.threshold:g}; median steps, the sources' included\n")
         print(f"{'arm':<34}{'sources':>9}{'target':>9}{'start':>9}{'end':>24}{'learnt':>34}")
         for arm, curve in curves.items():
-            end = cr.statistics.bootstrap(cr.statistics.asymptotic_performance(curve))
+            end = cr.statistics.mean_interval(cr.statistics.asymptotic_performance(curve))
             times = cr.statistics.time_to_threshold(curve, self.threshold, strong=True)
             time = times.median()
             learnt = f"{time.estimate:,.0f} [{time.low:,.0f}, {time.high:,.0f}]"
@@ -87,7 +87,7 @@ class Benchmark:
         figure.supxlabel("steps, those of the sources included", fontsize=9)
         figure.supylabel("return of the greedy policy", fontsize=9)
         figure.suptitle(
-            f"{self.title}\nmean of {len(first.values)} seeds, 95 % bootstrap bands; "
+            f"{self.title}\nmean of {len(first.values)} seeds, 95 % bands; "
             f"grey: {base}; dotted: counts as learnt",
             fontsize=9.5,
         )

@@ -56,7 +56,7 @@ def main():
         returns = result.greedy_return
         print(f"{name}: {returns[:, 0].mean():.1f} after {spent:,} steps")
         print(
-            f"  then {cr.statistics.bootstrap(returns[:, -1])} after {spent + result.steps[-1]:,}"
+            f"  then {cr.statistics.mean_interval(returns[:, -1])} after {spent + result.steps[-1]:,}"
         )
 
 

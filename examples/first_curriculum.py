@@ -64,9 +64,9 @@ def main(path, seeds=SEEDS):
         )
         panel.legend(loc="center left", bbox_to_anchor=(0.0, 0.35))
         figure.savefig(path)
-    print(f"scratch    {cr.statistics.bootstrap(scratch.greedy_return[:, -1])}")
+    print(f"scratch    {cr.statistics.mean_interval(scratch.greedy_return[:, -1])}")
     for scale, curve in curves.items():
-        print(f"scale {scale:g}    {cr.statistics.bootstrap(curve.values[:, -1])}")
+        print(f"scale {scale:g}    {cr.statistics.mean_interval(curve.values[:, -1])}")
 
 
 if __name__ == "__main__":

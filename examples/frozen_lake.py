@@ -61,7 +61,9 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
     optimistic = cr.learn(
         lake, OPTIMISTIC, found.total, seeds=seeds, evaluation=evaluation, stream="lake"
     )
-    mean = cr.statistics.bootstrap(cr.statistics.mean_return(cr.statistics.Curve.of(optimistic)))
+    mean = cr.statistics.mean_interval(
+        cr.statistics.mean_return(cr.statistics.Curve.of(optimistic))
+    )
     print(f"scratch from an initial value of 1, mean return: {mean}")
 
 

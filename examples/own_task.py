@@ -82,9 +82,13 @@ def main(size=40, winds=21, steps=5_000_000, seeds=4):
     transfer = curriculum.train(seeds)["windy"]
     scratch = cr.learn(windy, LEARNER, 7 * steps // 5, seeds=seeds, evaluation=moves)
     print("Return of the greedy policy, -1 a move, at most 500 moves:")
-    print(f"from the calm, at the start  {cr.statistics.bootstrap(transfer.greedy_return[:, 0])}")
-    print(f"from the calm, at the end    {cr.statistics.bootstrap(transfer.greedy_return[:, -1])}")
-    end = cr.statistics.bootstrap(scratch.greedy_return[:, -1])
+    print(
+        f"from the calm, at the start  {cr.statistics.mean_interval(transfer.greedy_return[:, 0])}"
+    )
+    print(
+        f"from the calm, at the end    {cr.statistics.mean_interval(transfer.greedy_return[:, -1])}"
+    )
+    end = cr.statistics.mean_interval(scratch.greedy_return[:, -1])
     print(f"from scratch, at the end     {end}, same number of steps")
 
 

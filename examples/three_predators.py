@@ -76,7 +76,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
             ("greedy policy, before", result.greedy_return[:, 0]),
             ("greedy policy, at the end", result.greedy_return[:, -1]),
         ):
-            print(f"  {label:<28} {cr.statistics.bootstrap(returns)}")
+            print(f"  {label:<28} {cr.statistics.mean_interval(returns)}")
         if result.out_of_memory.any():
             print(f"  the memory was full after {result.steps_used.min():,} steps")
     draw(path, results, seeds, size, sources["chase"].steps_used[0])

@@ -11,17 +11,12 @@ from curricle.statistics.hypothesis_tests import (
     probability_of_improvement,
     sign_flip_test,
 )
-from curricle.statistics.intervals import bootstrap, interquartile_mean, stratified_bootstrap
 from curricle.statistics.sequential import add_seeds
 from curricle.statistics.thresholds import Times
 
 SCORES = st.integers(-8, 8).map(float)  # few different ones, hence ties
 ARMS = hnp.arrays(np.float64, st.integers(1, 9), elements=SCORES)
-TASKS = hnp.arrays(
-    np.float64, st.tuples(st.integers(1, 6), st.integers(1, 4)), elements=st.floats(-1e3, 1e3)
-)
 P_VALUES = st.lists(st.floats(0, 1), min_size=1, max_size=8)
-FEW = {"resamples": 50}
 
 
 @st.composite
@@ -31,42 +26,16 @@ def some_times(draw):
     return Times(steps, draw(hnp.arrays(np.bool_, seeds)))
 
 
-# Several tasks
+# One arm
 
 
-@given(TASKS, st.integers(0, 99))
-def test_one_task_is_the_plain_bootstrap(scores, seed):
-    runs = scores[:, 0]
-    stratified = stratified_bootstrap(runs, seed=seed, **FEW)
-    plain = bootstrap(runs, interquartile_mean, seed=seed, **FEW)
-    for name in ("estimate", "low", "high", "n"):
-        np.testing.assert_array_equal(getattr(stratified, name), getattr(plain, name))
-
-
-@given(TASKS, st.randoms(use_true_random=False))
-def test_the_order_of_seeds_and_tasks_changes_no_estimate(scores, random):
-    seeds, tasks = (random.sample(range(n), n) for n in scores.shape)
-    before, after = (
-        stratified_bootstrap(each, **FEW) for each in (scores, scores[seeds][:, tasks])
-    )
-    assert after.estimate == pytest.approx(before.estimate, rel=1e-9, abs=1e-9)
-
-
-@given(TASKS)
-def test_an_array_is_a_list_of_its_tasks(scores):
-    array, tasks = (stratified_bootstrap(each, **FEW) for each in (scores, list(scores.T)))
-    np.testing.assert_array_equal(
-        [array.estimate, array.low, array.high], [tasks.estimate, tasks.low, tasks.high]
-    )
-
-
-@given(TASKS, hnp.arrays(np.float64, 5, elements=SCORES))
+@given(ARMS, hnp.arrays(np.float64, 5, elements=SCORES))
 def test_a_profile_falls_and_knows_no_order_of_seeds(scores, thresholds):
     tau = np.sort(thresholds)
-    profile = performance_profile(scores, tau, **FEW)
+    profile = performance_profile(scores, tau)
     for numbers in (profile.estimate, profile.low, profile.high):
         assert np.isnan(numbers).all() or np.all(np.diff(numbers) <= 1e-12)
-    turned = performance_profile(scores[::-1], tau, **FEW)
+    turned = performance_profile(scores[::-1], tau)
     np.testing.assert_array_equal(turned.estimate, profile.estimate)
 
 
@@ -75,16 +44,16 @@ def test_a_profile_falls_and_knows_no_order_of_seeds(scores, thresholds):
 
 @given(ARMS, ARMS)
 def test_what_one_arm_wins_the_other_loses(a, b):
-    there, back = (probability_of_improvement(*pair, **FEW) for pair in ((a, b), (b, a)))
+    there, back = (probability_of_improvement(*pair) for pair in ((a, b), (b, a)))
     assert there.estimate + back.estimate == pytest.approx(1.0)
     assert 0 <= there.estimate <= 1
 
 
 @given(ARMS, ARMS)
 def test_improvement_knows_only_the_order_of_scores(a, b):
-    plain, bent = (probability_of_improvement(*pair, **FEW) for pair in ((a, b), (a**3, b**3)))
+    plain, bent = (probability_of_improvement(*pair) for pair in ((a, b), (a**3, b**3)))
     assert bent.estimate == plain.estimate
-    turned = probability_of_improvement(a[::-1], b[::-1], **FEW)
+    turned = probability_of_improvement(a[::-1], b[::-1])
     assert turned.estimate == pytest.approx(plain.estimate)
 
 
@@ -144,17 +113,17 @@ def test_the_order_of_seeds_changes_no_time(times, random):
     order = random.sample(range(times.steps.size), times.steps.size)
     turned = Times(times.steps[order], times.reached[order])
     np.testing.assert_array_equal(turned.survival().probabilities, times.survival().probabilities)
-    assert turned.median(**FEW).estimate == times.median(**FEW).estimate
+    assert turned.median().estimate == times.median().estimate
 
 
 @given(some_times())
 def test_waiting_longer_never_shortens_a_time(times):
     longer = Times(times.steps + 5.0 * ~times.reached, times.reached)
-    assert longer.median(**FEW).estimate >= times.median(**FEW).estimate
+    assert longer.median().estimate >= times.median().estimate
     left = times.steps[~times.reached]
     ends = [0.5, float(left.min(initial=12.0))]
     if ends[1] > 0:
-        means = [times.restricted_mean(min(ends[1], each), **FEW).estimate for each in ends]
+        means = [times.restricted_mean(min(ends[1], each)).estimate for each in ends]
         assert means[0] <= means[1] <= ends[1]
 
 

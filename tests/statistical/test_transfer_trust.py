@@ -157,19 +157,19 @@ def saved(scratch, size, guard, steps):
 
 def test_a_source_of_size_3_costs_more_than_20_000_steps_unguarded(scratch):
     """Measured: 55,000 [53,500, 56,100], against 27,100 from scratch."""
-    assert cr.statistics.bootstrap(saved(scratch, 3, None, 150_000).steps).high < -20_000
+    assert cr.statistics.mean_interval(saved(scratch, 3, None, 150_000).steps).high < -20_000
 
 
 def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
     """Measured: 670 [203, 1,163] steps saved.
 
     The 95 % interval of the steps saved includes or exceeds 0. Were guarded learning and learning
-    from scratch exactly alike, it would lie below 0 in 1 of 40 studies (a little more, as bootstrap
-    intervals are short); hence the second bound, 4 % of the 27,100 steps from scratch and 4
-    standard errors below 0, which chance alone breaks in 1 of 30,000.
+    from scratch exactly alike, it would lie below 0 in 1 of 40 studies; hence
+    the second bound, 4 % of the 27,100 steps from scratch and 4 standard errors below 0, which
+    chance alone breaks in 1 of 30,000.
     """
     found = saved(scratch, 3, cr.Guard(), 150_000)
-    interval = cr.statistics.bootstrap(found.steps)
+    interval = cr.statistics.mean_interval(found.steps)
     assert found.missed == 0
     assert interval.high >= 0
     assert interval.estimate > -1000

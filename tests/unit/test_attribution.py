@@ -36,7 +36,7 @@ def test_a_source_with_the_treasure_elsewhere_makes_choices_wrong_at_once():
     assert (found.wrong[0] <= 0).all()
     assert (found.loss[0, 1:5] > 0).any()
     later = cr.comparison.attribute(plan(WRONG_WAY), steps=150, seeds=10)
-    assert later.gain[0].high < 0
+    assert later.gain[0].estimate < 0
     (region,) = later.regions(name)
     assert set(region.states) <= set(range(5))
     assert region.share >= 0.5

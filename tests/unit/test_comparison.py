@@ -85,9 +85,9 @@ def test_measures_are_those_of_the_metrics():
         }
         for measure, values in expected.items():
             assert values.any(), measure
-            interval, wanted = getattr(contrast, measure), cr.statistics.bootstrap(values)
+            interval, wanted = getattr(contrast, measure), cr.statistics.mean_interval(values)
             assert (interval.estimate, interval.low, interval.high) == pytest.approx(
-                (wanted.estimate, wanted.low, wanted.high)
+                (wanted.estimate, wanted.low, wanted.high), nan_ok=True
             ), measure
         np.testing.assert_array_equal(
             found[name].strong_gain(found.scratch), expected["strong_gain"]
@@ -161,7 +161,7 @@ def test_rows_are_a_table():
         ):
             interval = getattr(contrast, measure)
             found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
-            assert found == (interval.estimate, interval.low, interval.high)
+            np.testing.assert_equal(found, (interval.estimate, interval.low, interval.high))
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict
@@ -178,8 +178,8 @@ def test_a_comparison_prints_as_a_table():
     lines = str(BY_HAND).split("\n")
     assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
     assert [line.split()[0] for line in lines[2:]] == ["scratch", "helped", "misled"]
-    assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12 [1.12, 1.12]"]
-    assert lines[3].endswith("3.25 [3.25, 3.25]     no difference shown (p = 1)")
+    assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12"]
+    assert lines[3].endswith("3.25                  no difference shown (p = 1)")
     assert "> 35 (1 never)" in lines[4]
     headings = (
         "steps to threshold",

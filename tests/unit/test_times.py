@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import SettingError
-from curricle.statistics.intervals import bootstrap
+from curricle.statistics.intervals import mean_interval
 from curricle.statistics.thresholds import Times
 
 INF = np.inf
@@ -80,49 +80,35 @@ def test_median_by_hand(steps, median):
 
 
 def test_medians_bounds_by_hand():
-    # In 1/4 of the resamples both seeds are the second, which never arrived; in the rest at least
-    # half are the first.
-    pair = times(10.0, -50.0)
-    assert numbers(pair.median(confidence=0.4)) == (10.0, 10.0, 10.0)
-    assert numbers(pair.median(confidence=0.6)) == (10.0, 10.0, INF)
+    # The median of six lies outside of all six with chance 2 / 64; of eight, outside of the second
+    # to the seventh with chance 18 / 256.
+    six = times(10.0, 20.0, 30.0, 40.0, 50.0, -50.0)
+    assert numbers(six.median()) == (30.0, 10.0, INF)
+    eight = times(10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
+    assert numbers(eight.median(confidence=0.93)) == (40.0, 10.0, 80.0)
+    assert numbers(eight.median(confidence=0.92)) == (40.0, 20.0, 70.0)
+
+
+def test_five_seeds_bound_no_median_at_95_percent():
+    assert numbers(times(10.0, 20.0, 30.0, 40.0, 50.0).median()) == (30.0, 0.0, INF)
+
+
+def test_a_censored_time_bounds_only_from_below():
+    early = times(-5.0, *[100.0 + k for k in range(7)])
+    assert numbers(early.median()) == (103.0, 5.0, INF)
 
 
 def test_median_prints_what_is_infinite():
     few = times(100.0, 200.0, -900.0, -900.0, -900.0, -900.0)
     assert str(few.median()) == "inf [100, inf], 6 seeds"
-    assert str(times(-900.0, -900.0).median()) == "inf [inf, inf], 2 seeds"
+    assert str(times(-900.0, -900.0).median()) == "inf [0.0, inf], 2 seeds"
     assert str(times(-900.0).median()) == "inf, 1 seed (no interval)"
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_medians_bounds_are_those_of_resampled_curves(seed):
-    sample = random_times(seed)
-    rng, drawn = np.random.default_rng(0), []
-    for chosen in rng.integers(12, size=(200, 12)):
-        curve = Times(sample.steps[chosen], sample.reached[chosen]).survival()
-        below = curve.quantiles[curve.probabilities <= 0.5 + 1e-9]
-        drawn.append(below[0] if below.size else INF)
-    expected = np.sort(drawn)[[4, 194]]  # the 5th and the 195th of 200
-    interval = sample.median(resamples=200, seed=0)
-    assert [interval.low, interval.high] == expected.tolist()
-
-
-def test_median_of_all_arrived_is_near_the_bootstrap_of_a_median():
-    steps = np.random.default_rng(4).uniform(100, 200, size=25)
-    ours = Times(steps, np.full(25, True)).median(seed=2)
-    usual = bootstrap(steps, np.median, seed=2)  # 25 is odd: the same medians
-    assert ours.estimate == usual.estimate
-    assert (ours.low, ours.high) == (
-        pytest.approx(usual.low, 0.01),
-        pytest.approx(usual.high, 0.01),
-    )
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"confidence": 95}, "confidence must be between 0 and 1: got 95"),
-        ({"resamples": 0}, "resamples must be a whole number, at least 1: got 0"),
     ],
 )
 def test_median_and_restricted_mean_refuse(settings, message):
@@ -142,10 +128,14 @@ def test_restricted_mean_by_hand():
     assert sample.restricted_mean().estimate == 525.0  # each for as long as it was followed
 
 
-def test_restricted_mean_is_the_bootstrap_of_the_minima():
+def test_restricted_mean_is_the_mean_of_the_minima():
     sample = times(200.0, 400.0, -900.0, 500.0)
-    scratch = bootstrap([200.0, 400.0, 450.0, 450.0], seed=3)
-    assert numbers(sample.restricted_mean(450.0, seed=3)) == numbers(scratch)
+    plain = mean_interval([200.0, 400.0, 450.0, 450.0])
+    assert numbers(sample.restricted_mean(450.0)) == (plain.estimate, plain.low, 450.0)
+
+
+def test_restricted_mean_stays_from_0_to_the_horizon():
+    assert numbers(times(10.0, 900.0).restricted_mean(1000.0)) == (455.0, 0.0, 1000.0)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -12,7 +12,12 @@ from curricle.comparison.arms import Arm
 from curricle.errors import CurriculumError
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import holm, probability_of_improvement, sign_flip_test
-from curricle.statistics.intervals import Interval, bootstrap, interquartile_mean, paired_difference
+from curricle.statistics.intervals import (
+    Interval,
+    interquartile_interval,
+    mean_interval,
+    paired_difference,
+)
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 
@@ -115,7 +120,7 @@ class Comparison:
     def mean_return(self, name: str) -> Interval:
         """Return the interquartile mean over seeds of an arm's area under the strong curve."""
         values = mean_return(self[name].charged(self.scratch))
-        return bootstrap(values, interquartile_mean)
+        return interquartile_interval(values)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -139,11 +144,11 @@ class Comparison:
         strong, whole = arm.charged(scratch), scratch.curve
         saved = partial(steps_saved, threshold=self.threshold, window=self.window)
         return Contrast(
-            jumpstart=bootstrap(jumpstart(base, weak)),
-            weak_steps_saved=bootstrap(saved(base, weak)),
-            strong_steps_saved=bootstrap(saved(whole, strong)),
+            jumpstart=mean_interval(jumpstart(base, weak)),
+            weak_steps_saved=mean_interval(saved(base, weak)),
+            strong_steps_saved=mean_interval(saved(whole, strong)),
             weak_gain=paired_difference(mean_return(weak), mean_return(base)),
-            strong_gain=bootstrap(arm.strong_gain(scratch)),
+            strong_gain=mean_interval(arm.strong_gain(scratch)),
             asymptotic_gain=paired_difference(
                 asymptotic_performance(strong), asymptotic_performance(whole)
             ),

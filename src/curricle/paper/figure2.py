@@ -57,7 +57,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
         caption="Left: the maze (start lower left), step reward -5. Right: mean over "
-        f"{seeds} seeds with 95 % bootstrap bands, moving mean of 10 checkpoints.",
+        f"{seeds} seeds with 95 % bands, moving mean of 10 checkpoints.",
         figure=figure,
         tables={"figure2": runs.curve_table({"scratch": scratch.curve, "transfer": curve})},
         claims=_claims(optimal, path, scratch, curve),

@@ -167,7 +167,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
         caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with "
-        "95 % bootstrap bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
+        "95 % bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
         "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
         "return of the training episodes on 5x5. Source steps are not counted here; the data and "
         "the evidence hold them. Returns below -10 are drawn on a logarithmic scale.",

@@ -70,7 +70,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         title="Reward hacking: a bonus is not a potential",
         caption="The same hint, 'being near the treasure is good', added to the reward as a "
         "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
-        f"{seeds} seeds with 95 % bootstrap bands.",
+        f"{seeds} seeds with 95 % bands.",
         figure=figure,
         tables={"hacking": curve_table(curves)},
         claims=(

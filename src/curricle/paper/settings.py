@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
 from curricle.plotting import COLOURS
-from curricle.statistics import Interval, bootstrap
+from curricle.statistics import Interval, mean_interval
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
 
@@ -72,8 +72,8 @@ def answer(holds: Any) -> Verdict:
 
 
 def over_seeds(values: npt.ArrayLike) -> Interval:
-    """Return the mean over seeds, (K,), with its 95 % bootstrap interval."""
-    return bootstrap(np.asarray(values, dtype=np.float64))
+    """Return the mean over seeds, (K,), with Student's 95 % interval."""
+    return mean_interval(np.asarray(values, dtype=np.float64))
 
 
 def whiskers(interval: Interval) -> list[list[Any]]:

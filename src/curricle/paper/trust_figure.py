@@ -46,7 +46,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         caption="Top left: where learning will start with each aggregate, predicted from 2 seeds "
         "of the sources before any training in the target, 5x5. Top middle and right: return of "
         f"the training episodes, {seeds} seeds (7x7: {min(seeds, LARGE_SEEDS)}), means with 95 % "
-        "bootstrap bands; the episodes of a calibration come first and count. Bottom left: mean "
+        "bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
         "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
         "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "

@@ -177,7 +177,7 @@ def _draw_collapse(
     for axes in grid[0]:
         steps_scale(axes, times[-1], "target steps")
     n = len(whole.seeds)
-    bands = f"{n} seeds: means with nominal pointwise 95 % percentile bootstrap intervals"
+    bands = f"{n} seeds: means with Student's nominal pointwise 95 % intervals"
     caption(
         figure,
         f"{bands if n > 1 else 'One seed: no intervals'}. Right: every action with the highest "

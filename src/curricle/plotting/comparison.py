@@ -27,7 +27,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     Left, the mean curve of each arm over target and source steps, dotted while it trains its
     sources. Middle, the share of its runs whose final return is above tau. Right, its mean return
     above that of the scratch baseline; the list of arms there is the legend of all three. Each
-    with 95 % bootstrap intervals over seeds.
+    with 95 % intervals over seeds.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     tau = np.unique([*axes.get_xlim(), *ends])
     own = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
-        share = performance_profile(final[name], tau, resamples=1000)
+        share = performance_profile(final[name], tau)
         left -= not style.control
         # Later lines are thinner, so that none hides one below it.
         width = 1.2 + (0.0 if style.control else 2 * left / own)
@@ -128,8 +128,8 @@ def _words(comparison: Comparison) -> str:
     tests = f"adjusted for {n} arms by Holm's rule" if n > 1 else "of one arm"
     if seeds > 1:
         how = (
-            f"{seeds} seeds; bands and bars are nominal 95 % percentile bootstrap intervals over "
-            "seeds, pointwise for curves and profiles."
+            f"{seeds} seeds; bands and bars are nominal 95 % intervals over seeds, Student's for "
+            "means and Wilson's for shares, pointwise for curves and profiles."
         )
         sure = (
             f"; p values of a sign-flip test of the paired differences, {tests}; filled where "

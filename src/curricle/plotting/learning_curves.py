@@ -12,7 +12,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
-from curricle.statistics.intervals import bootstrap
+from curricle.statistics.intervals import mean_interval
 
 
 def draw_curve(
@@ -25,7 +25,7 @@ def draw_curve(
     strong: bool = False,
     dashes: Any = "-",
 ) -> None:
-    """Draw the mean over seeds with its 95 % bootstrap band.
+    """Draw the mean over seeds with Student's 95 % band.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def draw_curve(
     shade = COLOURS.get(colour, colour)
     axes.plot(steps, values.mean(axis=0), linestyle=dashes, color=shade, label=label, lw=1.5)
     if len(values) > 1:
-        band = bootstrap(values, resamples=1000)
+        band = mean_interval(values)
         axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
 
 
@@ -64,7 +64,7 @@ def draw_learning_curves(
     """Return two figures of the arms' learning curves with one scale of return.
 
     First weak transfer, over target steps up to the budget of the target; then strong transfer,
-    over all steps, dotted while an arm trains its sources. Means over seeds with 95 % bootstrap
+    over all steps, dotted while an arm trains its sources. Means over seeds with Student's 95 %
     bands. There is no legend: :func:`arm_styles` gives the colours.
 
     Parameters

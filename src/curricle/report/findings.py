@@ -92,7 +92,7 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     ...         "mean": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
     >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
     >>> found.verdict, found.sentences[0]
-    ('pays', '+1.50...[1.50,...1.50] mean return over all 100 steps, its 50 source steps ...')
+    ('pays', '+1.50 mean return over all 100 steps, its 50 source steps counted (p...')
     """
     rows = {row["arm"]: row for row in comparison.rows()}
     names = [name for name in comparison.arms if name != SCRATCH]

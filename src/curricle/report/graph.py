@@ -14,7 +14,7 @@ from curricle.learning.budget import ended_by
 from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus, rounded
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import bootstrap
+from curricle.statistics.intervals import mean_interval
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
@@ -295,8 +295,9 @@ def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     for _, one in kept:
         n = len(one.steps)
         place = np.unique(np.linspace(0, n - 1, min(n, CURVE_POINTS)).round().astype(int))
-        band = bootstrap(one.greedy_return[:, place], resamples=500)
-        curves.append((one.steps[place], np.array([band.estimate, band.low, band.high])))
+        band = mean_interval(one.greedy_return[:, place])
+        drawn = np.array([band.estimate, band.low, band.high])
+        curves.append((one.steps[place], np.where(np.isnan(drawn), drawn[0], drawn)))
     low = min(float(np.nanmin(values)) for _, values in curves)
     high = max(float(np.nanmax(values)) for _, values in curves)
     last = max(int(steps[-1]) for steps, _ in curves) or 1

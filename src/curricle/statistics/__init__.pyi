@@ -7,10 +7,10 @@ from .hypothesis_tests import (
 )
 from .intervals import (
     Interval as Interval,
-    bootstrap as bootstrap,
+    interquartile_interval as interquartile_interval,
     interquartile_mean as interquartile_mean,
+    mean_interval as mean_interval,
     paired_difference as paired_difference,
-    stratified_bootstrap as stratified_bootstrap,
 )
 from .metrics import (
     asymptotic_performance as asymptotic_performance,

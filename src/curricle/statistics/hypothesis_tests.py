@@ -11,22 +11,23 @@ multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import permutation_test
+from scipy.optimize import brentq
+from scipy.stats import norm, permutation_test
 
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
+    CONFIDENCE,
+    ROUNDING,
     Interval,
-    by_task,
+    check_confidence,
     check_each,
-    draw_counts,
-    percentiles,
-    resample,
+    frozen,
     vector,
 )
 
@@ -35,32 +36,27 @@ EXACT = 14
 
 
 def performance_profile(
-    scores: npt.ArrayLike | Sequence[npt.ArrayLike],
-    thresholds: npt.ArrayLike,
-    *,
-    confidence: float = 0.95,
-    resamples: int = 2000,
-    seed: int = 0,
+    scores: npt.ArrayLike, thresholds: npt.ArrayLike, *, confidence: float = CONFIDENCE
 ) -> Interval:
-    """Return the share of runs that score above each threshold, with stratified bootstrap bands.
+    """Return the share of runs that score above each threshold, with Wilson's score interval.
 
-    share_l = (number of runs km with x_km > tau_l) / (number of runs), where x_km is seed k on task
-    m. As in :func:`stratified_bootstrap`, seeds are resampled within each task.
+    share_l = (number of seeds k with x_k > tau_l) / K. The bounds are the shares p for which
+    ``|share - p| = z sqrt(p (1 - p) / K)``.
 
     Parameters
     ----------
-    scores : (K,) or (K, M) float64 array, or a list or tuple of M arrays (K_m,)
-        K seeds of M tasks, in a unit that is comparable across tasks; may be infinite. A NaN
-        makes the result NaN.
+    scores : (K,) float64
+        One run for each of K seeds; may be infinite. A NaN makes the result NaN.
     thresholds : (L,) float64
         tau, in the unit of the scores.
-    confidence, resamples, seed
-        As in :func:`bootstrap`.
+    confidence : float
+        Between 0 and 1.
 
     Returns
     -------
     Interval
-        Arrays (L,) from 0 to 1, each threshold with an interval of its own.
+        Arrays (L,) from 0 to 1, each threshold with an interval of its own. It has a width where no
+        run or every run is above a threshold too. The bounds of a single seed are NaN.
 
     Raises
     ------
@@ -69,47 +65,53 @@ def performance_profile(
 
     Notes
     -----
-    Where no run or every run is above a threshold the band has no width, since all resamples are
-    alike. The true share may still be inside (0, 1).
+    A share of K runs is discrete, so coverage depends on the true share: at a nominal 95 % it is 95
+    % on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
 
     References
     ----------
-    Agarwal et al., section 4.3; Dolan and Moré, Mathematical Programming 91, 2002.
+    Agarwal et al., section 4.3; Wilson, Journal of the American Statistical Association 22, 1927;
+    Brown, Cai and DasGupta, Statistical Science 16, 2001.
 
     Examples
     --------
-    >>> performance_profile([0.1, 0.4, 0.6, 0.9], [0.0, 0.5, 0.8]).estimate
-    array([1.  , 0.5 , 0.25])
+    >>> profile = performance_profile([0.1, 0.4, 0.6, 0.9], [0.0, 0.5, 0.8])
+    >>> profile.estimate, profile.low.round(2)
+    (array([1.  , 0.5 , 0.25]), array([0.51, 0.15, 0.05]))
     """
-    runs, sizes = by_task(scores)
-    tau = vector("thresholds", thresholds, "L")
+    runs, tau = vector("scores", scores), vector("thresholds", thresholds, "L")
     if np.isnan(tau).any():
         raise SettingError(f"thresholds must be numbers: threshold {np.isnan(tau).argmax()} is nan")
-    column = runs[:, np.newaxis]
-    above = np.where(np.isnan(column), np.nan, column > tau)
-    return resample(above, sizes, np.mean, confidence, resamples, seed)
+    check_confidence(confidence)
+    share = np.mean(runs[:, np.newaxis] > tau, axis=0)
+    if np.isnan(runs).any():
+        share = np.full(tau.size, np.nan)
+    n, z = runs.size, norm.ppf((1 + confidence) / 2)
+    middle = (share + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z * np.sqrt(share * (1 - share) / n + (z / (2 * n)) ** 2) / (1 + z**2 / n)
+    if n == 1:
+        half = np.full(tau.size, np.nan)
+    low, high = np.clip([middle - half, middle + half], 0.0, 1.0)
+    return Interval(frozen(share), frozen(low), frozen(high), confidence, n)
 
 
 def probability_of_improvement(
-    a: npt.ArrayLike,
-    b: npt.ArrayLike,
-    *,
-    confidence: float = 0.95,
-    resamples: int = 2000,
-    seed: int = 0,
+    a: npt.ArrayLike, b: npt.ArrayLike, *, confidence: float = CONFIDENCE
 ) -> Interval:
-    """Return the probability that a run of a beats a run of b, with its bootstrap interval.
+    """Return the probability that a run of a beats a run of b, with Newcombe's score interval.
 
     P(a > b) + P(a = b) / 2 = mean_ij ([a_i > b_j] + [a_i = b_j] / 2) over all pairs of runs: the
-    Mann-Whitney U over the number of pairs. Seeds of both arms are resampled independently.
+    Mann-Whitney U over the number of pairs. The bounds are the probabilities p for which
+    ``|estimate - p| = z sqrt(v(p))`` with the variance that U has if the scores are exponential:
+    v(p) = p (1 - p) (1 + (N - 1) ((1 - p) / (2 - p) + p / (1 + p))) / (K_a K_b), N = (K_a + K_b) /
+    2.
 
     Parameters
     ----------
     a, b : (K,) float64
-        Larger is better; may be infinite. The arms need not share seeds and may differ in K. A NaN
-        makes the result NaN.
-    confidence, resamples, seed
-        As in :func:`bootstrap`.
+        Larger is better; may be infinite. The arms may differ in K. A NaN makes the result NaN.
+    confidence : float
+        Between 0 and 1.
 
     Raises
     ------
@@ -118,25 +120,46 @@ def probability_of_improvement(
 
     Notes
     -----
-    This is how often a beats b (1/2 if neither is ahead), not by how much. If every run of one arm
-    beats every run of the other the interval has no width, since all resamples are alike.
+    This is how often a beats b (1/2 if neither is ahead), not by how much. The interval has a width
+    even if every run of one arm beats every run of the other. Runs of matched seeds that rise and
+    fall together make it too wide, and arms whose spreads differ by a factor of 5 too short; docs/
+    trust.md has a table. With a single seed there is no interval.
 
     References
     ----------
-    Mann and Whitney, Annals of Mathematical Statistics 18, 1947; Agarwal et al., section 4.3.
+    Mann and Whitney, Annals of Mathematical Statistics 18, 1947; Newcombe, "Confidence intervals
+    for an effect size measure based on the Mann-Whitney statistic, part 2", Statistics in Medicine
+    25, 2006, method 5; Agarwal et al., section 4.3.
 
     Examples
     --------
     >>> print(probability_of_improvement([3.0, 5.0, 7.0, 9.0], [4.0, 5.0, 6.0]))
-    0.62 [0.17, 1.00], 3 seeds
+    0.62 [0.24, 0.90], 3 seeds
+    >>> print(probability_of_improvement([3.0, 5.0, 7.0], [0.0, 1.0, 2.0]))
+    1.00 [0.50, 1.00], 3 seeds
     """
     first, second = vector("a", a), vector("b", b)
     row, column = second, first[:, np.newaxis]
     wins = np.where(np.isnan(column) | np.isnan(row), np.nan, (column > row) + (column == row) / 2)
-    counts = draw_counts(wins.shape, resamples, seed)
-    of_a, of_b = counts[:, : first.size], counts[:, first.size :]
-    draws = (of_a @ wins * of_b).sum(axis=1) / wins.size
-    return percentiles(wins.mean(), draws, confidence, min(wins.shape))
+    check_confidence(confidence)
+    share, n = float(wins.mean()), min(wins.shape)
+    if n == 1 or math.isnan(share):
+        return Interval(share, math.nan, math.nan, confidence, n)
+    z = float(norm.ppf((1 + confidence) / 2))
+    low, other = (_lower_probability(p, first.size, second.size, z) for p in (share, 1 - share))
+    return Interval(share, low, 1 - other, confidence, n)
+
+
+def _lower_probability(share: float, n_a: int, n_b: int, z: float) -> float:
+    """Return the smallest p from which a share is z standard errors away (Newcombe 2006)."""
+
+    def excess(p: float) -> float:
+        between = (1 - p) / (2 - p) + p / (1 + p)
+        variance = p * (1 - p) * (1 + ((n_a + n_b) / 2 - 1) * between) / (n_a * n_b)
+        return share - p - z * math.sqrt(variance)
+
+    # Where the share is 1, p = 1 is a root too, but not the smallest.
+    return float(brentq(excess, 0.0, min(share, 1 - ROUNDING))) if share > 0 else 0.0
 
 
 def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed: int = 0) -> float:

@@ -10,18 +10,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import CensoredData, ecdf
+from scipy.stats import CensoredData, ecdf, quantile_test
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.statistics.curves import Curve, require_pair, smooth
 from curricle.statistics.intervals import (
+    CONFIDENCE,
     Interval,
-    bootstrap,
+    check_confidence,
     check_each,
-    draw_rows,
-    percentiles,
+    mean_interval,
 )
 
 ROUNDING = 1e-9
@@ -94,58 +94,57 @@ class Times:
         """
         return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
 
-    def median(self, *, confidence: float = 0.95, resamples: int = 2000, seed: int = 0) -> Interval:
-        """Return the median time with its bootstrap interval, in steps.
+    def median(self, *, confidence: float = CONFIDENCE) -> Interval:
+        """Return the median time with the interval of the sign test, in steps.
 
-        min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays above. Each seed
-        is resampled together with whether it reached the threshold. `confidence`, `resamples` and
-        `seed` are those of :func:`bootstrap`.
+        The estimate is min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays
+        above. The bounds are the two order statistics of the times between which the median lies
+        with at least the stated probability, whatever the distribution. A censored time counts as
+        its observed steps for the lower bound and as infinite for the upper one. Five seeds or
+        fewer bound no median at 95 %: from 0 to infinity.
 
         Raises
         ------
         SettingError
-            If a setting is out of range.
+            If `confidence` is out of range.
 
         References
         ----------
-        Efron, "Censored data and the bootstrap", Journal of the American Statistical Association
-        76, 1981.
+        Thompson, Annals of Mathematical Statistics 7, 1936; ``scipy.stats.quantile_test``.
 
         Examples
         --------
-        >>> reached = np.array([True, True, True, False])
-        >>> print(Times(np.array([100.0, 200.0, 300.0, 500.0]), reached).median())
-        200 [100, inf], 4 seeds
+        >>> reached = np.array([True] * 7 + [False])
+        >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
+        400 [100, inf], 8 seeds
         """
+        check_confidence(confidence)
         k = self.steps.size
-        drawn = [
-            Times(self.steps[rows], self.reached[rows])._median()
-            for rows in draw_rows([k], resamples, seed)
-        ]
-        estimate = np.array(self._median())
-        return percentiles(estimate, np.array(drawn), confidence, k, "inverted_cdf")
+        if k == 1:
+            return Interval(self._median(), np.nan, np.nan, confidence, 1)
+        latest = np.where(self.reached, self.steps, np.inf)
+        low = quantile_test(self.steps).confidence_interval(confidence).low
+        high = quantile_test(latest).confidence_interval(confidence).high
+        if np.isnan(low):  # too few seeds
+            low, high = 0.0, np.inf
+        return Interval(self._median(), float(low), float(high), confidence, k)
 
     def restricted_mean(
-        self,
-        horizon: float | None = None,
-        *,
-        confidence: float = 0.95,
-        resamples: int = 2000,
-        seed: int = 0,
+        self, horizon: float | None = None, *, confidence: float = CONFIDENCE
     ) -> Interval:
-        """Return the mean time within a horizon with its bootstrap interval, in steps.
+        """Return the mean time within a horizon with Student's interval, in steps.
 
         mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
         By default each seed counts with its observed steps: the mean time if all seeds reached the
-        threshold, else a lower bound of it.
+        threshold, else a lower bound of it. The bounds are kept from 0 to the horizon.
 
         Parameters
         ----------
         horizon : float, optional
             Above 0, at most the observed steps of any censored seed. Arms are comparable only
             within the same horizon.
-        confidence, resamples, seed
-            As in :func:`bootstrap`.
+        confidence : float
+            Between 0 and 1.
 
         Raises
         ------
@@ -161,7 +160,7 @@ class Times:
         --------
         >>> times = Times(np.array([200.0, 400.0, 900.0]), np.array([True, True, False]))
         >>> print(times.restricted_mean(600.0))
-        400 [200, 600], 3 seeds
+        400 [0, 600], 3 seeds
         """
         within = self.steps
         if horizon is not None:
@@ -175,7 +174,9 @@ class Times:
                     f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
                 )
             within = np.minimum(self.steps, horizon)
-        return bootstrap(within, confidence=confidence, resamples=resamples, seed=seed)
+        found = mean_interval(within, confidence=confidence)
+        low, high = np.clip([found.low, found.high], 0.0, horizon)
+        return Interval(found.estimate, float(low), float(high), confidence, found.n)
 
     def _median(self) -> float:
         curve = self.survival()

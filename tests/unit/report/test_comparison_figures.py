@@ -22,9 +22,9 @@ from .studies import caption_of, labelled, texts_of
 STEPS = np.arange(0, 101, 10)
 
 
-def arm(values, source_steps=0, control=False, seeds=4):
-    """An arm whose seeds lie 0, 1, 2, ... above the given curve."""
-    rows = np.broadcast_to(values, STEPS.shape) + np.arange(seeds)[:, np.newaxis]
+def arm(values, source_steps=0, control=False, seeds=4, spread=1.0):
+    """An arm whose seeds lie 0, 1, 2, ... times the spread above the given curve."""
+    rows = np.broadcast_to(values, STEPS.shape) + spread * np.arange(seeds)[:, np.newaxis]
     flat = np.zeros(rows.shape)
     return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), flat, flat, control)
 
@@ -95,7 +95,8 @@ def test_a_profile_steps_down_where_a_run_ends():
 
 
 def test_gains_have_a_row_each_with_interval_and_p():
-    found = comparison()
+    placebo = arm(-5.0, 20, control=True, spread=3.0)
+    found = comparison(**{"mean": arm(10.0, 20, spread=2.0), "mean, placebo": placebo})
     axes = draw_comparison(found).axes[2]
     assert [label.get_text() for label in axes.get_yticklabels()] == [
         "scratch",
@@ -121,7 +122,7 @@ def test_significant_gains_are_filled():
 
 def test_the_caption_says_seeds_intervals_and_correction():
     words = caption_of(draw_comparison(comparison()))
-    for part in ("4 seeds", "95 % percentile bootstrap", "2 arms by Holm", "controls"):
+    for part in ("4 seeds", "nominal 95 % intervals", "2 arms by Holm", "controls"):
         assert part in words
     alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "mean")}, 80, 100, 7.5, 1)
     words = caption_of(draw_comparison(alone))

@@ -15,9 +15,10 @@ from .studies import Reader
 
 
 def line(height, source=0, seeds=8, control=False):
-    """An arm of constant height, the same in all seeds but for a little."""
+    """An arm of constant height; seeds differ a little, from arm to arm by another amount."""
     steps = np.arange(0, 101, 10)
-    values = np.full((seeds, 11), float(height)) + 0.01 * np.arange(seeds)[:, None]
+    values = np.full((seeds, 11), float(height)) + 0.01 * (height + np.arange(seeds)[:, None])
+    values += 0.001 * height * np.arange(seeds)[:, None]
     return Arm(Curve(steps, values, np.full(seeds, source)), values, values, control)
 
 

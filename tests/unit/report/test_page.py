@@ -105,7 +105,7 @@ def test_both_axes_have_one_scale_and_all_arms(pursuit):
 
 def test_captions_name_method_and_seeds(pages):
     words = Reader(pages["pursuit"]).words
-    assert "mean over 8 seeds; bands: pointwise 95 % percentile bootstrap intervals".replace(
+    assert "mean over 8 seeds; bands: Student’s pointwise 95 % intervals".replace(
         "95 %", "95\xa0%"
     ) in words.replace("95 %", "95\xa0%")
 
