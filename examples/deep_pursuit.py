@@ -55,9 +55,8 @@ def main():
     ):
         returns = result.greedy_return
         print(f"{name}: {returns[:, 0].mean():.1f} after {spent:,} steps")
-        print(
-            f"  then {cr.statistics.mean_interval(returns[:, -1])} after {spent + result.steps[-1]:,}"
-        )
+        end = cr.statistics.mean_interval(returns[:, -1])
+        print(f"  then {end} after {spent + result.steps[-1]:,}")
 
 
 if __name__ == "__main__":
