@@ -22,12 +22,14 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
     tables[1][~mdp.terminal] += learner.initial_value
     draw = random_bits(stream_start(seed, ""))
     mean, variance, seen, acted = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+    squares = [0.0, 0.0]
     ahead = acting = 1
     share, fresh, episodes, returns = guard.share, True, 0, []
     training, guard_share, counts = [math.nan], [share], [0]
     for step in range(1, steps + 1):
         if fresh:
             state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
+            discounted, weight = 0.0, 1.0
         bits = next(draw)
         if (bits >> 32) / 2**32 < learner.epsilon:
             action = integers(bits, n_actions)
@@ -41,20 +43,29 @@ def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0
             target = reward + (0.0 if ended else gamma * q[after].max())
             q[state, action] += rate * (target - q[state, action])
         length, total, state = length + 1, total + reward, after
+        discounted, weight = discounted + weight * reward, weight * gamma
         fresh = ended or length >= limit
         if fresh:
             episodes += 1
             returns.append(total)
             part = max(1.0 / guard.memory, 1.0 / (seen[acting] + 1.0))
-            surprise = total - mean[acting]
+            surprise = discounted - mean[acting]
             mean[acting] += part * surprise
             variance[acting] = (1.0 - part) * (variance[acting] + part * surprise * surprise)
+            squares[acting] = (1.0 - part) * (1.0 - part) * squares[acting] + part * part
             seen[acting] += 1.0
             if min(seen) >= MIN_EPISODES:
                 gap = mean[1] - mean[0]
                 ahead = 1 if gap >= 0.0 else 0
-                error = (variance[0] + variance[1]) * (1.0 / guard.memory)
-                if gap * gap > guard.standard_errors * guard.standard_errors * error:
+                freedoms = [1.0 / one - 1.0 for one in squares]
+                first, second = (v / n for v, n in zip(variance, freedoms, strict=True))
+                both, z = first + second, guard.standard_errors
+                freedom = 1.0
+                if both > 0.0:
+                    of = first / both
+                    freedom = 1.0 / (of * of / freedoms[0] + (1 - of) * (1 - of) / freedoms[1])
+                z = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
+                if gap * gap > both * freedom * math.expm1(z * z / freedom):
                     share += guard.pace * (
                         (1.0 - guard.min_share if ahead else guard.min_share) - share
                     )
