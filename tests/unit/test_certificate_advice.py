@@ -105,7 +105,7 @@ def test_a_changing_potential_is_compared_as_it_ends_and_checked_in_time():
 )
 def test_a_changing_potential_that_forgets_the_time_is_not_called_safe(change):
     class Forgetful(cr.StatePotential):
-        def shaping_reward(self, state, next_state, *, step=0):
+        def shaping_reward(self, state, next_state, *, step=0, terminated=None):
             now = self.at(step)
             return 0.9 * now[next_state] - now[state]  # Phi(s', t) in place of Phi(s', t + 1)
 
@@ -117,9 +117,9 @@ def test_a_changing_potential_that_forgets_the_time_is_not_called_safe(change):
 
 def test_a_changing_potential_is_checked_all_the_time_that_it_changes():
     class Tiring(cr.StatePotential):
-        def shaping_reward(self, state, next_state, *, step=0):
+        def shaping_reward(self, state, next_state, *, step=0, terminated=None):
             when = step if step < 50_000 else 50_000
-            return super().shaping_reward(state, next_state, step=when)
+            return super().shaping_reward(state, next_state, step=when, terminated=terminated)
 
     weight = cr.learning.linear(1.0, 0.0, steps=100_000)
     assert certify(MAZE, cr.StateShaping(cr.StatePotential(MAZE, PHI, weight=weight)))

@@ -80,17 +80,8 @@ def _of_states(
         here = shaping.last_values()[states]
         return here, shaping.discount * here[:, 1:] - here[:, :-1], rollouts.length
     here = phi.at()[states]
-    f = phi.shaping_reward(states[:, :-1], states[:, 1:])
-    return here, _zero_at_ends(shaping, rollouts, here, f), rollouts.length
-
-
-def _zero_at_ends(
-    shaping: CheckedShaping, rollouts: RandomRollouts, phi: FloatArray, f: FloatArray
-) -> FloatArray:
-    """Return F with Phi = 0 at ends that only reaching them reveals, as in learning."""
-    if generative_model(shaping.task).terminal is None:
-        return np.where(rollouts.ending, -phi[:, :-1], f)
-    return f
+    f = phi.shaping_reward(states[:, :-1], states[:, 1:], terminated=rollouts.ending)
+    return here, f, rollouts.length
 
 
 def _of_pairs(
@@ -107,7 +98,8 @@ def _of_pairs(
     discount, phi = shaping.task_discount, shaping.potential
     if isinstance(phi, StateActionPotential):
         f = np.zeros(a.shape)
-        f[:, :-1] = phi.look_ahead(s[:, :-2], a[:, :-1], s[:, 1:-1], a[:, 1:])
+        ended = rollouts.ending[:, :-1]
+        f[:, :-1] = phi.look_ahead(s[:, :-2], a[:, :-1], s[:, 1:-1], a[:, 1:], terminated=ended)
     else:
         f = discount * here[:, 1:] - here[:, :-1]
     last = shaping.end_values()[s[:, 1:]] if shaping.is_array else np.zeros(a.shape)
@@ -170,8 +162,8 @@ def in_time(shaping: CheckedShaping, seed: int) -> Sampled:
             moment = int(begin[k] + t)
             here[k, t] = phi.at(moment)[s[t]]
             if t < rollouts.length[k]:
-                f[k, t] = phi.shaping_reward(s[t], s[t + 1], step=moment)
-    f = _zero_at_ends(shaping, rollouts, here, f)
+                ended = rollouts.ending[k, t]
+                f[k, t] = phi.shaping_reward(s[t], s[t + 1], step=moment, terminated=ended)
     return _check_sums(shaping, rollouts, here, f, rollouts.length)
 
 

@@ -1,7 +1,9 @@
 """Potentials: estimates of the values of states, or of state-action pairs, before learning.
 
-They are 0 in terminal states by construction (Grzes 2017): a terminal potential would change the
-optimal policy. The discount is the task's; there is no second one.
+They are 0 where an episode has ended (Grzes 2017): a potential there would change the optimal
+policy. Values at terminal states are replaced by 0 where the task knows these beforehand. Where
+only its steps tell (a :class:`ComputedMDP`, a live task), what reads a potential is told whether an
+episode has ended. The discount is the task's; there is no second one.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +33,8 @@ class StatePotential:
     task : Task
         The task to be shaped.
     values : (S,) or (M, S) float array
-        Phi, or M of them in turn. Values at terminal states are replaced by 0.
+        Phi, or M of them in turn. Values at terminal states are replaced by 0, where the task knows
+        these beforehand.
     frame_steps : (M,) int array, optional
         The step of learning from which each holds; the first must be 0.
     weight : float or Schedule
@@ -83,12 +86,32 @@ class StatePotential:
         return np.asarray(self.weight(step) * self.values[current])
 
     def shaping_reward(
-        self, state: npt.ArrayLike, next_state: npt.ArrayLike, *, step: int = 0
+        self,
+        state: npt.ArrayLike,
+        next_state: npt.ArrayLike,
+        *,
+        step: int = 0,
+        terminated: npt.ArrayLike | None = None,
     ) -> FloatArray:
-        """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, in the shape of the states."""
+        """Return F = gamma Phi(s', t + 1) - Phi(s, t), t = `step`, in the shape of the states.
+
+        Parameters
+        ----------
+        state, next_state : int array
+        step : int
+        terminated : bool array, optional
+            Whether the episode ended in s', so that Phi(s') is 0. It may be left out where the task
+            knows its terminal states.
+
+        Raises
+        ------
+        PotentialError
+            When it is left out in another task.
+        """
         discount = generative_model(self.task).discount
-        here, there = np.asarray(state), np.asarray(next_state)
-        return np.asarray(discount * self.at(step + 1)[there] - self.at(step)[here])
+        here = self.at(step)[np.asarray(state)]
+        there = _ended(self.task, terminated, self.at(step + 1)[np.asarray(next_state)])
+        return np.asarray(discount * there - here)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +123,7 @@ class StateActionPotential:
     task : Task
         The task to be shaped.
     values : (S, A) float array
-        phi. Values at terminal states are replaced by 0.
+        phi. Values at terminal states are replaced by 0, where the task knows these beforehand.
 
     Raises
     ------
@@ -138,7 +161,7 @@ class StateActionPotential:
         return float(self.values.max())
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
-        """Return scale phi(s, a) + shift, 0 at terminal states; it keeps the optimum."""
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
         return replace(self, values=scale * self.values + shift)
 
     def to_state(self) -> StatePotential:
@@ -151,11 +174,17 @@ class StateActionPotential:
         action: npt.ArrayLike,
         next_state: npt.ArrayLike,
         next_action: npt.ArrayLike,
+        *,
+        terminated: npt.ArrayLike | None = None,
     ) -> FloatArray:
-        """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003)."""
+        """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003).
+
+        `terminated` is as for :meth:`StatePotential.shaping_reward`.
+        """
         phi, discount = self.values, generative_model(self.task).discount
         here = phi[np.asarray(state), np.asarray(action)]
         there = phi[np.asarray(next_state), np.asarray(next_action)]
+        there = _ended(self.task, terminated, there)
         return np.asarray(discount * there - here)
 
 
@@ -191,7 +220,10 @@ class MappedPotential:
 
     @cached_property
     def values(self) -> FloatArray:
-        """phi(s, a) as an array, (S, A) float64, computed at first use; 0 at terminal states."""
+        """phi(s, a) as an array, (S, A) float64, computed at first use.
+
+        0 at terminal states, where the task knows these.
+        """
         generative = generative_model(self.task)
         phi = np.empty((generative.states.size, generative.actions.size))
         read_table(self.lookup, phi)
@@ -233,6 +265,18 @@ class MappedPotential:
 
 
 Potential = StatePotential | StateActionPotential | MappedPotential
+
+
+def _ended(task: Task, terminated: npt.ArrayLike | None, there: FloatArray) -> FloatArray:
+    """Return the potential of next states, 0 where the episode has terminated."""
+    if terminated is not None:
+        return np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
+    if generative_model(task).terminal is None:
+        raise PotentialError(
+            "the potential is 0 where an episode has ended, which only the steps of this task "
+            f"tell: give terminated= for {task!r}"
+        )
+    return there
 
 
 def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
