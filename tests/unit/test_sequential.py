@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.statistics.sequential import add_seeds
+from curricle.statistics.sequential import Looks, add_seeds
 
 NAN = np.nan
 NOISE = np.random.default_rng(7).normal(size=1000)
@@ -36,16 +36,17 @@ def test_totals_double_and_each_seed_is_asked_for_once(first, most, totals):
     assert np.cumsum([len(each) for each in asked]).tolist() == totals
     assert [seed for batch in asked for seed in batch] == list(range(most))
     assert np.array_equal(result.values, NOISE[:most])
-    assert (result.stopped_by, result.looks, result.planned) == ("most", len(totals), len(totals))
+    assert (result.stopped_by, result.looks) == ("most", len(totals))
+    assert result.planned == Looks(tuple(totals))
 
 
-@pytest.mark.parametrize(("first", "most", "planned"), [(2, 2, 1), (3, 3, 1), (10, 100, 5)])
+@pytest.mark.parametrize(("first", "most"), [(2, 2), (3, 3), (10, 100)])
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
-def test_interval_is_students_at_the_shared_confidence(first, most, planned, confidence):
+def test_interval_is_students_at_the_shared_confidence(first, most, confidence):
     result = add_seeds(noisy(2.0), first=first, most=most, precision=1e-9, confidence=confidence)
     values = 2.0 + NOISE[:most]
     expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(
-        1 - (1 - confidence) / planned
+        Looks.doubling(first, most).confidence(confidence)
     )
     interval = result.interval
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high), rel=1e-9)
@@ -57,7 +58,7 @@ def test_it_stops_as_soon_as_the_mean_is_precise():
     result = add_seeds(noisy(), precision=0.4)
     assert (result.stopped_by, result.looks) == ("precision", 3)
     assert result.interval.high - result.interval.low <= 2 * 0.4
-    before = scipy.stats.ttest_1samp(NOISE[:20], 0.0).confidence_interval(0.99)
+    before = scipy.stats.ttest_1samp(NOISE[:20], 0.0).confidence_interval(0.986)
     assert before.high - before.low > 2 * 0.4
 
 
@@ -73,7 +74,55 @@ def test_without_a_difference_it_spends_all_seeds():
     assert (balanced.stopped_by, balanced.values.size) == ("most", 100)
     assert balanced.interval.low < 0 < balanced.interval.high
     zeros = add_seeds(lambda seeds: np.zeros(len(seeds)), difference=True)
-    assert zeros.stopped_by == "most"
+    assert (zeros.stopped_by, zeros.p) == ("most", 1.0)
+
+
+def test_equal_values_differ_from_0_but_have_no_precision():
+    three = add_seeds(lambda seeds: np.full(len(seeds), 3.0), difference=True)
+    assert (three.stopped_by, three.values.size) == ("difference", 10)
+    assert np.isnan([three.interval.low, three.interval.high]).all()
+    precise = add_seeds(lambda seeds: np.full(len(seeds), 3.0), precision=0.1)
+    assert precise.stopped_by == "most"
+
+
+# Levels
+
+
+@pytest.mark.parametrize(("looks", "bound"), [(1, 1.960), (2, 2.178), (5, 2.413), (10, 2.555)])
+def test_equally_spaced_looks_have_pococks_bounds(looks, bound):
+    """Jennison and Turnbull, Group sequential methods, 2000, table 2.1."""
+    planned = Looks(tuple(range(7, 7 * looks + 1, 7)))
+    assert scipy.stats.norm.isf((1 - planned.confidence()) / 2) == pytest.approx(bound, abs=6e-4)
+
+
+@pytest.mark.parametrize("seeds", [(5,), (5, 10), (5, 10, 20, 40, 80, 100), (99, 100), (3, 1000)])
+def test_adjusted_p_undoes_confidence(seeds):
+    planned = Looks(seeds)
+    for overall in (0.5, 0.9, 0.95, 0.999):
+        p = planned.adjusted_p(1 - planned.confidence(overall))
+        assert p == pytest.approx(1 - overall, rel=1e-6)
+
+
+def test_probability_of_crossing_is_that_of_the_multivariate_normal():
+    seeds, bound = np.array([5, 10, 20]), 2.2
+    correlation = np.sqrt(np.minimum.outer(seeds, seeds) / np.maximum.outer(seeds, seeds))
+    inside = scipy.stats.multivariate_normal(cov=correlation).cdf(
+        np.full(3, bound), lower_limit=np.full(3, -bound), rng=np.random.default_rng(1)
+    )
+    p = Looks(tuple(seeds.tolist())).adjusted_p(2 * scipy.stats.norm.sf(bound))
+    assert p == pytest.approx(1 - inside, abs=2e-5)
+
+
+@pytest.mark.parametrize("p", [0.0, 1e-300, 1e-20, 1e-9, 0.01, 0.3, 1.0])
+def test_adjusted_p_is_between_p_and_bonferronis(p):
+    planned = Looks.doubling(5, 100)
+    assert p <= planned.adjusted_p(p) <= min(1.0, 6 * p)
+    assert Looks((5,)).adjusted_p(p) == p
+
+
+def test_a_p_value_that_is_none_is_refused():
+    with pytest.raises(SettingError, match=r"a p-value must lie in \[0, 1\]: got 1.5"):
+        Looks((5,)).adjusted_p(1.5)
 
 
 def test_a_goal_met_at_the_last_look_counts():

@@ -18,7 +18,7 @@ from .metrics import (
     mean_return as mean_return,
     transfer_ratio as transfer_ratio,
 )
-from .sequential import AddedSeeds as AddedSeeds, add_seeds as add_seeds
+from .sequential import AddedSeeds as AddedSeeds, Looks as Looks, add_seeds as add_seeds
 from .thresholds import (
     Times as Times,
     fraction_of_optimum as fraction_of_optimum,
