@@ -55,11 +55,15 @@ TASKS = {
     ),
     "NaN reward": (
         lambda: dense(reward=[NAN, 0]),
-        "rewards must be finite: state 0, action 0 has .*nan",
+        "rewards must be finite, .*: state 0, action 0 has .*nan",
     ),
     "infinite reward": (
         lambda: dense(reward=[[-INF], [0]]),
-        "finite: state 0, action 0 has .*-inf",
+        "finite, .*: state 0, action 0 has .*-inf",
+    ),
+    "reward that overflows": (
+        lambda: dense(reward=[[1e101], [0]]),
+        r"at most 1e\+100 in size: state 0, action 0 has",
     ),
     "reward shape": (
         lambda: dense(reward=[1, 2, 3]),

@@ -18,7 +18,7 @@ from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.tasks.draws import splitmix64_number, stream_start
+from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
 
@@ -52,7 +52,7 @@ class DeepRun(NamedTuple):
         with checkpoint.isolated(self.learner.threads):
             saved = None if saves is None else checkpoint.load(saves, run)
             if saved is None:
-                small = splitmix64_number(start) >> 33
+                small = splitmix64(start) >> 33
                 model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
                 progress = Progress.begun(self, warm_up)
             else:
@@ -62,7 +62,7 @@ class DeepRun(NamedTuple):
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
                 venv = environments(self.task, self.learner, shaping)
-                venv.seed(splitmix64_number(start ^ model.num_timesteps) >> 33)
+                venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
@@ -168,7 +168,7 @@ class Recorder(BaseCallback):
         """Return the greedy policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self._environments is None:
             return float("nan")
-        seed = splitmix64_number(self.start ^ (number + 1))
+        seed = splitmix64(self.start ^ (number + 1))
         episodes = self._environments.rollouts(self._greedy, seed)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task.discount))
 

@@ -10,6 +10,7 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.spaces import Coding, Form
+from curricle.tasks.computed import check_answers
 from curricle.tasks.draws import draw
 from curricle.tasks.generative_models import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards
@@ -120,8 +121,9 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         self._actions = Coding(rules.actions, action)
         self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
-        users_code = isinstance(self._model, Functions)
-        self._begun, self._moved = compiled(_begun, users_code), compiled(_moved, users_code)
+        self._users_code = isinstance(self._model, Functions)
+        self._begun = compiled(_begun, self._users_code)
+        self._moved = compiled(_moved, self._users_code)
         self._stream = np.zeros(1, np.uint64)
         self._state, self._steps, self._under_way = MISSING, 0, False
 
@@ -135,6 +137,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
             self._state = self._named_start(options)
         else:
             self._state = self._begun(self._model, self._stream)
+            self._check()
         self._steps, self._under_way = 0, True
         return self._states.coded(self._state), self._info()
 
@@ -144,6 +147,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
             raise SettingError("step() needs an episode under way: call reset() first")
         move = self._actions.number(action)
         self._state, reward, terminated = self._moved(self._model, self._state, move, self._stream)
+        self._check()
         self._steps += 1
         truncated = not terminated and self._steps == self._rules.time_limit
         self._under_way = not (terminated or truncated)
@@ -169,6 +173,12 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         from curricle.interop.scene import scene_of
 
         return scene_of(self.task)
+
+    def _check(self) -> None:
+        """Raise TaskError if a function of the task returned what makes no sense."""
+        if self._users_code and self._model.failure["by"][0]:
+            self._under_way, model, self._model = False, self._model, self._rules.model
+            check_answers(self.task, model)
 
     def _info(self) -> dict[str, Any]:
         return {"state": self._state, "label": self._states.label(self._state)}

@@ -117,7 +117,7 @@ def greedy_rollouts(
     episodes, horizon = rollout_size(potential.task, episodes)
     start, view = stream_start(seed, stream), acting_view(potential)
     draws = np.array([start], dtype=np.uint64)
-    with open_model(task.model, start) as model:
+    with open_model(task, start) as model:
         policy = GreedyPolicy(view)
         steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
     first = np.cumsum(ends.lengths) - ends.lengths

@@ -102,11 +102,11 @@ def train_q_learning(
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
-                if episodes == budget.episodes or has_failed(model):
+                if episodes == budget.episodes:
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
                 row = row_of(table, state, False)
-                if is_full(table, row):
+                if is_full(table, row) or has_failed(model):
                     break
         if pending != NO_ROW:
             update(q, best, greedy, pending, pending_change)

@@ -20,7 +20,7 @@ from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
 from curricle.learning.value_lookup import no_sources, read_table
 from curricle.planning.policy_evaluation import EvaluationKernel
-from curricle.tasks.draws import splitmix64_number
+from curricle.tasks.draws import splitmix64
 from curricle.tasks.generative_models import Functions
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import NO_LIMIT
@@ -101,7 +101,7 @@ class Run:
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
     def _train_plainly(self, seed: _Seed) -> Outcome:
-        key = np.uint64(splitmix64_number(seed.start))
+        key = np.uint64(splitmix64(seed.start))
         if not self.rows:
             q = self._filled(seed.initial, seed.out)
             steps, episodes = self._loop(train_q_learning, len(q), seed, self._dense(q, key))
@@ -145,7 +145,7 @@ class Run:
         """Run a loop on its tables, of so many rows, and return what it returns."""
         limit = self.task.time_limit
         steps, episodes = self.limits
-        with open_model(self.task.model, seed.start) as model:
+        with open_model(self.task, seed.start) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
                 (self.task.discount, np.int64(NO_LIMIT if limit is None else limit)),

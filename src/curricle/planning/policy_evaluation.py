@@ -1,5 +1,6 @@
 """Evaluation of a greedy policy: its expected return, exactly or by rollouts."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -174,8 +175,10 @@ def greedy_policy_return(
     generative, start = generative_model(task), stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)
     # An exact evaluation reads tables of its own: one loop for all models that sample such tasks.
-    sampled = kernel.tables if isinstance(kernel, ExactEvaluation) else generative.model
-    with open_model(sampled, start) as model:
+    opened = open_model(generative, start)
+    if isinstance(kernel, ExactEvaluation):
+        opened = nullcontext(kernel.tables)
+    with opened as model:
         loop = compiled(_greedy_return, isinstance(model, Functions))
         return float(loop(kernel, model, view))
 

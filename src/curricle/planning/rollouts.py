@@ -102,7 +102,7 @@ def rollout(
     starts = None if start is None else _starts(generative, [start])
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
-    with open_model(generative.model, first) as model:
+    with open_model(generative, first) as model:
         while True:
             limit = min(left, CHUNK)
             part, ends = simulate(model, table, stream, episodes=1, limit=limit, starts=starts)
@@ -201,7 +201,7 @@ def random_rollouts(
     given = None if starts is None else _starts(generative, starts)
     if given is not None and len(given) != n:
         raise SettingError(f"starts must be as many as episodes, {n}: got {len(given)}")
-    with open_model(generative.model, first) as model:
+    with open_model(generative, first) as model:
         steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=given)
     taken = np.arange(length) < ends.lengths[:, None]
     states = np.repeat(ends.last_states[:, None], length + 1, axis=1)

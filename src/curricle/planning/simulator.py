@@ -18,6 +18,7 @@ from curricle.tasks.generative_models import (
     Functions,
     cumulated,
     first_state,
+    has_failed,
     transition,
     truncated,
 )
@@ -142,6 +143,8 @@ class EpisodeEnds(NamedTuple):
 def _simulate(model, policy, starts, stream, limit, record, ends):
     n = 0
     for episode in range(ends.lengths.shape[0]):
+        if has_failed(model):
+            break
         if starts.shape[0] > 0:
             state = np.uint64(starts[episode])
         else:
@@ -170,8 +173,8 @@ def simulate(
     """
     size = episodes * limit  # memory that no step reaches is never allocated
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
-    whole = np.empty(episodes, np.int64), np.empty(episodes, np.int64)
-    ends = EpisodeEnds(*whole, np.empty(episodes, np.bool_), np.empty(episodes, np.bool_))
+    whole = np.zeros(episodes, np.int64), np.zeros(episodes, np.int64)
+    ends = EpisodeEnds(*whole, np.zeros(episodes, np.bool_), np.zeros(episodes, np.bool_))
     first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
     loop = compiled(_simulate, isinstance(model, Functions))
     loop(model, policy, first, stream, limit, record, ends)

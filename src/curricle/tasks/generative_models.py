@@ -9,10 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import types
+from numba.extending import overload
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.tasks.draws import first_above, uniform
-from curricle.tasks.overloads import Overloaded
+from curricle.tasks.outcomes import LARGEST_REWARD
+from curricle.tasks.overloads import INLINED, Overloaded
 from curricle.tasks.spaces import frozen
 
 
@@ -138,19 +141,73 @@ def cumulated(probability: FloatArray) -> FloatArray:
 
 
 class Functions(NamedTuple):
-    """The compiled functions of a :class:`ComputedMDP` and the data they read."""
+    """The compiled functions of a :class:`ComputedMDP`, the data they read, their first mistake.
+
+    What they return is checked at every step: a state that does not exist would be a place outside
+    of every table. From the first mistake on, episodes end at once.
+    """
 
     start: Any  # (data, bits) -> state
     step: Any  # (data, state, action, bits) -> (next state, reward, terminated)
     data: Any
+    n_states: np.uint64
+    failure: npt.NDArray[np.void]  # (1,) of FAILURE
+
+
+FAILURE = np.dtype(
+    [("by", "u8"), ("state", "u8"), ("action", "u8"), ("next_state", "f8"), ("reward", "f8")]
+)
+"""A mistake of a user's function: in which, the pair it was asked for, what it returned."""
+START, STEP = 1, 2
+"""The function that made it; 0 is none."""
+
+
+def state_number(found, n_states):
+    """Return what a user's function returned for a state as uint64; `n_states` if it is none."""
+
+
+def _number_of_integer(found, n_states):
+    return min(np.uint64(found), n_states)  # a negative number becomes a large one
+
+
+def _number_of_float(found, n_states):
+    if not 0.0 <= found < np.float64(n_states):  # NaN, too
+        return n_states
+    number = np.uint64(found)
+    return number if np.float64(number) == found else n_states
+
+
+@overload(state_number, jit_options=INLINED)
+def _state_number(found, n_states):
+    return _number_of_float if isinstance(found, types.Float) else _number_of_integer
 
 
 @first_states.body(Functions)
 def _computed_start(model, bits):
-    return np.uint64(model.start(model.data, bits))
+    found = model.start(model.data, bits)
+    state = state_number(found, model.n_states)
+    if state >= model.n_states:
+        if model.failure[0].by == 0:
+            model.failure[0].by = START
+            model.failure[0].next_state = np.float64(found)
+        return np.uint64(0)
+    return state
 
 
 @transitions.body(Functions)
 def _computed_step(model, state, action, bits):
-    next_state, reward, terminated = model.step(model.data, state, action, bits)
-    return np.uint64(next_state), np.float64(reward), bool(terminated)
+    found, reward, terminated = model.step(model.data, state, action, bits)
+    next_state = state_number(found, model.n_states)
+    if next_state >= model.n_states or not abs(np.float64(reward)) <= LARGEST_REWARD:
+        if model.failure[0].by == 0:
+            model.failure[0].by = STEP
+            model.failure[0].state, model.failure[0].action = state, action
+            model.failure[0].next_state = np.float64(found)
+            model.failure[0].reward = np.float64(reward)
+        return np.uint64(0), 0.0, True
+    return next_state, np.float64(reward), bool(terminated)
+
+
+@failures.body(Functions)
+def _computed_failure(model):
+    return model.failure[0].by != 0

@@ -19,12 +19,11 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP, check_horizon
+from curricle.tasks.outcomes import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space, frozen, whole
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
-LARGEST = 1e100
-"""Rewards are at most this large, so that no return overflows."""
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 _STEPS = np.array(list(MOVES.values()))
 
@@ -63,7 +62,7 @@ class Rewards:
     def __post_init__(self) -> None:
         for f in fields(self):
             name = f"reward {f.name}"
-            value = number(name, getattr(self, f.name), TaskError, -LARGEST, LARGEST)
+            value = number(name, getattr(self, f.name), TaskError, -LARGEST_REWARD, LARGEST_REWARD)
             object.__setattr__(self, f.name, value)
 
 

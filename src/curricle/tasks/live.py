@@ -9,9 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.errors import TaskError
-from curricle.tasks.draws import splitmix64_number
+from curricle.tasks import computed
+from curricle.tasks.computed import ComputedMDP
+from curricle.tasks.draws import splitmix64
+from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.live_model import RESET, Live
 from curricle.tasks.mdp import check_parts
+from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE
 from curricle.tasks.spaces import MISSING, Space
 
 Answer = tuple[Any, Any, Any, Any]
@@ -103,15 +107,15 @@ class LiveMDP:
 
 def is_live(task: Any) -> bool:
     """Return whether a task is played in an environment, by one thread at a time."""
-    return isinstance(getattr(task, "model", None), Unopened)
+    return isinstance(task, LiveMDP)
 
 
-def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a context with a model that loops can run on: the one given, or a live one while open.
+def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
+    """Return a context with the model of a task for the loops of one run; a live one while open.
 
     Parameters
     ----------
-    model : NamedTuple
+    task : GenerativeModel
     start : int
         Where the run's random stream starts; environments are seeded from it.
 
@@ -119,8 +123,12 @@ def open_model(model: Any, start: int) -> AbstractContextManager[Any]:
     ------
     BaseException
         At the end, what an environment raised meanwhile, an interrupt from the keyboard included.
+    TaskError
+        At the end, when a function of a computed task returned what makes no sense.
     """
-    return _Opened(model.task, start) if isinstance(model, Unopened) else nullcontext(model)
+    if is_live(task):
+        return _Opened(task, start)
+    return computed.opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
 class _Opened:
@@ -133,7 +141,7 @@ class _Opened:
         self.closings = ExitStack()
         self.raised = list[BaseException]()
         # Two seeds below 2^31, which every environment takes.
-        seeds = [splitmix64_number(start ^ which) >> 33 for which in (1, 2)]
+        seeds = [splitmix64(start ^ which) >> 33 for which in (1, 2)]
         players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
         for player in players:
             next(player)
@@ -167,10 +175,14 @@ def _player(
         step, reset = environment.step, environment.reset
         observation, _ = reset(seed=seed)
         while True:
-            action = yield number(observation), 0.0, False, False
+            state = number(observation)
+            action = yield state, 0.0, False, False
             while action != RESET:
                 observation, reward, terminated, truncated, _ = step(moves[action])
-                action = yield number(observation), reward, terminated, truncated
+                if not -LARGEST_REWARD <= reward <= LARGEST_REWARD:
+                    raise TaskError(_wrong_reward(task, state, action, reward))
+                state = number(observation)
+                action = yield state, reward, terminated, truncated
             observation, _ = reset()
     except GeneratorExit:
         raise
@@ -178,6 +190,13 @@ def _player(
         raised.append(error)
     while True:
         yield BROKEN_DOWN
+
+
+def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
+    return (
+        f"{REWARD_RULE}: the environment returned {reward!r} for action "
+        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
+    )
 
 
 def _numbering(task: LiveMDP) -> Callable[[Any], int]:

@@ -9,6 +9,9 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
+LARGEST_REWARD = 1e100
+"""Rewards of every task are at most this large, so that no return overflows."""
+REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 
 
 def outcome_lists(outcomes: Any) -> list[list[Any]]:
@@ -92,10 +95,11 @@ def check_rows(
     anything.
     """
     sums = probability.sum(axis=1)
+    small = (reward >= -LARGEST_REWARD) & (reward <= LARGEST_REWARD)
     rules = (
         ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE, sums),
         ("transition probabilities must not be negative", probability >= 0, probability),
-        ("rewards must be finite", np.isfinite(reward), reward),
+        (REWARD_RULE, small, reward),
     )
     for rule, holds, values in rules:
         if holds.all():

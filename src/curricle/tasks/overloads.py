@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from numba import njit
 from numba.extending import overload
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 INLINED: Any = {
     "nogil": True,
@@ -16,6 +18,17 @@ INLINED: Any = {
 }
 """How a function is compiled into its callers, without an entry from Python."""
 inlined = njit(**INLINED)
+"""Compiles a function for loops. Python must not call it, as that would end the process."""
+
+
+def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
+    """Return a decorator of a Python function that compiled code calls too, as `body`, inlined."""
+
+    def register(function: Function) -> Function:
+        overload(function, jit_options=INLINED, strict=False)(lambda *_: body)
+        return function
+
+    return register
 
 
 class Overloaded:

@@ -13,14 +13,12 @@ from curricle.errors import TaskError
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated
 from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.outcomes import LARGEST_REWARD, PROBABILITY_TOLERANCE
 from curricle.tasks.pursuit_model import PursuitModel, padded_moves
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
-LARGEST = 1e100
-"""Rewards are at most this large, so that no return overflows."""
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
 LARGEST_MODEL = 2**50
@@ -91,7 +89,7 @@ class Pursuit:
             object.__setattr__(self, name, value)
         one_of("moves", self.moves, (4, 5), TaskError)
         for name in ("step_reward", "capture_reward"):
-            number(name, getattr(self, name), TaskError, -LARGEST, LARGEST)
+            number(name, getattr(self, name), TaskError, -LARGEST_REWARD, LARGEST_REWARD)
         check_horizon(self)
         by_number = isinstance(self.capture, int) and 1 <= self.capture <= self.predators
         if not by_number and self.capture not in ("all", "any", "as_published"):

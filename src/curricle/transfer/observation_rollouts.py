@@ -14,7 +14,7 @@ from curricle.errors import SettingError
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, Target
-from curricle.tasks.draws import splitmix64_number, stream_start
+from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
 from curricle.tasks.spaces import frozen
 from curricle.transfer.potentials import ObservationPotential
@@ -60,7 +60,7 @@ class Environments:
         """Return one episode of each environment; `seed` decides where each begins."""
         n = len(self.environments)
         current = [
-            environment.reset(seed=splitmix64_number(seed ^ k) >> 33)[0]
+            environment.reset(seed=splitmix64(seed ^ k) >> 33)[0]
             for k, environment in enumerate(self.environments)
         ]
         rewards, predicted, observations = ([list[Any]() for _ in range(n)] for _ in range(3))
@@ -127,7 +127,7 @@ def random_episodes(
 ) -> list[ObservationEpisode]:
     """Return episodes of a policy that samples its actions from the task's space."""
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
-    space.seed(splitmix64_number(start) >> 33)
+    space.seed(splitmix64(start) >> 33)
 
     def policy(observations: Any) -> tuple[Any, Any]:
         n = batch_size(observations)
