@@ -7,6 +7,7 @@ from numba import njit
 import curricle as cr
 from curricle import Component, ComputedMDP, Space
 from curricle.errors import TaskError
+from curricle.planning.rollouts import random_rollouts
 from tests.tasks import ring_start, ring_step
 
 NAN, INF = float("nan"), float("inf")
@@ -57,7 +58,7 @@ SLOW = {
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
     "greedy rollouts": lambda bad: cr.learning.greedy_rollouts(phi(bad), episodes=5),
     "calibration": lambda bad: cr.calibrate(phi(bad)),
-    "forecast": lambda bad: cr.forecast(bad, phi(bad)),
+    "random rollouts": lambda bad: random_rollouts(bad, episodes=5, length=20),
 }
 WAYS = [*FAST.items(), *[pytest.param(*way, marks=pytest.mark.slow) for way in SLOW.items()]]
 STEPS = [  # the state and the reward that a step returns, and what the error says
