@@ -55,3 +55,14 @@ class StoreError(CurricleError):
 
 class StudyError(CurricleError):
     """A unit of a study failed; its cause is the exception that the study's own code raised."""
+
+
+def in_words(error: BaseException) -> str:
+    """Return an error as words, with its type unless it is the library's own.
+
+    Examples
+    --------
+    >>> in_words(KeyError("phi")), in_words(StoreError("a rule: a value"))
+    ("KeyError: 'phi'", 'a rule: a value')
+    """
+    return str(error) if isinstance(error, CurricleError) else f"{type(error).__name__}: {error}"

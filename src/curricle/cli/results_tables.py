@@ -28,8 +28,11 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
                 )
     print_table(rows)
     print("(means over seeds; the greedy return with its standard deviation)")
-    if SCRATCH in results.arms.curricula and results.seeds:
+    if SCRATCH in {*results.arms.curricula} - {*results.failed} and results.seeds:
         print(f"\n{results.comparison}")
+    else:
+        for name, error in results.failed.items():
+            print(f"{name} failed: {error}")
 
 
 def decision_lines(

@@ -5,3 +5,8 @@ from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
 from .forecasting import Forecast as Forecast, ForecastRow as ForecastRow, forecast as forecast
 from .task_differences import differences as differences
+from .verdicts import (
+    Verdict as Verdict,
+    seeds_needed as seeds_needed,
+    verdicts_of as verdicts_of,
+)

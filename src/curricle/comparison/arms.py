@@ -7,8 +7,9 @@ from typing import Self
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.comparison.verdicts import difference
 from curricle.learning.result import LearningResult
-from curricle.statistics.curves import ROUNDING, Curve, charge_source
+from curricle.statistics.curves import Curve, charge_source
 from curricle.statistics.metrics import mean_return
 
 
@@ -78,9 +79,7 @@ class Arm:
 
         Both are normalised (:func:`mean_return`); a difference within their rounding is 0.
         """
-        mine, base = mean_return(self.charged(scratch)), mean_return(scratch.curve)
-        noise = ROUNDING * np.maximum(np.abs(mine), np.abs(base))
-        return np.where(np.abs(mine - base) > noise, np.subtract(mine, base), 0.0)
+        return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
 
 
 def concatenated(arms: Sequence[Arm]) -> Arm:

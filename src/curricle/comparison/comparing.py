@@ -5,7 +5,9 @@ same random stream in the target. Arms with different targets are refused.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from curricle.checks import instance, number, whole_number
 from curricle.comparison.arms import Arm, concatenated
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import (
+    Change,
     Control,
     check_controls,
     check_fit,
@@ -57,6 +60,9 @@ def compare(
     All have one total budget: the target's plus the steps that the most expensive arm spends on its
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
     spends all of it in the target, every other arm the rest after its sources, seed by seed.
+
+    An arm that raises an error is listed in :attr:`Comparison.failed`, and the others stand. An
+    error of scratch, or of all arms, is raised.
 
     Parameters
     ----------
@@ -116,13 +122,16 @@ def compare(
         target = target_of(plan.first.tasks[plan.target], evaluation)
     else:
         threshold = number("threshold", threshold, SettingError)
+    failed: dict[str, Exception] = {}
     if precision is None and not difference:
-        found = plan.run(seed_tuple(seeds))
+        found = plan.run(seed_tuple(seeds), failed)
     else:
-        found = plan.run_until(seeds, precision, difference, most_seeds)
+        found = plan.run_until(seeds, precision, difference, most_seeds, failed)
+    if len(found) == 1:  # scratch alone
+        raise next(iter(failed.values()))
     if threshold is None:
         threshold = default_threshold(target, found[SCRATCH])
-    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window)
+    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed)
 
 
 @dataclass(frozen=True)
@@ -172,32 +181,53 @@ class _Plan:
         """The first arm, whose target's settings all arms share."""
         return next(iter(self.arms.values()))
 
-    def run(self, seeds: Sequence[int]) -> dict[str, Arm]:
-        """Return all arms for these seeds, scratch first."""
+    def run(self, seeds: Sequence[int], failed: dict[str, Exception]) -> dict[str, Arm]:
+        """Return all arms for these seeds, scratch first.
+
+        An arm in `failed` is left out; one that raises an error is added to it, with its controls
+        if it is a curriculum. Errors of scratch are raised.
+        """
         node = self.first.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
         scratch = node.train(seeds, workers=self.workers)
         self.progress(SCRATCH)
         found = {SCRATCH: self._arm(scratch, np.zeros(len(seeds), np.int64))}
         for name, curriculum in self.arms.items():
-            for label, arm in self._with_controls(curriculum, seeds):
+            for label, train in self._with_controls(curriculum, seeds):
                 full_name = f"{name}, {label}" if label else name
-                found[full_name] = arm
-                self.progress(full_name)
+                if full_name not in failed:
+                    try:
+                        found[full_name] = train()
+                    except Exception as error:  # of any kind: a task may be the user's own code
+                        failed[full_name] = error
+                    else:
+                        self.progress(full_name)
+                if name in failed:
+                    break
         return found
 
     def _with_controls(
         self, curriculum: Curriculum, seeds: Sequence[int]
-    ) -> Iterator[tuple[str, Arm]]:
-        result = self._trained(curriculum, seeds)
+    ) -> Iterator[tuple[str, Callable[[], Arm]]]:
+        """Yield the label of each arm and the function that trains it, the curriculum's first."""
+        trained: list[CurriculumResult] = []
+
+        def own() -> Arm:
+            trained.append(self._trained(curriculum, seeds))
+            return self._arm(trained[0][self.target], trained[0].source_steps(self.target))
+
+        yield "", own
+        (result,) = trained
         spent = result.source_steps(self.target)
-        yield "", self._arm(result[self.target], spent)
         for label, change in value_controls(self.controls):
-            changed = learn_changed(result, change, self.workers)
-            yield label, self._arm(changed, spent, control=True)
+            yield label, partial(self._value_control, result, change, spent)
         for control in ("random_start", "pretraining"):
             if control in self.controls:
-                arm = self._source_control(curriculum, control, seeds, spent)
-                yield control.replace("_", " "), arm
+                train = partial(self._source_control, curriculum, control, seeds, spent)
+                yield control.replace("_", " "), train
+
+    def _value_control(self, result: CurriculumResult, change: Change, spent: IntArray) -> Arm:
+        """Return a control whose potential is changed."""
+        return self._arm(learn_changed(result, change, self.workers), spent, control=True)
 
     def _source_control(
         self,
@@ -225,19 +255,35 @@ class _Plan:
         return Arm.of(result, spent, self.total, self.eval_freq, control=control)
 
     def run_until(
-        self, first: Any, precision: float | None, difference: bool, most: int
+        self,
+        first: Any,
+        precision: float | None,
+        difference: bool,
+        most: int,
+        failed: dict[str, Exception],
     ) -> dict[str, Arm]:
-        """Return all arms for as many seeds as the goal takes."""
+        """Return all arms for as many seeds as the goal takes; as :meth:`run` where some fail.
+
+        If the first arm fails, no more seeds are added, since the goal is about its gain.
+        """
         batches = list[dict[str, Arm]]()
         first = whole_number("seeds to begin adding with", first, 2, SettingError)
 
         def gain(seeds: Sequence[int]) -> FloatArray:
-            batches.append(self.run(tuple(seeds)))
-            scratch, arm = (batches[-1][name] for name in (SCRATCH, next(iter(self.arms))))
-            return arm.strong_gain(scratch)
+            batches.append(self.run(tuple(seeds), failed))
+            name = next(iter(self.arms))
+            if name in failed:
+                raise _FirstArmFailed
+            return batches[-1][name].strong_gain(batches[-1][SCRATCH])
 
-        add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
-        return {name: concatenated([batch[name] for batch in batches]) for name in batches[0]}
+        with suppress(_FirstArmFailed):
+            add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
+        names = [name for name in batches[0] if name not in failed]
+        return {name: concatenated([batch[name] for batch in batches]) for name in names}
+
+
+class _FirstArmFailed(Exception):
+    """The arm failed whose gain decides whether more seeds are added."""
 
 
 def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:

@@ -1,17 +1,19 @@
 """The result of a comparison: arms on one axis, their gains, and how certain these are."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.errors import CurriculumError
+from curricle.comparison.verdicts import Verdict, verdicts_of
+from curricle.errors import CurriculumError, in_words
 from curricle.statistics.curves import SCRATCH, Curve
-from curricle.statistics.hypothesis_tests import holm, probability_of_improvement, sign_flip_test
+from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     interquartile_interval,
@@ -21,8 +23,6 @@ from curricle.statistics.intervals import (
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 
-SIGNIFICANT = 0.05
-"""Adjusted p-values below this count as a difference."""
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
 
@@ -48,7 +48,10 @@ class Contrast:
     p : float
         Of no strong gain, two-sided, by flipping the signs of the paired differences.
     adjusted_p : float
-        The same, corrected for the number of arms compared (Holm).
+        The same, corrected for the number of curricula (Holm); NaN for a control.
+    verdict : str
+        "pays", "costs more than it brings", "no difference shown", or that there are too few seeds
+        for any verdict; empty for a control, which only its curriculum is compared with.
     """
 
     jumpstart: Interval
@@ -60,16 +63,10 @@ class Contrast:
     probability_of_improvement: Interval
     p: float
     adjusted_p: float
-
-    @property
-    def verdict(self) -> str:
-        """Either "pays", "costs more than it brings" or "no difference shown"."""
-        if not self.adjusted_p < SIGNIFICANT:
-            return "no difference shown"
-        return "pays" if self.strong_gain.estimate > 0 else "costs more than it brings"
+    verdict: str
 
 
-MEASURES = tuple(field.name for field in fields(Contrast) if field.type is Interval)
+MEASURES = tuple(one.name for one in fields(Contrast) if one.type is Interval)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +86,10 @@ class Comparison:
         Return.
     window : int
         Checkpoints over which curves are smoothed to find when they reach the threshold.
+    failed : dict of str to Exception
+        Arms that could not be trained, and why.
+    looks : int
+        Interim analyses planned, where seeds were added; all verdicts are corrected for them.
     """
 
     target: str
@@ -97,6 +98,8 @@ class Comparison:
     total: int
     threshold: float
     window: int
+    failed: Mapping[str, Exception] = field(default_factory=dict)
+    looks: int = 1
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -112,6 +115,43 @@ class Comparison:
         """Number of seeds, K."""
         return len(self.scratch.curve.values)
 
+    @cached_property
+    def controls(self) -> dict[str, tuple[str, ...]]:
+        """The controls of each curriculum, which follow it among the arms."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, arm in self.arms.items():
+            if arm.control:
+                own = next(reversed(found))
+                found[own] = (*found[own], name)
+            elif name != SCRATCH:
+                found[name] = ()
+        return found
+
+    @cached_property
+    def returns(self) -> dict[str, FloatArray]:
+        """What each arm is judged by: its normalised area under the strong curve, (K,)."""
+        return {name: mean_return(arm.charged(self.scratch)) for name, arm in self.arms.items()}
+
+    def against(self, rival: str) -> dict[str, Verdict]:
+        """Return whether each curriculum gains more than another arm.
+
+        The question is corrected for the number of curricula (Holm), and for nothing else.
+        """
+        one_of("an arm", rival, self.arms, CurriculumError)
+        questions = {name: (rival,) for name in self.controls if name != rival}
+        return verdicts_of(self.returns, questions, looks=self.looks)
+
+    @cached_property
+    def verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum pays: whether it gains more than learning from scratch."""
+        return self.against(SCRATCH)
+
+    @cached_property
+    def control_verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum that has controls gains more than all of them."""
+        questions = {name: those for name, those in self.controls.items() if those}
+        return verdicts_of(self.returns, questions, looks=self.looks)
+
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
         curve = self[name].charged(self.scratch) if strong else self._weak(name)
@@ -125,12 +165,7 @@ class Comparison:
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
         """Each arm against learning from scratch."""
-        names = [name for name in self.arms if name != SCRATCH]
-        if not names:
-            return {}
-        p = [sign_flip_test(self.arms[name].strong_gain(self.scratch)) for name in names]
-        tests = zip(names, p, holm(p).tolist(), strict=True)
-        return {name: self._contrast(name, *both) for name, *both in tests}
+        return {name: self._contrast(name) for name in self.arms if name != SCRATCH}
 
     def _weak(self, name: str) -> Curve:
         """Return an arm's curve over the target's budget, without its source steps."""
@@ -138,8 +173,10 @@ class Comparison:
         n = int(np.searchsorted(curve.steps, self.budget, side="right"))
         return Curve(curve.steps[:n], curve.values[:, :n])
 
-    def _contrast(self, name: str, p: float, adjusted_p: float) -> Contrast:
+    def _contrast(self, name: str) -> Contrast:
         arm, scratch = self[name], self.scratch
+        alone = verdicts_of(self.returns, {name: (SCRATCH,)}, looks=self.looks)[name]
+        verdict = self.verdicts.get(name)
         weak, base = self._weak(name), self._weak(SCRATCH)
         strong, whole = arm.charged(scratch), scratch.curve
         saved = partial(steps_saved, threshold=self.threshold, window=self.window)
@@ -155,14 +192,16 @@ class Comparison:
             probability_of_improvement=probability_of_improvement(
                 mean_return(strong), mean_return(whole)
             ),
-            p=p,
-            adjusted_p=adjusted_p,
+            p=alone.p,
+            adjusted_p=float("nan") if verdict is None else verdict.adjusted_p,
+            verdict="" if verdict is None else verdict.against_scratch,
         )
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the table as data: a dict for each arm, intervals as name, name_low, name_high.
 
-        All have the same keys; those of a :class:`Contrast` are NaN for scratch.
+        All have the same keys; those of a :class:`Contrast` are NaN for scratch, and those of the
+        contrast with the strongest control where there is none.
         """
         return [{"arm": name, **self._row(name)} for name in self.arms]
 
@@ -178,12 +217,17 @@ class Comparison:
         intervals["mean_return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
+        own = self.control_verdicts.get(name)
+        intervals["gain_over_controls"] = UNKNOWN if own is None else own.gain
         for measure, interval in intervals.items():
             row[measure] = interval.estimate
             row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
         row["p"] = float("nan") if contrast is None else contrast.p
         row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
         row["verdict"] = "" if contrast is None else contrast.verdict
+        row["strongest_control"] = "" if own is None else own.rival
+        row["beats_controls"] = "" if own is None else own.answer
+        row["beats_controls_p"] = float("nan") if own is None else own.adjusted_p
         return row
 
     def __str__(self) -> str:
@@ -203,9 +247,24 @@ class Comparison:
             if name != SCRATCH:
                 contrast = self.contrasts[name]
                 line += f"{_short(contrast.strong_gain):<22}{_short(contrast.weak_gain):<22}"
-                line += f"{contrast.verdict} (p = {contrast.adjusted_p:.2g})"
+                line += contrast.verdict
+                if name in self.verdicts and not self.verdicts[name].too_few:
+                    line += f" (p = {contrast.adjusted_p:.2g})"
             lines.append(line.rstrip())
+        lines += [self.control_sentence(name) for name in self.control_verdicts]
+        lines += [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
         return "\n".join(lines)
+
+    def control_sentence(self, name: str) -> str:
+        """Return whether a curriculum gains more than its controls, in words."""
+        verdict = self.control_verdicts[name]
+        strongest = verdict.rival.removeprefix(f"{name}, ")
+        if verdict.rivals == 1:
+            return f"{name} gains more than its {strongest}: {verdict}"
+        return (
+            f"{name} gains more than each of its {verdict.rivals} controls: {verdict}, the "
+            f"strongest is {strongest}"
+        )
 
 
 def _short(interval: Interval) -> str:

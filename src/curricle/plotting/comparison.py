@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.comparison.comparison import SIGNIFICANT, Comparison
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import controls_first, draw_arms, scale_returns
 from curricle.plotting.scales import return_scale, without_seeds
@@ -93,8 +94,9 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
-    tested = comparison.seeds > 1
-    columns = [("gain [95 %]" if tested else "gain", "p (Holm)" if tested else "")]
+    tested = not _too_few(comparison)
+    head = "gain [95 %]" if comparison.seeds > 1 else "gain"
+    columns = [(head, "p (Holm)" if tested else "")]
     for row, (name, style) in enumerate(styles.items()):
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
@@ -102,12 +104,12 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         if name == SCRATCH:
             columns.append(("reference", ""))
             continue
-        contrast = comparison.contrasts[name]
-        gain = contrast.strong_gain
+        gain = comparison.contrasts[name].strong_gain
+        verdict = comparison.verdicts.get(name)
         axes.hlines(row, gain.low, gain.high, colors=style.colour, lw=2)
-        face = style.colour if contrast.adjusted_p < SIGNIFICANT else "w"
+        face = style.colour if verdict is not None and verdict.direction else "w"
         axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
-        p = f"{contrast.adjusted_p:.2g}" if tested else ""
+        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
         columns.append((without_seeds(gain), p))
     write_columns(axes, list(zip(*columns, strict=True)))
     axes.set_yticks(range(len(styles)), [style.short for style in styles.values()])
@@ -122,10 +124,15 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.set(title="gain over scratch", xlabel="mean return, minus that of scratch")
 
 
+def _too_few(comparison: Comparison) -> str:
+    """Return that there are too few seeds for a verdict; empty if there are enough."""
+    return next((one.too_few for one in comparison.verdicts.values()), "")
+
+
 def _words(comparison: Comparison) -> str:
     """Return the caption."""
-    n, seeds = len(comparison.contrasts), comparison.seeds
-    tests = f"adjusted for {n} arms by Holm's rule" if n > 1 else "of one arm"
+    n, seeds = len(comparison.verdicts), comparison.seeds
+    tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
     if seeds > 1:
         how = (
             f"{seeds} seeds; bands and bars are nominal 95 % intervals over seeds, Student's for "
@@ -135,6 +142,8 @@ def _words(comparison: Comparison) -> str:
             f"; p values of a sign-flip test of the paired differences, {tests}; filled where "
             f"p < {SIGNIFICANT:g}"
         )
+        if few := _too_few(comparison):
+            sure = f"; {few}"
     else:
         how, sure = "One seed, which allows neither intervals nor tests.", ""
     controls = any(arm.control for arm in comparison.arms.values())

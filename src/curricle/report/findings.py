@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from curricle.comparison.comparison import SIGNIFICANT, Comparison
+from curricle.comparison.comparison import Comparison
 from curricle.plotting.scales import rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
+from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 
 MEASURES = {
@@ -50,10 +51,15 @@ class Cell:
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the comparison in one sentence: which curricula paid, and which most."""
-    own = [name for name, arm in comparison.arms.items() if name != SCRATCH and not arm.control]
-    paid = [name for name in own if comparison.contrasts[name].verdict == "pays"]
-    harmed = [name for name in own if comparison.contrasts[name].verdict.startswith("costs")]
+    """Return the comparison in one sentence: which curricula paid, and which most.
+
+    With too few seeds for any verdict it says so, and nothing else.
+    """
+    own = list(comparison.verdicts)
+    if words := next((one.too_few for one in comparison.verdicts.values()), ""):
+        return f"{words[0].upper()}{words[1:]}."
+    paid = [name for name, one in comparison.verdicts.items() if one.direction > 0]
+    harmed = [name for name, one in comparison.verdicts.items() if one.direction < 0]
     counts = [
         f"{_count(found, own)} {words[len(found) > 1]}"
         for found, words in (
@@ -102,13 +108,17 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
 def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
     contrast, row = comparison.contrasts[name], rows[name]
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
-    sure = f" (p\xa0=\xa0{contrast.adjusted_p:.2g})" if comparison.seeds > 1 else ""
+    tested = name in comparison.verdicts and not comparison.verdicts[name].too_few
+    sure = f" (p\xa0=\xa0{contrast.adjusted_p:.2g})" if tested else ""
     sentences = [
         f"{signed(contrast.strong_gain)} mean return over all {comparison.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{sure}.",
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[SCRATCH]),
     ]
+    if name in comparison.control_verdicts:
+        words = comparison.control_sentence(name).removeprefix(f"{name} ")
+        sentences.append(f"{words[0].upper()}{words[1:]}.")
     control = comparison[name].control
     return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.strong_gain)
 
@@ -132,17 +142,19 @@ def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any
 def too_few(comparison: Comparison) -> str:
     """Return why no difference could have been shown; empty if one could.
 
-    A sign-flip test of K paired differences gives no p value below 2 / 2^K.
+    The smallest p value of a sign-flip test depends on the number of seeds alone.
     """
-    least = min(1.0, len(comparison.contrasts) * 2.0 ** (1 - comparison.seeds))
+    few = [one for one in comparison.verdicts.values() if one.too_few]
+    if not few:
+        return ""
     if comparison.seeds == 1:
         return "One seed allows neither intervals nor tests."
-    if least < SIGNIFICANT:
-        return ""
-    arms = len(comparison.contrasts)
+    arms = len(few)
+    least = min(1.0, arms * comparison.looks * smallest_p(comparison.seeds))
     return (
-        f"{comparison.seeds} seeds are too few for any verdict: with {arms} arm{'s' * (arms > 1)} "
-        f"to test, no p value can be below {least:.2g}."
+        f"{comparison.seeds} seeds are too few for any verdict: with {arms} "
+        f"curricul{'a' if arms > 1 else 'um'} to test, no p value can be below {least:.2g}; "
+        f"{few[0].needed} seeds or more are needed."
     )
 
 
@@ -191,7 +203,8 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
             f"{missed} of {row['seeds']} never" if missed else "",
         )
         p = row["adjusted_p"]
-        cells["p"] = Cell("" if math.isnan(p) or row["seeds"] == 1 else f"{p:.2g}")
+        tested = name in comparison.verdicts and not comparison.verdicts[name].too_few
+        cells["p"] = Cell(f"{p:.2g}" if tested else "")
         cells["source_steps"] = Cell(f"{row['source_steps']:,.0f}")
         found[name] = cells
     return found

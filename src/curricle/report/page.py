@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, CurriculumResult
-from curricle.errors import SettingError
+from curricle.errors import SettingError, in_words
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import arm_styles, shades_of
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
@@ -89,6 +89,7 @@ def study_page(
         environment=environment or {},
         headline=headline(comparison),
         too_few=too_few(comparison),
+        failed={arm: in_words(error) for arm, error in comparison.failed.items()},
         findings=found,
         forest=forest(found),
         styles=arm_styles(comparison),

@@ -39,6 +39,8 @@ def _page(study: StudyResults) -> str:
     """Return the page of a stored study; of all values only those of its sources are read."""
     results = {}
     for arm, curriculum in study.arms.curricula.items():
+        if arm in study.failed:
+            continue
         read = {transfer.source for transfer in curriculum.transfers}
         nodes = {
             name: study.result(arm, name, values=name in read and _readable(curriculum.node(name)))

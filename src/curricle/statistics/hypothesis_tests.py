@@ -224,6 +224,20 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     return float(result.pvalue)
 
 
+def smallest_p(seeds: int, resamples: int = 10_000) -> float:
+    """Return the smallest p-value that :func:`sign_flip_test` can give.
+
+    2^(1 - K): only the signs that all seeds have and their opposites are as extreme. Of drawn sign
+    vectors, 1 / (resamples + 1).
+
+    Examples
+    --------
+    >>> smallest_p(5), smallest_p(6)
+    (0.0625, 0.03125)
+    """
+    return 2.0 ** (1 - seeds) if seeds <= EXACT else 1 / (resamples + 1)
+
+
 def holm(p_values: npt.ArrayLike) -> FloatArray:
     """Return p-values adjusted for their number by Holm's step-down rule.
 

@@ -15,11 +15,12 @@ from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import check_comparable, default_threshold
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import CurriculumResult
-from curricle.errors import CurriculumError, StoreError
+from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.failures import failed_arms, read_failures
 from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALUES, result_of
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
@@ -66,9 +67,15 @@ class StudyResults:
         return self.store.finished()
 
     @cached_property
+    def failed(self) -> dict[str, str]:
+        """The error of each arm that failed in the last run and has not been trained since."""
+        return failed_arms(read_failures(self.store), self.arms.keys, self.stored)
+
+    @cached_property
     def seeds(self) -> tuple[int, ...]:
-        """The seeds for which every arm is complete."""
-        each = [self.stored.get(key, {}) for key in self.arms.keys.values()]
+        """The seeds for which every arm that has not failed is complete."""
+        keys = [key for (arm, _), key in self.arms.keys.items() if arm not in self.failed]
+        each = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.config.seeds).intersection(*each)))
 
     def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
@@ -189,7 +196,8 @@ class StudyResults:
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished. Where studies gave their arms different totals,
+    Seeds are those that every arm has finished; arms that failed are left out.
+    Where studies gave their arms different totals,
     all are compared at the smallest: what was learnt by then does not depend on what came after.
 
     Parameters
@@ -210,6 +218,11 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 "a comparison needs the target learnt from scratch, for a number of steps: "
                 f"{study.store.path} holds a study without it"
             )
+        if SCRATCH in study.failed:
+            raise StoreError(
+                f"a comparison needs the target learnt from scratch, which failed in "
+                f"{study.store.path}: {study.failed[SCRATCH]}"
+            )
     first, arms, total = studies[0], studies[0].arms, min(one.arms.total or 0 for one in studies)
     _check(studies, total)
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
@@ -219,10 +232,13 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
             f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
         )
     found = {SCRATCH: _arm(first, SCRATCH, total, seeds)}
+    failed: dict[str, Exception] = {}
     for study in studies:
         for name in study.arms.curricula:
-            if name != SCRATCH:
-                label = f"{study.config.name}: {name}" if len(studies) > 1 else name
+            label = f"{study.config.name}: {name}" if len(studies) > 1 else name
+            if name in study.failed:
+                failed[label] = StudyError(study.failed[name])
+            elif name != SCRATCH:
                 found[label] = _arm(study, name, total, seeds)
     threshold = first.config.threshold
     if threshold is None:
@@ -230,7 +246,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         threshold = default_threshold(target_of(node.task, node.evaluation), found[SCRATCH])
     budget = min(study.arms.budget or 0 for study in studies)
     window = min(first.config.window, budget // arms.eval_freq + 1)
-    return Comparison(arms.target, found, budget, total, threshold, window)
+    return Comparison(arms.target, found, budget, total, threshold, window, failed)
 
 
 def _check(studies: Sequence[StudyResults], total: int) -> None:

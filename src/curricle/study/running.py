@@ -9,7 +9,14 @@ import platform
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,13 +25,14 @@ from pathlib import Path
 from typing import Any
 
 from curricle.checks import whole_number
-from curricle.errors import CurricleError, SettingError, StoreError, StudyError
+from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, tracker_of
 from curricle.learning.result import LearningResult
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.failures import FAILURES, Failures, read_failures
 from curricle.study.results import StudyResults
-from curricle.study.serialization import result_of
+from curricle.study.serialization import UnitResult, result_of
 from curricle.study.source_values import sources_read
 from curricle.study.store import CHECKPOINTS, StoredUnit, StudyStore
 from curricle.study.units import Unit, UnitInput, train_unit, units_of
@@ -100,6 +108,10 @@ def run_study(
         and Stable-Baselines3 is not installed.
     ConfigError
         When Stable-Baselines3 does not accept a learner's settings.
+    StudyError
+        When units failed. An arm with one that failed is given up; the others are trained and
+        stored before the error is raised, and :class:`StudyResults` reads them. Without scratch or
+        an executor nothing more is trained.
 
     Examples
     --------
@@ -140,14 +152,27 @@ def run_study(
         if executor is None:  # do not wait for units whose results would be thrown away
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         config = json.dumps(configuration)
-        scheduler = _Scheduler(config, folder, arms, store, done, pool, workers * AHEAD)
+        failures = Failures(arms.keys)
+        scheduler = _Scheduler(config, folder, arms, store, done, pool, workers * AHEAD, failures)
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
             report_progress(Progress(tuple(units), unit))
-        shutil.rmtree(store.path / CHECKPOINTS, ignore_errors=True)
+        _write_failures(store, failures.rows())
+        if not failures:
+            shutil.rmtree(store.path / CHECKPOINTS, ignore_errors=True)
         found = StudyResults(path)
         found.write_tables()
+    if failures:
+        raise failures.error()
     return found
+
+
+def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+    """Write the failures of a run in the place of those of an earlier one."""
+    if rows:
+        store.write_json(FAILURES, rows)
+    else:
+        (store.path / FAILURES).unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -161,15 +186,14 @@ class _Scheduler:
     done: dict[str, dict[int, StoredUnit]]
     pool: Executor
     ahead: int
+    failures: Failures
 
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
         """Yield each unit with its result when it is stored.
 
-        When one fails, no more are started, and the error is raised when those that are running
-        have been stored.
+        When one fails, no more are started that only arms with a failure need.
         """
         waiting, running = list(units), dict[Future[Any], Unit]()
-        failure: StudyError | None = None
         try:
             while waiting or running:
                 for unit in [unit for unit in waiting if self._ready(unit)]:
@@ -180,18 +204,18 @@ class _Scheduler:
                 ended, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in [future for future in running if future in ended]:
                     unit = running.pop(future)
-                    try:
-                        result = self._store(unit, future)
-                    except StudyError as error:
-                        failure, waiting = failure or error, []
-                        running = {one: it for one, it in running.items() if not one.cancel()}
+                    if (error := _error_of(future)) is None:
+                        yield unit, self._store(unit, future.result())
                     else:
-                        yield unit, result
+                        self.failures.add(unit, error)
+                        waiting = self.failures.left(waiting)
+                        kept = self.failures.left(running.values())
+                        running = {
+                            one: it for one, it in running.items() if it in kept or not one.cancel()
+                        }
         finally:
             for future in running:
                 future.cancel()
-        if failure is not None:
-            raise failure
 
     def _ready(self, unit: Unit) -> bool:
         """Return whether all sources of a unit are trained."""
@@ -204,8 +228,10 @@ class _Scheduler:
         try:
             return self.pool.submit(train_unit, given)
         except Exception as error:
+            broken = BrokenExecutor("the executor took no unit")
+            broken.__cause__ = error
             refused: Future[Any] = Future()
-            refused.set_exception(error)
+            refused.set_exception(broken)
             return refused
 
     def _input(self, unit: Unit) -> UnitInput:
@@ -219,18 +245,20 @@ class _Scheduler:
         checkpoints = str(self.store.checkpoints(unit)) if deep else None
         return UnitInput(self.config, self.folder, unit, sources, checkpoints)
 
-    def _store(self, unit: Unit, future: "Future[Any]") -> LearningResult:
-        try:
-            result = future.result()
-        except Exception as error:
-            ours = isinstance(error, CurricleError)
-            text = str(error) if ours else f"{type(error).__name__}: {error}"
-            raise StudyError(
-                f"{unit.label} failed, and what was stored before is whole: {text}"
-            ) from (None if ours else error)
+    def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
         stored = self.store.write_unit(unit, result)
         self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
         return result_of(self.arms.curricula[unit.arm].node(unit.task), result.arrays)
+
+
+def _error_of(future: "Future[Any]") -> Exception | None:
+    """Return why a unit failed, if it did; an interrupt is raised."""
+    if future.cancelled():
+        return BrokenExecutor("the executor cancelled it")
+    error = future.exception()
+    if error is not None and not isinstance(error, Exception):
+        raise error
+    return error
 
 
 def _provenance(study: StudyConfig) -> dict[str, Any]:
@@ -307,4 +335,6 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
                     taken = target.write_unit(unit._replace(seeds=new), store.result(unit, new))
                     there |= dict.fromkeys(new, taken)
             StudyResults(path).write_tables()
+    with StudyStore.opened(path, stores[0].description, resume=True) as target:
+        _write_failures(target, [row for store in stores for row in read_failures(store)])
     return StudyResults(path)

@@ -1,0 +1,231 @@
+"""Verdicts: which arm is better than which, from one return for each arm and seed.
+
+Each question is a family of tests of its own, so that no answer depends on what else was asked:
+
+- Does a curriculum pay? Each against scratch, corrected for the number of curricula (Holm).
+- Does it gain more than its controls? Each against all of its own controls at once.
+- Arm against arm, where asked.
+
+All rest on sign-flip tests of paired differences (:func:`sign_flip_test`). K seeds cannot have a
+p-value below 2^(1 - K), so that with too few seeds there is no verdict, whatever they show.
+
+Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
+Technometrics 24, 1982 (intersection-union tests).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import FloatArray
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.statistics.curves import ROUNDING
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
+from curricle.statistics.intervals import Interval, bootstrap as mean_interval, vector
+
+SIGNIFICANT = 0.05
+"""Adjusted p-values below this count as a difference."""
+DRAWS, DRAWS_A_TEST = 10_000, 100
+"""Sign vectors drawn where there are too many seeds for all of them, at least; and for each test of
+a family, so that the smallest p-value can stay significant when it is adjusted."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer to whether an arm gains more than each of its rivals.
+
+    Attributes
+    ----------
+    gain : Interval
+        Mean difference of the returns of the arm and of its strongest rival. With several rivals
+        it is an interval for the smallest of all true differences.
+    rival : str
+        The strongest: the one with the highest mean return.
+    rivals : int
+        Number of rivals, n.
+    p : float
+        Two-sided, of no difference; for the number of rivals see :func:`verdicts_of`.
+    adjusted_p : float
+        The same, corrected for the number of questions in the family (Holm).
+    seeds, needed : int
+        Seeds K, and the fewest with which there can be a verdict.
+    """
+
+    gain: Interval
+    rival: str
+    rivals: int
+    p: float
+    adjusted_p: float
+    seeds: int
+    needed: int
+
+    @property
+    def too_few(self) -> str:
+        """That there are too few seeds for any verdict, in words; empty if there are enough."""
+        return too_few_seeds(self.seeds, self.needed)
+
+    @property
+    def direction(self) -> int:
+        """1 if the arm is shown to gain more than every rival, -1 if less than one, else 0."""
+        shown = not self.too_few and self.adjusted_p < SIGNIFICANT
+        return int(np.sign(self.gain.estimate)) if shown else 0
+
+    @property
+    def against_scratch(self) -> str:
+        """The answer to whether a curriculum pays."""
+        words = ("no difference shown", "pays", "costs more than it brings")
+        return self.too_few or words[self.direction]
+
+    @property
+    def answer(self) -> str:
+        """The answer to whether the arm gains more: "yes", "no, less" or "not shown"."""
+        return self.too_few or ("not shown", "yes", "no, less")[self.direction]
+
+    def __str__(self) -> str:
+        """Return the answer with the gain, such as ``yes, +3.1 [1.2, 5.0] (p = 0.004)``."""
+        gain, _, _ = str(self.gain).rpartition(", ")
+        words = f"{self.answer}, {'+' * (float(self.gain.estimate) > 0)}{gain}"
+        return words if self.too_few else f"{words} (p = {self.adjusted_p:.2g})"
+
+
+def verdicts_of(
+    returns: Mapping[str, npt.ArrayLike], rivals: Mapping[str, Sequence[str]], *, looks: int = 1
+) -> dict[str, Verdict]:
+    """Return for each of some arms whether it gains more than all of its rivals.
+
+    For an arm with n rivals and the p-values p_c of the n paired differences, p = max_c p_c if it
+    is ahead of all (each of the n claims must hold: an intersection-union test, which needs no
+    correction), else p = n min p_c over the rivals ahead of it. Called at most 5 %, either wrong
+    answer has a probability of at most 2.5 %, however many rivals there are. The interval is
+    [min_c low_c, min_c high_c], with lower bounds at 97.5 % each and upper ones at
+    1 - 0.025 / n, and so covers the smallest true difference in 95 % of studies.
+
+    Parameters
+    ----------
+    returns : dict of str to (K,) float64
+        One return for each arm and seed; seed k of all arms is paired.
+    rivals : dict of str to sequence of str
+        The questions: an arm and those that it is compared with, at least one. Holm's correction is
+        for the number of questions.
+    looks : int
+        Interim analyses planned, where seeds were added until something was found; p-values are
+        multiplied by it (Bonferroni), and intervals are as much wider.
+
+    Returns
+    -------
+    dict of str to Verdict
+        In the order of the questions.
+
+    Raises
+    ------
+    SettingError
+        If an arm is unknown, has no rival, or has another number of seeds than its rivals.
+
+    Examples
+    --------
+    >>> scratch = np.array([1.0, 2.0, 3.0, 2.5, 1.5, 2.0, 3.5])
+    >>> gain = np.array([1.0, 2.0, 1.5, 1.0, 2.5, 2.0, 1.0])
+    >>> found = verdicts_of({"scratch": scratch, "mean": scratch + gain}, {"mean": ["scratch"]})
+    >>> found["mean"].against_scratch, found["mean"].p
+    ('pays', 0.015625)
+    """
+    looks = whole_number("looks", looks, 1, SettingError)
+    if not rivals:
+        return {}
+    arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
+    apart = {
+        name: np.stack([paired_difference(name, rival, arrays) for rival in those])
+        for name, those in rivals.items()
+        if _checked(name, those, arrays)
+    }
+    draws = max(DRAWS, DRAWS_A_TEST * looks * sum(map(len, apart.values())))
+    p = [min(1.0, looks * _p_value(rows, draws)) for rows in apart.values()]
+    found = {}
+    for (name, rows), one, adjusted in zip(apart.items(), p, holm(p).tolist(), strict=True):
+        strongest = rivals[name][int(rows.mean(axis=1).argmin())]
+        seeds, needed = rows.shape[1], seeds_needed(len(apart), looks=looks)
+        gain = _smallest_gain(rows, looks)
+        found[name] = Verdict(gain, strongest, len(rows), one, adjusted, seeds, needed)
+    return found
+
+
+def seeds_needed(questions: int = 1, *, looks: int = 1) -> int:
+    """Return the fewest seeds K with which there can be a verdict: one arm is one question.
+
+    The smallest K whose smallest p-value, 2^(1 - K), is below 0.05 when Holm's correction
+    multiplies it by the number of questions, and by the number of planned looks.
+
+    Examples
+    --------
+    >>> [seeds_needed(arms) for arms in (1, 2, 3, 4, 6, 7)]
+    [6, 7, 7, 8, 8, 9]
+    """
+    tests = whole_number("questions", questions, 1, SettingError)
+    tests *= whole_number("looks", looks, 1, SettingError)
+    draws, seeds = max(DRAWS, DRAWS_A_TEST * tests), 2
+    while tests * smallest_p(seeds, draws) >= SIGNIFICANT:
+        seeds += 1
+    return seeds
+
+
+def too_few_seeds(seeds: int, needed: int) -> str:
+    """Return that there are too few seeds for a verdict, in words; empty if there are enough.
+
+    Examples
+    --------
+    >>> too_few_seeds(5, seeds_needed(1)), too_few_seeds(6, seeds_needed(1))
+    ('too few seeds for a verdict (5; 6 or more)', '')
+    """
+    return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
+
+
+def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
+    """Return mine - yours (K,); 0 where they differ by no more than rounding."""
+    noise = ROUNDING * np.maximum(np.abs(mine), np.abs(yours))
+    return np.where(np.abs(mine - yours) > noise, np.subtract(mine, yours), 0.0)
+
+
+def paired_difference(name: str, rival: str, returns: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the differences of two arms' returns (K,), or raise SettingError."""
+    mine, yours = returns[name], returns[rival]
+    if mine.shape != yours.shape:
+        raise SettingError(
+            f"returns must be of the same seeds: {name!r} has {mine.size}, {rival!r} {yours.size}"
+        )
+    return difference(mine, yours)
+
+
+def _checked(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) -> bool:
+    """Raise SettingError unless an arm and its rivals, at least one, have returns."""
+    if not rivals:
+        raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
+    for one in (name, *rivals):
+        if one not in returns:
+            raise SettingError(f"an arm to be compared needs returns: {one!r} has none")
+    return True
+
+
+def _p_value(differences: FloatArray, draws: int) -> float:
+    """Return the p-value of an arm's differences from n rivals (n, K), as :func:`verdicts_of`."""
+    p = np.array([sign_flip_test(row, resamples=draws) for row in differences])
+    means = differences.mean(axis=1)
+    if (means > 0).all():
+        return float(p.max())
+    return min(1.0, len(p) * float(p[means < 0].min(initial=1.0)))
+
+
+def _smallest_gain(differences: FloatArray, looks: int) -> Interval:
+    """Return the interval of the smallest of n true differences, from the differences (n, K)."""
+    side = SIGNIFICANT / 2 / looks
+    below = [mean_interval(row, confidence=1 - 2 * side) for row in differences]
+    above = [mean_interval(row, confidence=1 - 2 * side / len(differences)) for row in differences]
+    return Interval(
+        estimate=float(differences.mean(axis=1).min()),
+        low=float(np.min([one.low for one in below])),
+        high=float(np.min([one.high for one in above])),
+        confidence=1 - SIGNIFICANT,
+        n=differences.shape[1],
+    )

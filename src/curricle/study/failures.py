@@ -1,0 +1,115 @@
+"""Units that failed: the arms that need them are left out, the others are trained and compared."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+from curricle.errors import CurricleError, StoreError, StudyError, in_words
+from curricle.statistics.curves import SCRATCH
+from curricle.study.store import StudyStore
+from curricle.study.units import Unit
+
+FAILURES = "failures.json"
+"""The units that failed in the last run, in its folder; there is no such file if none did."""
+Keys = Mapping[tuple[str, str], str]
+"""The key of each arm's tasks, as in :class:`Arms`."""
+
+
+@dataclass
+class Failures:
+    """The units that failed in a run.
+
+    Attributes
+    ----------
+    keys : dict of (str, str) to str
+        As in :class:`Arms`.
+    each : list of (Unit, Exception)
+        In the order in which they failed.
+    executor_failed : bool
+        Whether one of them was never trained, as the executor failed.
+    """
+
+    keys: Keys
+    each: list[tuple[Unit, BaseException]] = field(default_factory=list)
+    executor_failed: bool = False
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def add(self, unit: Unit, error: Exception) -> None:
+        """Note that a unit failed; a BrokenExecutor's cause is why."""
+        if isinstance(error, BrokenExecutor):
+            self.executor_failed = True
+            self.each.append((unit, error.__cause__ or error))
+        else:
+            self.each.append((unit, error))
+
+    def left(self, units: Iterable[Unit]) -> list[Unit]:
+        """Return those of some units that an arm without a failure needs; none without scratch."""
+        lost = arms_of(self.keys, [unit.key for unit, _ in self.each])
+        if self.executor_failed or SCRATCH in lost:
+            return []
+        return [unit for unit in units if arms_of(self.keys, [unit.key]) - lost]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+        if self.executor_failed:
+            return []
+        return [
+            {
+                "key": unit.key,
+                "seeds": list(unit.seeds),
+                "error": f"{unit.label}: {in_words(error)}",
+            }
+            for unit, error in self.each
+        ]
+
+    def error(self) -> StudyError:
+        """Return one error for all; its cause is the first that is not the library's own."""
+        (unit, first), *others = self.each
+        text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
+        for other, error in others:
+            text += f"; {other.label} failed too: {in_words(error)}"
+        found = StudyError(text)
+        foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
+        found.__cause__ = foreign[0] if foreign else None
+        return found
+
+
+def arms_of(keys: Keys, some: Sequence[str]) -> set[str]:
+    """Return the arms that need a unit with one of these keys.
+
+    Examples
+    --------
+    >>> sorted(arms_of({("a", "maze"): "0f", ("b", "maze"): "0f", ("c", "maze"): "1e"}, ["0f"]))
+    ['a', 'b']
+    """
+    return {arm for (arm, _), key in keys.items() if key in some}
+
+
+def read_failures(store: StudyStore) -> list[dict[str, Any]]:
+    """Return the rows of :meth:`Failures.rows` that a folder holds; StoreError if damaged."""
+    found = store.read_json(FAILURES) if store.has(FAILURES) else []
+    try:
+        return [
+            {"key": str(row["key"]), "seeds": list(row["seeds"]), "error": str(row["error"])}
+            for row in found
+        ]
+    except (TypeError, KeyError):
+        raise StoreError(
+            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
+            "delete it, and show leaves out no arm"
+        ) from None
+
+
+def failed_arms(
+    rows: Iterable[Mapping[str, Any]], keys: Keys, stored: Mapping[str, Mapping[int, Any]]
+) -> dict[str, str]:
+    """Return the first error of each arm that needs a unit that failed and is not stored since."""
+    found: dict[str, str] = {}
+    for row in rows:
+        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
+            for arm in sorted(arms_of(keys, [row["key"]])):
+                found.setdefault(arm, row["error"])
+    return found
