@@ -254,7 +254,9 @@ def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study
     assert not out
     assert 'rules.py", line 2, in mean' in complaint
     last = complaint.splitlines()[-1]
-    assert last.startswith("curricle: state: easy, seeds 0-1 failed, and what was stored before is")
+    assert last.startswith(
+        "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole"
+    )
     assert last.endswith("LookupError: a rule of the thesis is not met")
     assert StudyStore(tmp_path / "chain-results").units()
 

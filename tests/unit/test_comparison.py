@@ -115,14 +115,16 @@ def test_a_gain_within_rounding_is_none(more, gain):
     np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
 
 
-def test_tests_are_corrected_for_the_number_of_arms():
+def test_tests_are_corrected_for_the_number_of_curricula():
     found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
     assert len(found.contrasts) == 6
     assert "scratch" not in found.contrasts
-    contrasts = found.contrasts.values()
-    adjusted = cr.statistics.holm([one.p for one in contrasts])
-    assert [one.adjusted_p for one in contrasts] == adjusted.tolist()
-    assert any(one.adjusted_p > one.p for one in contrasts)
+    own = [found.contrasts[name] for name in ("one", "two")]
+    adjusted = cr.statistics.holm([one.p for one in own])
+    assert [one.adjusted_p for one in own] == adjusted.tolist()
+    assert any(one.adjusted_p > one.p for one in own)
+    controls = [one for name, one in found.contrasts.items() if ", " in name]
+    assert [(np.isnan(one.adjusted_p), one.verdict) for one in controls] == [(True, "")] * 4
 
 
 @pytest.mark.parametrize(
@@ -130,9 +132,10 @@ def test_tests_are_corrected_for_the_number_of_arms():
     [(1, "pays"), (-1, "costs more than it brings"), (0, "no difference shown")],
 )
 def test_verdicts(height, verdict):
-    """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625."""
+    """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625 at best."""
     scratch, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
-    for arms, expected in ((1, verdict), (4, "no difference shown")):
+    few = "too few seeds for a verdict (7; 8 or more)"
+    for arms, expected in ((1, verdict), (4, few)):
         names = [f"arm {i}" for i in range(arms)]
         found = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
         assert found.contrasts["arm 0"].verdict == expected
@@ -165,6 +168,10 @@ def test_rows_are_a_table():
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict
+    own = BY_HAND.control_verdicts["helped"]
+    assert (helped["strongest_control"], helped["beats_controls"]) == ("misled", own.answer)
+    assert helped["gain_over_controls"] == own.gain.estimate == 2.0 - misled["mean_return"]
+    assert (misled["strongest_control"], scratch["beats_controls"]) == ("", "")
     assert scratch["mean_return"] == 1.125
     assert scratch["verdict"] == ""
     text = io.StringIO()
@@ -177,9 +184,10 @@ def test_rows_are_a_table():
 def test_a_comparison_prints_as_a_table():
     lines = str(BY_HAND).split("\n")
     assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
-    assert [line.split()[0] for line in lines[2:]] == ["scratch", "helped", "misled"]
+    assert [line.split()[0] for line in lines[2:5]] == ["scratch", "helped", "misled"]
+    assert lines[5].startswith("helped gains more than its misled: too few seeds for a verdict (2")
     assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12"]
-    assert lines[3].endswith("3.25                  no difference shown (p = 1)")
+    assert lines[3].endswith("3.25                  too few seeds for a verdict (2; 6 or more)")
     assert "> 35 (1 never)" in lines[4]
     headings = (
         "steps to threshold",
@@ -196,9 +204,11 @@ def test_a_comparison_prints_as_a_table():
 def test_a_line_for_each_arm():
     found = compare({"one": corner(), "two": corner()}, seeds=2, controls=ALL)
     lines = str(found).split("\n")
-    assert len(lines) == 2 + len(found.arms)
-    for name, line in zip(found.arms, lines[2:], strict=True):
+    assert len(lines) == 2 + len(found.arms) + 2
+    for name, line in zip(found.arms, lines[2:-2], strict=True):
         assert line.startswith(name + "  ")
+    for name, line in zip(("one", "two"), lines[-2:], strict=True):
+        assert line.startswith(f"{name} gains more than each of its 6 controls: too few seeds")
 
 
 def test_an_unknown_arm():

@@ -14,7 +14,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     """Print a study's progress, what each task learnt, and the comparison if there is one."""
     _check(results, arm, task)
     config = results.config
-    print(f"{config.name}: {len(results.seeds)} of {len(config.seeds)} seeds finished in every arm")
+    arms = "every arm" + " that has not failed" * bool(results.failed)
+    print(f"{config.name}: {len(results.seeds)} of {len(config.seeds)} seeds finished in {arms}")
     rows = table("", "seeds", "steps", "episodes", "greedy return")
     for name, found in results.results.items():
         for node, learnt in found.nodes.items():

@@ -262,7 +262,7 @@ class Comparison:
         if verdict.rivals == 1:
             return f"{name} gains more than its {strongest}: {verdict}"
         return (
-            f"{name} gains more than each of its {verdict.rivals} controls: {verdict}, the "
+            f"{name} gains more than each of its {verdict.rivals} controls: {verdict}; the "
             f"strongest is {strongest}"
         )
 

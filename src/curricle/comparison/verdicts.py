@@ -24,7 +24,7 @@ from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
-from curricle.statistics.intervals import Interval, bootstrap as mean_interval, vector
+from curricle.statistics.intervals import Interval, mean_interval, vector
 
 SIGNIFICANT = 0.05
 """Adjusted p-values below this count as a difference."""
@@ -33,7 +33,7 @@ DRAWS, DRAWS_A_TEST = 10_000, 100
 a family, so that the smallest p-value can stay significant when it is adjusted."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Verdict:
     """The answer to whether an arm gains more than each of its rivals.
 

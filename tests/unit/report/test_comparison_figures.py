@@ -95,8 +95,9 @@ def test_a_profile_steps_down_where_a_run_ends():
 
 
 def test_gains_have_a_row_each_with_interval_and_p():
-    placebo = arm(-5.0, 20, control=True, spread=3.0)
-    found = comparison(**{"mean": arm(10.0, 20, spread=2.0), "mean, placebo": placebo})
+    placebo = arm(-5.0, 20, control=True, seeds=6, spread=3.0)
+    own = arm(10.0, 20, seeds=6, spread=2.0)
+    found = comparison(seeds=6, **{"mean": own, "mean, placebo": placebo})
     axes = draw_comparison(found).axes[2]
     assert [label.get_text() for label in axes.get_yticklabels()] == [
         "scratch",
@@ -110,8 +111,9 @@ def test_gains_have_a_row_each_with_interval_and_p():
         assert (*dots[name].get_xdata(), *dots[name].get_ydata()) == (gain.estimate, row)
         segment = axes.collections[row - 1].get_segments()[0]
         assert segment.tolist() == [[gain.low, row], [gain.high, row]]
-        assert f"{found.contrasts[name].adjusted_p:.2g}" in texts_of(axes)
-        assert dots[name].get_markerfacecolor() == "w"  # p is 1/8 at best with 4 seeds
+        filled = name == "mean"  # a control is compared with its curriculum only
+        assert (dots[name].get_markerfacecolor() == "w") is not filled
+    assert f"{found.verdicts['mean'].adjusted_p:.2g}" in texts_of(axes)
     assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts_of(axes))
 
 
@@ -121,13 +123,21 @@ def test_significant_gains_are_filled():
 
 
 def test_the_caption_says_seeds_intervals_and_correction():
-    words = caption_of(draw_comparison(comparison()))
-    for part in ("4 seeds", "nominal 95 % intervals", "2 arms by Holm", "controls"):
+    two = {"min": arm(9.0, 20, seeds=8)}
+    words = caption_of(draw_comparison(comparison(seeds=8, **two)))
+    for part in ("8 seeds", "nominal 95 % intervals", "2 curricula by Holm", "controls"):
         assert part in words
-    alone = Comparison("hunt", {n: comparison()[n] for n in ("scratch", "mean")}, 80, 100, 7.5, 1)
-    words = caption_of(draw_comparison(alone))
+    alone = {name: comparison(seeds=8)[name] for name in ("scratch", "mean")}
+    words = caption_of(draw_comparison(Comparison("hunt", alone, 80, 100, 7.5, 1)))
     assert "controls" not in words
-    assert "of one arm" in words
+    assert "of one curriculum" in words
+
+
+def test_the_caption_says_that_there_are_too_few_seeds():
+    figure = draw_comparison(comparison(seeds=5))
+    assert "too few seeds for a verdict (5; 6 or more)" in caption_of(figure)
+    assert "p values" not in caption_of(figure)
+    assert "p (Holm)" not in texts_of(figure.axes[2])
 
 
 def test_one_seed_has_no_intervals_and_no_p():

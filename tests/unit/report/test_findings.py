@@ -47,12 +47,23 @@ def test_controls_do_not_count_in_the_headline():
     assert headline(found).startswith("The curriculum pays for itself: +")
 
 
+def test_a_curriculum_is_compared_with_its_own_controls():
+    found = compared(good=line(10), weak=line(4, control=True), strong=line(9, control=True))
+    curriculum, *controls = findings(found)
+    words = curriculum.sentences[-1].replace("\xa0", " ")
+    assert words.startswith("Gains more than each of its 2 controls: yes, +1.00 [")
+    assert words.endswith("the strongest is strong.")
+    assert not any("(p" in one.sentences[0] for one in controls)
+
+
 @pytest.mark.parametrize(("seeds", "arms", "few"), [(1, 1, True), (5, 1, True), (6, 1, False)])
 def test_too_few_seeds_are_said_to_be(seeds, arms, few):
     found = compared(seeds, **{f"arm {i}": line(10, seeds=seeds) for i in range(arms)})
     assert bool(too_few(found)) is few
     if few:
         assert all(one.tone == "open" for one in findings(found))
+        needed = "6 or more" if arms == 1 else "7 or more"
+        assert headline(found) == f"Too few seeds for a verdict ({seeds}; {needed})."
 
 
 def test_findings_say_when_the_threshold_was_reached():

@@ -1,0 +1,135 @@
+"""An arm that fails is reported as failed; the other arms are trained, stored and compared."""
+
+import sys
+from concurrent.futures import Executor, Future
+
+import numpy as np
+import pytest
+
+from curricle.cli.app import main
+from curricle.errors import StoreError, StudyError
+from curricle.report.study_report import write_report
+from curricle.study import StudyResults, merge, read_study, run_study
+from curricle.study.failures import FAILURES
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+FAILING = """
+from pathlib import Path
+
+import numpy as np
+
+
+def mean(values):
+    if Path(__file__).with_name("broken").exists():
+        raise LookupError("a rule of the thesis is not met")
+    return np.mean(values, axis=0)
+"""
+WORDS = "state: easy, seeds 0-1: LookupError: a rule of the thesis is not met"
+
+
+@pytest.fixture
+def study(study_file, tmp_path):
+    """The study of three arms, one of which fails while the file "broken" is there."""
+    (tmp_path / "rules.py").write_text(FAILING)
+    (tmp_path / "broken").touch()
+    text = study_file.read_text().replace(
+        'shaping = "StateShaping"', 'shaping = "StateShaping"\naggregate="rules:mean"'
+    )
+    (tmp_path / "chain.toml").write_text(text)
+    yield read_study(tmp_path / "chain.toml")
+    sys.modules.pop("rules", None)
+
+
+def test_the_other_arms_stand(study, finished, tmp_path):
+    trained = []
+    with pytest.raises(StudyError, match="state: easy, seeds 0-1 failed, and all that is stored"):
+        run_study(study, tmp_path / "out", workers=1, progress=lambda one: trained.append(one))
+    found, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
+    assert (found.failed, found.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
+    labels = [one.stored.label for one in trained[1:]]
+    assert not any(label.startswith("state: ") for label in labels)
+    assert sum(label.startswith("calibrated: ") for label in labels) == 4  # and was after it
+    lines = str(found.comparison).split("\n")
+    assert lines[-1] == f"state failed: {WORDS}"
+    for name in ("scratch", "chain", "calibrated"):
+        np.testing.assert_array_equal(
+            found.comparison[name].curve.values, wanted.comparison[name].curve.values
+        )
+    assert set(found.comparison.arms) == {"scratch", "chain", "calibrated"}
+    page = write_report(tmp_path / "out").read_text()
+    assert f"The arm state failed and is left out: {WORDS}" in page
+
+
+def test_what_failed_is_trained_again(study, finished, tmp_path, contents):
+    with pytest.raises(StudyError):
+        run_study(study, tmp_path / "out", workers=1)
+    assert (tmp_path / "out" / FAILURES).exists()
+    (tmp_path / "broken").unlink()
+    found = run_study(study, tmp_path / "out", resume=True, workers=2)
+    assert found.failed == {}
+    wanted = StudyResults(finished).comparison
+    assert str(found.comparison) == str(wanted)
+    assert not (tmp_path / "out" / FAILURES).exists()
+
+
+class FailsScratch(Executor):
+    """Trains a unit when it is submitted, unless it is of the arm from scratch."""
+
+    def submit(self, function, given):
+        future = Future()
+        if given.unit.arm == "scratch":
+            future.set_exception(MemoryError("64 TB"))
+        else:
+            future.set_result(function(given))
+        return future
+
+
+def test_without_scratch_nothing_more_is_trained(study_file, tmp_path):
+    out, begun = tmp_path / "out", []
+    with pytest.raises(StudyError, match=r"scratch: maze, seeds 0-1 failed, .* MemoryError: 64 TB"):
+        run_study(
+            read_study(study_file), out, workers=1, executor=FailsScratch(), progress=begun.append
+        )
+    found = StudyResults(out)
+    assert set(found.failed) == {"scratch"}
+    assert len(begun) <= 3  # what had been submitted ahead
+    with pytest.raises(StoreError, match="learnt from scratch, which failed in "):
+        _ = found.comparison
+
+
+def test_merged_parts_keep_their_failures(study, tmp_path):
+    for i in (1, 2):
+        with pytest.raises(StudyError):
+            run_study(study, tmp_path / f"part-{i}", workers=1, shard=(i, 2))
+    found = merge(tmp_path / "whole", [tmp_path / "part-1", tmp_path / "part-2"])
+    assert found.failed == {"state": WORDS}
+    assert found.seeds == (0, 1, 2, 3)
+
+
+@pytest.mark.parametrize("content", ["[3]", "{}{", '[{"key": 1}]', "7"])
+def test_a_damaged_list_of_failures_is_a_sentence(copied, content):
+    (copied / FAILURES).write_text(content)
+    with pytest.raises(StoreError, match=FAILURES):
+        _ = StudyResults(copied).failed
+
+
+def test_the_exit_code_and_show_tell_of_it(study, tmp_path, monkeypatch, capfd):
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capfd.readouterr()
+        return ended.value.code or 0, told.out, told.err
+
+    out = tmp_path / "out"
+    code, _, complaint = command("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
+    assert code == 3
+    assert complaint.splitlines()[-1] == (
+        "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole: "
+        "LookupError: a rule of the thesis is not met"
+    )
+    code, shown, _ = command("show", out)
+    assert code == 0
+    assert shown.startswith("chain: 4 of 4 seeds finished in every arm that has not failed\n")
+    assert shown.endswith(f"state failed: {WORDS}\n")

@@ -1,0 +1,251 @@
+"""Verdicts from plain arrays: who is compared with whom, and with how many seeds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from curricle import compare
+from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
+from curricle.comparison.verdicts import SIGNIFICANT
+from curricle.errors import CurriculumError, SettingError
+from curricle.statistics import Curve, holm, sign_flip_test
+from tests.comparisons import corner
+
+
+def flat_arm(returns, control=False):
+    """An arm whose seeds have constant curves of these heights."""
+    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
+    return Arm(Curve(np.array([0, 10]), values), values, values, control)
+
+
+def compared(**returns):
+    """A comparison of flat arms; those whose name ends with "_control" are controls."""
+    arms = {name: flat_arm(each, name.endswith("_control")) for name, each in returns.items()}
+    return Comparison("maze", arms, 10, 10, 0.5, 1)
+
+
+def column(height, seeds=8):
+    """Returns of the given mean, a little apart, in an order of their own for each height."""
+    return height + 0.1 * np.random.default_rng(abs(int(height * 7))).permutation(seeds)
+
+
+# -- a verdict and what else is asked ----------------------------------------------------------
+
+
+def test_a_verdict_stays_when_controls_come():
+    """p = 2^-7 = 0.0078: with five controls in the family it would be 0.047, with seven 0.0625."""
+    alone = compared(scratch=column(0), mine=column(-1))
+    many = {f"c{n}_control": column(2) for n in range(7)}
+    beside = compared(scratch=column(0), mine=column(-1), **many)
+    for found in (alone, beside):
+        assert found.contrasts["mine"].verdict == "costs more than it brings"
+        assert found.contrasts["mine"].adjusted_p == found.contrasts["mine"].p == 2**-7
+
+
+@settings(max_examples=40)
+@given(st.data())
+def test_no_verdict_changes_with_the_controls(data):
+    seeds = data.draw(st.integers(1, 9))
+    row = st.lists(st.integers(-9, 9), min_size=seeds, max_size=seeds)
+    curricula = data.draw(st.lists(row, min_size=1, max_size=3))
+    controls = [data.draw(st.lists(row, max_size=3)) for _ in curricula]
+    alone, beside = {"scratch": data.draw(row)}, {}
+    beside |= alone
+    for n, (own, those) in enumerate(zip(curricula, controls, strict=True)):
+        alone[f"arm {n}"] = beside[f"arm {n}"] = own
+        beside |= {f"arm {n}, {k}_control": one for k, one in enumerate(those)}
+    first, second = compared(**alone), compared(**beside)
+    for name, contrast in first.contrasts.items():
+        other = second.contrasts[name]
+        assert (contrast.verdict, contrast.p, contrast.adjusted_p) == (
+            other.verdict, other.p, other.adjusted_p,
+        )  # fmt: skip
+        assert str(first.verdicts[name]) == str(second.verdicts[name])
+    assert set(second.control_verdicts) == {f"arm {n}" for n, those in enumerate(controls) if those}
+
+
+def test_trained_verdicts_stay_when_controls_come():
+    plain = compare(corner(), seeds=7)
+    beside = compare(corner(), seeds=7, controls=["placebo", "scaled", "negated"])
+    one, other = (found.contrasts["transfer"] for found in (plain, beside))
+    assert (one.verdict, one.p, one.adjusted_p) == (other.verdict, other.p, other.adjusted_p)
+
+
+# -- a curriculum and its controls -------------------------------------------------------------
+
+
+def test_the_answer_is_about_the_strongest_control():
+    rng = np.random.default_rng(3)
+    mine = 10 + rng.normal(size=12)
+    placebo, pretraining = 5 + rng.normal(size=12), 8 + rng.normal(size=12)
+    found = compared(scratch=column(0, 12), mine=mine, a_control=placebo, b_control=pretraining)
+    (verdict,) = found.control_verdicts.values()
+    assert (verdict.rival, verdict.rivals, verdict.answer) == ("b_control", 2, "yes")
+    assert verdict.gain.estimate == pytest.approx((mine - pretraining).mean())
+    p = [sign_flip_test(mine - other) for other in (placebo, pretraining)]
+    assert verdict.p == max(p)
+    sentence = found.control_sentence("mine")
+    assert sentence.startswith("mine gains more than each of its 2 controls: yes, +")
+    assert sentence.endswith(f"(p = {max(p):.2g}); the strongest is b_control")
+    assert sentence in str(found).split("\n")
+
+
+def test_one_control_is_named():
+    found = compare(corner(source=1), seeds=3, controls=["placebo"])
+    words = "transfer gains more than its placebo: too few seeds for a verdict (3; 6 or more), "
+    assert found.control_sentence("transfer").startswith(words)
+
+
+def test_a_stronger_control_has_to_be_found_among_all():
+    """Behind one of n controls: n times its p, since it was picked out of n."""
+    returns = {"mine": column(0), "a": column(-1), "b": column(1), "c": column(-2)}
+    verdict = verdicts_of(returns, {"mine": "abc"})["mine"]
+    assert (verdict.rival, verdict.p, verdict.answer) == ("b", 3 * 2**-7, "no, less")
+    alone = verdicts_of(returns, {"mine": "b"})["mine"]
+    assert alone.p == 2**-7
+
+
+def test_an_interval_of_one_rival_is_that_of_the_gain():
+    found = compare(corner(), seeds=6)
+    gain, contrast = found.verdicts["transfer"].gain, found.contrasts["transfer"].strong_gain
+    assert (gain.estimate, gain.low, gain.high) == (contrast.estimate, contrast.low, contrast.high)
+
+
+# -- arm against arm ---------------------------------------------------------------------------
+
+
+def test_any_arm_can_be_asked_about():
+    found = compared(scratch=column(0), one=column(3), two=column(5), a_control=column(1))
+    against = found.against("one")
+    assert list(against) == ["two"]
+    assert (against["two"].answer, against["two"].p) == ("yes", 2**-7)
+    assert found.against("two")["one"].answer == "no, less"
+    assert str(found.against("scratch")) == str(found.verdicts)
+    with pytest.raises(CurriculumError, match="an arm must be one of scratch, one, two"):
+        found.against("three")
+
+
+def test_a_family_is_corrected_for_its_questions_and_looks():
+    returns = {"scratch": column(0, 10), **{name: column(k + 1, 10) for k, name in enumerate("ab")}}
+    questions = {name: ["scratch"] for name in "ab"}
+    found = verdicts_of(returns, questions)
+    p = [one.p for one in found.values()]
+    assert p == [2**-9, 2**-9]
+    assert [one.adjusted_p for one in found.values()] == holm(p).tolist()
+    looked = verdicts_of(returns, questions, looks=5)
+    assert [one.p for one in looked.values()] == [5 * 2**-9, 5 * 2**-9]
+    assert {one.needed for one in looked.values()} == {seeds_needed(2, looks=5)} == {9}
+    for name in "ab":
+        assert looked[name].gain.low <= found[name].gain.low
+
+
+@pytest.mark.parametrize(
+    ("rivals", "message"),
+    [
+        ({"a": []}, "an arm to be compared needs a rival: 'a' has none"),
+        ({"a": ["z"]}, "an arm to be compared needs returns: 'z' has none"),
+        ({"a": ["b"]}, "returns must be of the same seeds: 'a' has 3, 'b' 2"),
+    ],
+)
+def test_questions_that_make_no_sense(rivals, message):
+    with pytest.raises(SettingError) as caught:
+        verdicts_of({"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]}, rivals)
+    assert str(caught.value) == message
+
+
+# -- how many seeds ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arms", [1, 2, 3, 4, 7])
+def test_with_as_many_seeds_as_needed_and_no_fewer_there_is_a_verdict(arms):
+    """The clearest results that there can be: every arm is ahead in every seed."""
+    needed = seeds_needed(arms)
+    for seeds in range(1, needed + 2):
+        rows = {f"arm {n}": column(9 + n, seeds) for n in range(arms)}
+        rivals = dict.fromkeys(rows, ("scratch",))
+        found = verdicts_of({"scratch": column(0, seeds), **rows}, rivals)
+        words = {one.against_scratch for one in found.values()}
+        if seeds >= needed:
+            assert words == {"pays"}
+        else:
+            assert words == {f"too few seeds for a verdict ({seeds}; {needed} or more)"}
+            assert min(one.adjusted_p for one in found.values()) >= SIGNIFICANT
+
+
+def test_any_number_of_arms_has_a_number_of_seeds():
+    assert seeds_needed(100_000) <= 25
+    with pytest.raises(SettingError, match="questions must be a whole number, at least 1: got 0"):
+        seeds_needed(0)
+
+
+def test_five_seeds_are_too_few_whatever_they_show():
+    found = compared(scratch=column(0, 5), mine=column(118, 5))
+    assert "no difference shown" not in str(found)
+    assert str(found).endswith("too few seeds for a verdict (5; 6 or more)")
+    enough = compared(scratch=column(0, 6), mine=column(118, 6))
+    assert str(enough).endswith("pays (p = 0.031)")
+
+
+# -- arms that fail ----------------------------------------------------------------------------
+
+
+def failing(error, after=0):
+    """Return an aggregate that raises an error, at the earliest after so many calls."""
+    calls = []
+
+    def aggregate(potentials):
+        calls.append(0)
+        if len(calls) > after:
+            raise error
+        return potentials.mean(axis=0)
+
+    return aggregate
+
+
+BROKEN = CurriculumError("a rule: a value, a place")
+
+
+@pytest.mark.parametrize("error", [BROKEN, ZeroDivisionError("division by zero")])
+def test_an_arm_that_fails_is_reported_and_the_others_stand(error):
+    arms = {"good": corner(), "bad": corner(aggregate=failing(error)), "too": corner()}
+    named = []
+    found = compare(arms, seeds=2, controls=["placebo"], progress=named.append)
+    wanted = compare({"good": corner(), "too": corner()}, seeds=2, controls=["placebo"])
+    assert list(found.arms) == list(wanted.arms) == named
+    assert found.failed == {"bad": error}
+    *same, last = str(found).split("\n")
+    assert same == str(wanted).split("\n")
+    kind = "" if isinstance(error, CurriculumError) else "ZeroDivisionError: "
+    assert last == f"bad failed: {kind}{error}"
+
+
+def test_a_control_that_fails_is_left_out(monkeypatch):
+    def broken(*_):
+        raise BROKEN
+
+    monkeypatch.setattr("curricle.comparison.comparing.learn_changed", broken)
+    found = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
+    assert list(found.arms) == ["scratch", "transfer", "transfer, pretraining"]
+    assert found.failed == {"transfer, placebo": BROKEN}
+    assert found.control_verdicts["transfer"].rivals == 1
+
+
+def test_an_error_of_all_arms_is_raised():
+    arms = {name: corner(aggregate=failing(BROKEN)) for name in ("one", "two")}
+    with pytest.raises(CurriculumError, match="a rule: a value, a place"):
+        compare(arms, seeds=2)
+
+
+@pytest.mark.parametrize(("after", "seeds"), [(2, 4), (4, 7)])
+def test_where_seeds_are_added_a_failure_is_noted_once(after, seeds):
+    """Looks at 2, 4 and 7 seeds; the second arm fails at the second look or the third."""
+    bad = corner(target=1000, aggregate=failing(BROKEN, after=after))
+    good = corner(target=1000)
+    found = compare({"good": good, "bad": bad}, seeds=2, precision=1e-9, most_seeds=7)
+    assert (list(found.arms), found.failed) == (["scratch", "good"], {"bad": BROKEN})
+    assert found.seeds == 7
+    first = compare({"bad": replace(bad, aggregate=failing(BROKEN, after=after)), "good": good},
+                    seeds=2, precision=1e-9, most_seeds=7)  # fmt: skip
+    assert (list(first.arms), first.seeds) == (["scratch", "good"], seeds)
