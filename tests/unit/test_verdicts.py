@@ -10,7 +10,7 @@ from curricle import compare
 from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, holm, sign_flip_test
+from curricle.statistics import Curve, Looks, holm, sign_flip_test
 from tests.comparisons import corner
 
 
@@ -134,9 +134,11 @@ def test_a_family_is_corrected_for_its_questions_and_looks():
     p = [one.p for one in found.values()]
     assert p == [2**-9, 2**-9]
     assert [one.adjusted_p for one in found.values()] == holm(p).tolist()
-    looked = verdicts_of(returns, questions, looks=5)
-    assert [one.p for one in looked.values()] == [5 * 2**-9, 5 * 2**-9]
-    assert {one.needed for one in looked.values()} == {seeds_needed(2, looks=5)} == {9}
+    looks = Looks.doubling(10, 100)
+    looked = verdicts_of(returns, questions, looks=looks)
+    assert [one.p for one in looked.values()] == [looks.adjusted_p(2**-9)] * 2
+    assert 2**-9 < looks.adjusted_p(2**-9) < 5 * 2**-9
+    assert {one.needed for one in looked.values()} == {seeds_needed(2, looks=looks)} == {9}
     for name in "ab":
         assert looked[name].gain.low <= found[name].gain.low
 

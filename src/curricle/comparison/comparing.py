@@ -26,6 +26,7 @@ from curricle.comparison.controls import (
     value_controls,
 )
 from curricle.comparison.task_differences import differences
+from curricle.comparison.verdicts import ONE_LOOK
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Episodes, limits, spacing
@@ -34,7 +35,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import StoppingRule
 from curricle.planning.target import Target
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.sequential import add_seeds
+from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 
@@ -123,15 +124,17 @@ def compare(
     else:
         threshold = number("threshold", threshold, SettingError)
     failed: dict[str, Exception] = {}
+    looks = ONE_LOOK
     if precision is None and not difference:
         found = plan.run(seed_tuple(seeds), failed)
     else:
         found = plan.run_until(seeds, precision, difference, most_seeds, failed)
+        looks = Looks.doubling(int(seeds), most_seeds)  # type: ignore[arg-type]
     if len(found) == 1:  # scratch alone
         raise next(iter(failed.values()))
     if threshold is None:
         threshold = default_threshold(target, found[SCRATCH])
-    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed)
+    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed, looks)
 
 
 @dataclass(frozen=True)

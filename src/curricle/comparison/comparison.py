@@ -10,7 +10,7 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.comparison.verdicts import Verdict, verdicts_of
+from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
 from curricle.errors import CurriculumError, in_words
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
@@ -21,6 +21,7 @@ from curricle.statistics.intervals import (
     paired_difference,
 )
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
+from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
@@ -88,8 +89,8 @@ class Comparison:
         Checkpoints over which curves are smoothed to find when they reach the threshold.
     failed : dict of str to Exception
         Arms that could not be trained, and why.
-    looks : int
-        Interim analyses planned, where seeds were added; all verdicts are corrected for them.
+    looks : Looks
+        Interim analyses planned, where seeds were added; all verdicts are adjusted for them.
     """
 
     target: str
@@ -99,7 +100,7 @@ class Comparison:
     threshold: float
     window: int
     failed: Mapping[str, Exception] = field(default_factory=dict)
-    looks: int = 1
+    looks: Looks = ONE_LOOK
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)

@@ -25,7 +25,10 @@ from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
+from curricle.statistics.sequential import Looks
 
+ONE_LOOK = Looks((1,))
+"""No interim analyses."""
 SIGNIFICANT = 0.05
 """Adjusted p-values below this count as a difference."""
 DRAWS, DRAWS_A_TEST = 10_000, 100
@@ -92,7 +95,10 @@ class Verdict:
 
 
 def verdicts_of(
-    returns: Mapping[str, npt.ArrayLike], rivals: Mapping[str, Sequence[str]], *, looks: int = 1
+    returns: Mapping[str, npt.ArrayLike],
+    rivals: Mapping[str, Sequence[str]],
+    *,
+    looks: Looks = ONE_LOOK,
 ) -> dict[str, Verdict]:
     """Return for each of some arms whether it gains more than all of its rivals.
 
@@ -110,9 +116,9 @@ def verdicts_of(
     rivals : dict of str to sequence of str
         The questions: an arm and those that it is compared with, at least one. Holm's correction is
         for the number of questions.
-    looks : int
-        Interim analyses planned, where seeds were added until something was found; p-values are
-        multiplied by it (Bonferroni), and intervals are as much wider.
+    looks : Looks
+        Interim analyses planned, where seeds were added; p-values and intervals are adjusted for
+        them.
 
     Returns
     -------
@@ -132,7 +138,6 @@ def verdicts_of(
     >>> found["mean"].against_scratch, found["mean"].p
     ('pays', 0.015625)
     """
-    looks = whole_number("looks", looks, 1, SettingError)
     if not rivals:
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
@@ -141,8 +146,8 @@ def verdicts_of(
         for name, those in rivals.items()
         if _checked(name, those, arrays)
     }
-    draws = max(DRAWS, DRAWS_A_TEST * looks * sum(map(len, apart.values())))
-    p = [min(1.0, looks * _p_value(rows, draws)) for rows in apart.values()]
+    draws = _draws(looks, sum(map(len, apart.values())))
+    p = [_p_value(rows, draws, looks) for rows in apart.values()]
     found = {}
     for (name, rows), one, adjusted in zip(apart.items(), p, holm(p).tolist(), strict=True):
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
@@ -152,21 +157,20 @@ def verdicts_of(
     return found
 
 
-def seeds_needed(questions: int = 1, *, looks: int = 1) -> int:
+def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
     """Return the fewest seeds K with which there can be a verdict: one arm is one question.
 
-    The smallest K whose smallest p-value, 2^(1 - K), is below 0.05 when Holm's correction
-    multiplies it by the number of questions, and by the number of planned looks.
+    The smallest K whose smallest p-value, 2^(1 - K), is below 0.05 when it is adjusted for the
+    planned looks, and multiplied by the number of questions as Holm's correction does.
 
     Examples
     --------
     >>> [seeds_needed(arms) for arms in (1, 2, 3, 4, 6, 7)]
     [6, 7, 7, 8, 8, 9]
     """
-    tests = whole_number("questions", questions, 1, SettingError)
-    tests *= whole_number("looks", looks, 1, SettingError)
-    draws, seeds = max(DRAWS, DRAWS_A_TEST * tests), 2
-    while tests * smallest_p(seeds, draws) >= SIGNIFICANT:
+    tests, seeds = whole_number("questions", questions, 1, SettingError), 2
+    draws = _draws(looks, tests)
+    while tests * looks.adjusted_p(smallest_p(seeds, draws)) >= SIGNIFICANT:
         seeds += 1
     return seeds
 
@@ -208,20 +212,24 @@ def _checked(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]
     return True
 
 
-def _p_value(differences: FloatArray, draws: int) -> float:
+def _draws(looks: Looks, tests: int) -> int:
+    """Return how many sign vectors are drawn where not all are counted."""
+    return max(DRAWS, DRAWS_A_TEST * len(looks.seeds) * tests)
+
+
+def _p_value(differences: FloatArray, draws: int, looks: Looks) -> float:
     """Return the p-value of an arm's differences from n rivals (n, K), as :func:`verdicts_of`."""
-    p = np.array([sign_flip_test(row, resamples=draws) for row in differences])
+    p = np.array([looks.adjusted_p(sign_flip_test(row, resamples=draws)) for row in differences])
     means = differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
     return min(1.0, len(p) * float(p[means < 0].min(initial=1.0)))
 
 
-def _smallest_gain(differences: FloatArray, looks: int) -> Interval:
+def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     """Return the interval of the smallest of n true differences, from the differences (n, K)."""
-    side = SIGNIFICANT / 2 / looks
-    below = [mean_interval(row, confidence=1 - 2 * side) for row in differences]
-    above = [mean_interval(row, confidence=1 - 2 * side / len(differences)) for row in differences]
+    levels = [looks.confidence(1 - SIGNIFICANT / n) for n in (1, len(differences))]
+    below, above = ([mean_interval(row, confidence=c) for row in differences] for c in levels)
     return Interval(
         estimate=float(differences.mean(axis=1).min()),
         low=float(np.min([one.low for one in below])),

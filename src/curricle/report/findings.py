@@ -150,7 +150,7 @@ def too_few(comparison: Comparison) -> str:
     if comparison.seeds == 1:
         return "One seed allows neither intervals nor tests."
     arms = len(few)
-    least = min(1.0, arms * comparison.looks * smallest_p(comparison.seeds))
+    least = min(1.0, arms * comparison.looks.adjusted_p(smallest_p(comparison.seeds)))
     return (
         f"{comparison.seeds} seeds are too few for any verdict: with {arms} "
         f"curricul{'a' if arms > 1 else 'um'} to test, no p value can be below {least:.2g}; "
