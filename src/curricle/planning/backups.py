@@ -31,6 +31,7 @@ class Precision(NamedTuple):
     """How far to iterate."""
 
     enough: float  # the residual, rounding included, at which to end
+    relative: float  # or at which to end for each unit of the largest value
     unit: float  # the relative rounding error of one backup
     largest_reward: float
     horizon: float  # what a residual is multiplied by to bound the error
@@ -83,18 +84,20 @@ def converged(change, least, waited, values, reach, precision):
     """Return for how many backups there has been no progress, or CONVERGED to end.
 
     Iteration ends if the residual (gamma times the change, plus the rounding of a backup: `unit`
-    times the size of the numbers) is at most `enough`; if the change is well below that rounding;
-    or if, near it, the smallest change so far, `least`, has not been undercut for long. `reach`, a
-    sum of changes, stands for the largest value while the change is far from it, which spares the
-    search for that value.
+    times the size of the numbers) is at most `enough`, or `relative` times the largest value; if
+    the change is well below that rounding; or if, near it, the smallest change so far, `least`, has
+    not been undercut for long. `reach`, a sum of changes, stands for the largest value while the
+    change is far from it, which spares the search for that value.
     """
-    enough, unit, largest_reward, horizon, discount = precision
+    enough, relative, unit, largest_reward, horizon, discount = precision
     if not change < np.inf:
         return CONVERGED
-    if discount * change > enough and change > 64 * horizon * unit * (largest_reward + reach):
+    rough = max(enough, relative * reach)
+    if discount * change > rough and change > 64 * horizon * unit * (largest_reward + reach):
         return 0
-    rounding = unit * (largest_reward + largest_of(values))
-    if discount * change + rounding <= enough or 2 * change <= rounding:
+    largest = largest_of(values)
+    rounding = unit * (largest_reward + largest)
+    if discount * change + rounding <= max(enough, relative * largest) or 2 * change <= rounding:
         return CONVERGED
     if change < least:
         return 0

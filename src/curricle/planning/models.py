@@ -85,6 +85,12 @@ class TabularPlanningModel:
             return backups.PolicyBackup(self._outcomes, mixed.row)
         return backups.MixedPolicyBackup(self._outcomes, mixed, np.empty(len(self.mean_reward)))
 
+    def largest_sum(self, policy: Policy | None) -> float:
+        """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
+        used = np.zeros(len(self.mdp.probability), dtype=bool)
+        used[self._rows[~self.terminal]] = True
+        return sum_bound(self.mdp.probability[used]) * policy_sum(policy, self.terminal)
+
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
         return float(self.mdp.start @ values)
@@ -178,6 +184,10 @@ class FactoredPlanningModel:
         mixed = mixed_policy(policy, self.terminal, rows)
         return factored_backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
 
+    def largest_sum(self, policy: Policy | None) -> float:
+        """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
+        return sum_bound(self.factored_model.prey_policy) * policy_sum(policy, self.terminal)
+
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
         return float(values[~self.terminal].mean())
@@ -197,6 +207,18 @@ class FactoredPlanningModel:
         for cell, plane in enumerate(rows):
             factored_backups.expect(self._planes, values, cell, plane)
         return rows.ravel()
+
+
+def sum_bound(probability: npt.NDArray[Any]) -> float:
+    """Return a bound of the sum of any row: tables may sum to 1 + 1e-8, and sums are rounded."""
+    rounding = (probability.shape[1] - 1) * np.finfo(np.float64).eps
+    largest = probability.sum(axis=1).max(initial=0.0)
+    return float(largest * (1 + rounding))
+
+
+def policy_sum(policy: Policy | None, terminal: BoolArray) -> float:
+    """Return a bound of the sum of a policy's probabilities; 1 where it is one action a state."""
+    return 1.0 if policy is None or policy.ndim == 1 else sum_bound(policy[~terminal])
 
 
 def mixed_policy(

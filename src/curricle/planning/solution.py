@@ -17,6 +17,11 @@ from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
 EPSILON = float(np.finfo(np.float64).eps)
+RELATIVE_TOLERANCE = 1e-10
+"""Largest error by default, in units of the largest value.
+
+Rounding alone is about 1e-15 / (1 - gamma) of it, so this is reached up to a discount of 0.9999.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +35,8 @@ class PolicyValues:
     start_value : float
         V averaged over the start distribution.
     error_bound : float
-        No value is further than this from the true one (rounding included).
+        Proven: no V(s) here, and no Q(s, a) of `action_values`, is further than this from the true
+        one. Rounding is included; the numbers in the task's tables count as exact.
 
     Examples
     --------
@@ -57,6 +63,8 @@ class PolicyValues:
 class Solution(PolicyValues):
     """Optimal values, and which actions attain them.
 
+    `values` are V*, `action_values` Q*, both within `error_bound` of the truth.
+
     Examples
     --------
     >>> from curricle import GridWorld
@@ -79,28 +87,30 @@ class Solution(PolicyValues):
         return np.asarray(self.optimal / self.optimal.sum(axis=1, keepdims=True))
 
 
-def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
+def solve(task: Task, *, tolerance: float | None = None) -> Solution:
     """Return the optimal values V* and Q*, with a guaranteed error bound.
 
     Modified policy iteration on the tables, or value iteration without tables where the task has a
     :class:`FactoredModel`. Both start from a V <= TV, so that values only rise (Puterman 1994,
     theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
     up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
-    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) is at most `tolerance`. At discount 1
+    ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) bounds the error. At discount 1
     the longest expected episode replaces 1 / (1 - gamma). The time limit is ignored: it is a limit
     of learning, not of the task.
 
     Parameters
     ----------
     task : Task
-    tolerance : float
-        Largest error allowed, in return units.
+    tolerance : float, optional
+        Largest error allowed, in return units. By default 1e-10 of the largest value, or where
+        rounding alone exceeds that, as close as double precision gets; ``error_bound`` says how
+        close.
 
     Raises
     ------
     SettingError
-        When the discount is 1 and some policy never ends, or when rounding alone exceeds the
-        tolerance.
+        When the discount is 1 and some policy never ends, when rounding alone exceeds a tolerance
+        that was given, or when the values have no finite bound in double precision.
 
     Examples
     --------
@@ -114,7 +124,7 @@ def solve(task: Task, *, tolerance: float = 1e-8) -> Solution:
     return Solution(frozen(values), model.start_value(values), error, model)
 
 
-def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> PolicyValues:
+def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float | None = None) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
     V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
@@ -125,13 +135,13 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float = 1e-8) -> P
     task : Task
     policy : (S,) int array or (S, A) float array
         An action for each state, or the probability of each action.
-    tolerance : float
-        Largest error allowed, in return units.
+    tolerance : float, optional
+        As in :func:`solve`.
 
     Raises
     ------
     SettingError
-        When the policy is malformed, or when at discount 1 it may never end.
+        When the policy is malformed, when at discount 1 it may never end, or as in :func:`solve`.
 
     Examples
     --------
@@ -221,31 +231,50 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
 
 
 def _iterate(
-    model: PlanningModel, policy: Policy | None, tolerance: float
+    model: PlanningModel, policy: Policy | None, tolerance: float | None
 ) -> tuple[FloatArray, float]:
     """Return the values of a policy, the best if None, and their error bound.
 
     If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
-    horizon gamma d of the fixed point, and likewise with rounding added to gamma d.
+    horizon gamma d of the fixed point, and likewise with rounding added to gamma d. One more backup
+    of such values, which gives Q, stays within that bound: gamma horizon + 1 <= horizon.
     """
-    if not number("tolerance", tolerance, SettingError) > 0:
+    if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
+    unit = _unit(model, policy)
     lengths = _lengths(model, policy)
     horizon = float(np.max(lengths)) + (model.discount == 1)
-    # The relative rounding error of a backup, which adds up that many products.
-    products = model.n_outcomes + 3 + (0 if policy is None else model.n_actions)
-    unit = products * EPSILON
-    enough = 0.999 * tolerance / horizon
-    precision = Precision(enough, unit, model.largest_reward, horizon, model.discount)
+    if not horizon * model.largest_reward < np.inf:
+        raise _unbounded(model, horizon)
+    given = 0.0 if tolerance is None else 0.999 * tolerance / horizon
+    relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
+    precision = Precision(given, relative, unit, model.largest_reward, horizon, model.discount)
     values, change = _fixed_point(model, policy, lengths, precision)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
-    error = (model.discount * change + rounding) * horizon
-    if not error <= tolerance:
+    # The last factor is for the rounding of this line itself.
+    error = (model.discount * change + rounding) * horizon * (1 + 8 * EPSILON)
+    if not error < np.inf:
+        raise _unbounded(model, horizon)
+    if tolerance is not None and error > tolerance:
         raise SettingError(
             f"tolerance must be at least {max(2 * rounding * horizon, 1.1 * error):.1e} for this "
             f"task in double precision: got {tolerance:g}"
         )
     return values, error
+
+
+def _unit(model: PlanningModel, policy: Policy | None) -> float:
+    """Return the relative rounding error of a backup, which adds up that many products."""
+    products = model.n_outcomes + 3 + (0 if policy is None else model.n_actions)
+    return products * EPSILON
+
+
+def _unbounded(model: PlanningModel, horizon: float) -> SettingError:
+    """Return the error that values cannot be bounded."""
+    return SettingError(
+        f"values need a finite error bound: rewards of up to {model.largest_reward:.3g} in "
+        f"episodes of {horizon:.3g} expected steps leave none in double precision"
+    )
 
 
 def _fixed_point(
@@ -266,13 +295,16 @@ def _lengths(model: PlanningModel, policy: Policy | None) -> FloatArray | float:
     """Return a bound w of the expected (discounted) length of an episode from each state.
 
     It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
-    best mean reward is below. 1 / (1 - gamma), or at discount 1 lengths computed up to a residual
-    of at most 1/2: if |1 + P w - w| <= d then w / (1 - d) has the property.
+    best mean reward is below. 1 / (1 - gamma), where probabilities sum to 1; or at discount 1
+    lengths computed up to a residual of about 1/2: if |1 + P w - w| <= d < 1, rounding included,
+    then w / (1 - d) has the property.
     """
     if model.discount < 1:
-        return 1 / (1 - model.discount)
+        kept = model.discount * model.largest_sum(policy)
+        return 1 / (1 - kept) if kept < 1 else np.inf
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
     model.check_ends(policy)
-    precision = Precision(0.5, EPSILON, 1.0, float(len(model.terminal)), 1.0)
+    precision = Precision(0.5, 0.0, EPSILON, 1.0, float(len(model.terminal)), 1.0)
     lengths, change = _fixed_point(model.counting_steps(), policy, 0.0, precision)
-    return np.asarray(lengths / (1 - change))
+    residual = change + _unit(model, policy) * (1 + float(lengths.max()))
+    return np.asarray(lengths / (1 - residual)) if residual < 1 else np.inf

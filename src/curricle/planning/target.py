@@ -17,8 +17,6 @@ LARGEST_EVALUATED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
 ROLLOUTS = 1000
 """Rollouts of an evaluation that is not exact."""
-CLOSE = 1e-6
-"""Largest error of Q*, in units of the largest reward (of 1 where rewards are smaller)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +109,8 @@ def not_solved(fraction: float, task: Any) -> SettingError:
 
 
 def _solution(task: Task) -> Solution | None:
-    rewards = tables(task).reward
-    largest = abs(rewards[np.isfinite(rewards)]).max(initial=0.0)
     try:
-        return solve(task, tolerance=CLOSE * max(1.0, float(largest)))
+        return solve(task)
     except SettingError:
         if generative_model(task).discount < 1:
             raise

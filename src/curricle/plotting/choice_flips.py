@@ -151,7 +151,7 @@ def collapse_figure(
     examined: list[Any] = [[phi.values for phi in potentials]]
     examined += [learnt(time, cheapest, time).values for time in checked if time < steps]
     examined += [whole.values] * (checked[-1] == steps)
-    optimal = solve(task, tolerance=1e-6)
+    optimal = solve(task)
     right = [[right_states(one, optimal.optimal) for one in values] for values in examined]
     weights = {
         "every state alike": (~tables(task).terminal).astype(float),
