@@ -270,8 +270,6 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         values += np.array([frame_at(s, step) for s in range(n_states)])[:, None]
     elif literal:
         values += potential.values
-    elif isinstance(shaping, DecayingAdvice):
-        values += value_of(shaping.weight, step) * potential.values
     return SimpleNamespace(
         values=values,
         training_return=np.array(training_return),

@@ -352,3 +352,27 @@ def test_potentials_are_those_that_training_starts_from():
     np.testing.assert_array_equal(alone[0].values, np.where(MAZE.mdp.terminal[:, None], 0, single))
     assert (doubled[0].values != result.potentials["far"][0].values).any()
     assert plan.potentials("near", result.nodes) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "learner"), [(cr.RewardBonus, QLearning()), (cr.LookBackAdvice, SARSA())]
+)
+def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner):
+    """The task in the middle of a chain is refused when it is made, and so is its result."""
+    words = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
+    with pytest.raises(CurriculumError, match=words):
+        build(CHAIN, learner=learner, shaping={"left": kind()})
+    shaped = learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
+    alone = build([("left", "far")])
+    with pytest.raises(CurriculumError, match="'left', which 'far' reads, contain what shaping"):
+        alone.train(trained={"left": shaped})
+    with pytest.raises(CurriculumError, match="own rewards"):
+        cr.forecast(alone, seeds=1, trained={"left": shaped})
+
+
+def test_a_chain_hands_on_what_was_learnt_under_advice():
+    result = build(CHAIN, shaping={"left": cr.DecayingAdvice()}).train()
+    (edge,) = result.curriculum.in_edges("far")
+    phi = edge.potential(result["left"].values[0])
+    np.testing.assert_array_equal(result.potentials["far"][0].values, phi)
+    assert result["left"].own_rewards.all()

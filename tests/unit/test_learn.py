@@ -24,6 +24,7 @@ from curricle import (
     learn,
     solve,
 )
+from curricle.learning import linear
 from curricle.planning import greedy_policy
 
 LINE = GridWorld("S..T")
@@ -230,10 +231,18 @@ def test_each_seed_may_have_its_own_potential():
         assert found.values[:, 0, 0].tolist() == expected
 
 
-@pytest.mark.parametrize("kind", [QInitialisation, LookAheadAdvice, StateShaping, DecayingAdvice])
+@pytest.mark.parametrize("kind", [QInitialisation, LookAheadAdvice, StateShaping])
 def test_values_are_those_the_policy_acts_on(kind):
     result = learn(LINE, SARSA(learning_rate=0), 10, shaping=kind(np.full((4, 4), 5.0)))
     assert (result.values[0, :3] == 5).all()
+
+
+def test_advice_is_acted_on_and_not_part_of_the_values():
+    advice = DecayingAdvice(np.full((4, 4), 5.0), weight=linear(1.0, 0.5, steps=10))
+    result = learn(LINE, SARSA(learning_rate=0), 25, shaping=advice, eval_freq=10, snapshots=9)
+    assert (result.values == 0).all()
+    assert result.snapshots.steps.tolist() == [0, 10, 20, 25]
+    assert result.snapshots.values[:, 0, 0].tolist() == [5.0, 2.5, 2.5, 2.5]
 
 
 def test_learning_leaves_the_potential_as_it_was():

@@ -16,6 +16,7 @@ from curricle.curriculum.sources import (
     Learnt,
     SourceValues,
     calibrated,
+    handed_on,
     source_potentials,
     warn_of_refusals,
 )
@@ -82,7 +83,8 @@ class Curriculum(TaskGraph):
     Raises
     ------
     CurriculumError
-        On a cycle (naming it), an unknown task, or a mapping between other tasks than its edge.
+        On a cycle (naming it), an unknown task, a mapping between other tasks than its edge, or a
+        shaping whose values cannot be handed on in a task that others build on.
 
     Examples
     --------
@@ -119,7 +121,17 @@ class Curriculum(TaskGraph):
             node, calibration = self.node(name), self.calibration(name)
             if self.in_edges(name):
                 node.shaping.check(node.learner)
+                self._check_handing_on(node)
             self._check_retraining(node, calibration)
+
+    def _check_handing_on(self, node: Node) -> None:
+        """Raise CurriculumError if a task hands on values that shaping has changed for good."""
+        targets = [edge.target for edge in self.transfers if edge.source == node.name]
+        if targets and not node.shaping.own_rewards:
+            raise CurriculumError(
+                "values that are handed on must be in the task's own rewards: "
+                f"{node.shaping.name} changes those of {node.name!r}, which {targets[0]!r} reads"
+            )
 
     def _check_retraining(self, node: Node, calibration: Calibrate | None) -> None:
         retrain = self.setting("retrain", node.name)
@@ -300,7 +312,7 @@ class Curriculum(TaskGraph):
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name) if function is None else function
-        values = {edge.source: sources[edge.source].values for edge in edges}
+        values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
         return source_potentials(self.tasks[name], edges, values, aggregate)
 
     def _given(

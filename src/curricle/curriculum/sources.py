@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -31,6 +31,8 @@ class SourceValues:
         None if they were not kept.
     steps_used : (K,) int64
         Steps that each seed spent on the task, those of retraining its own sources included.
+    own_rewards : bool
+        Whether the values are in the task's own rewards (:class:`LearningResult`).
 
     Examples
     --------
@@ -43,19 +45,33 @@ class SourceValues:
     seeds: tuple[int, ...]
     values: Any
     steps_used: IntArray
+    own_rewards: bool = True
 
     @classmethod
     def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:
         """Return what a result hands on; `extra_steps` were spent on retraining its sources."""
-        return cls(result.task, result.seeds, result.values, result.steps_used + extra_steps)
+        steps = result.steps_used + extra_steps
+        return cls(
+            result.task, result.seeds, result.values, steps, bool(np.all(result.own_rewards))
+        )
 
     def first(self, n: int) -> "SourceValues":
         """Return those of the first n seeds."""
         values = None if self.values is None else self.values[:n]
-        return SourceValues(self.task, self.seeds[:n], values, self.steps_used[:n])
+        return replace(self, seeds=self.seeds[:n], values=values, steps_used=self.steps_used[:n])
 
 
 Learnt = LearningResult | SourceValues
+
+
+def handed_on(edge: Transfer, learnt: Learnt) -> Any:
+    """Return the values of a source; CurriculumError unless they are in its task's own rewards."""
+    if not np.all(learnt.own_rewards):
+        raise CurriculumError(
+            "values that are handed on must be in the task's own rewards: those of "
+            f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
+        )
+    return learnt.values
 
 
 def source_potentials(

@@ -16,7 +16,7 @@ MAX_SNAPSHOT_BYTES = 128_000_000
 
 @dataclass(frozen=True, eq=False)
 class Snapshots:
-    """The values of one seed at M checkpoints of its learning, from before the first step.
+    """The values that one seed acted on at M checkpoints of its learning, from before it began.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Snapshots:
     steps : (M,) int64
         Steps done at each; closer together early, when most is learnt.
     values : (M, S, A) float32
-        In the task's own rewards, as ``LearningResult.values``.
+        As ``LearningResult.values``, plus the advice of :class:`DecayingAdvice`.
 
     Examples
     --------

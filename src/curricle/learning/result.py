@@ -17,7 +17,8 @@ from curricle.tasks.task import Task
 
 HELD = ("greedy_return", "guard_share", "episodes")
 """Curves whose last value is repeated after a seed's end."""
-TOTALS = ("steps_used", "episodes_used", "out_of_memory")
+TOTALS = ("steps_used", "episodes_used", "out_of_memory", "own_rewards")
+"""What there is one of for each seed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +32,10 @@ class LearningResult:
     seeds : tuple of int
         K of them.
     values : (K, S, A) float64 or float32
-        The values that each seed's policy acts on in the end, in the task's own rewards: Q, plus
-        what shaping had taken off it (phi, or Phi(s)). They are what a transfer passes on. From
-        sparse tables K :class:`SparseValues`; None if the :class:`Storage` saves none.
+        What each seed learnt in the end, in the task's own rewards: Q, plus what shaping had taken
+        off it (phi, or Phi(s)). A transfer hands these on, and each policy acts on them (under
+        :class:`DecayingAdvice` with what is left of the advice). From sparse tables K
+        :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -51,6 +53,9 @@ class LearningResult:
     out_of_memory : (K,) bool
         Whether a sparse table was full before the budget was used up. The run then ended at the
         step that needed another row.
+    own_rewards : (K,) bool
+        Whether the values are in the task's own rewards. Where they are not, after
+        :class:`LookBackAdvice` and :class:`RewardBonus`, no transfer takes them.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 
@@ -73,6 +78,7 @@ class LearningResult:
     episodes_used: IntArray
     out_of_memory: BoolArray
     guard_share: FloatArray
+    own_rewards: BoolArray
     snapshots: Snapshots | None = None
 
     def __repr__(self) -> str:
@@ -111,6 +117,7 @@ def learning_result(
         steps_used=frozen(np.array([outcome.steps for outcome in outcomes])),
         episodes_used=frozen(np.array([outcome.episodes for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
+        own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
         snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
         **{name: frozen(curve) for name, curve in curves.items()},
     )
@@ -125,7 +132,8 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
     steps, values = record.snapshot_at[taken] * eval_freq, record.snapshots[taken]
     if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
         steps = np.append(steps, outcome.steps)
-        values = np.concatenate([values, last[None].astype(np.float32)])
+        acting = (last + outcome.advice).astype(np.float32)
+        values = np.concatenate([values, acting[None]])
     return Snapshots(seed, frozen(steps), frozen(values))
 
 

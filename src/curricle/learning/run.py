@@ -14,7 +14,7 @@ from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used
 from curricle.learning.seeds import SeedSettings
-from curricle.learning.shaping import NOTHING_ADDED, Shaping
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
@@ -36,13 +36,18 @@ UNROLLED = 64
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one seed leaves: its record, its values if saved, its totals."""
+    """What one seed leaves: its record, its values if saved, its totals.
+
+    `own_rewards` is as in :class:`LearningResult`, `advice` what the policy acts on besides values.
+    """
 
     record: Record
     values: FloatTable | SparseValues | None
     steps: int
     episodes: int
     out_of_memory: bool
+    own_rewards: bool = True
+    advice: Any = 0.0
 
 
 class _Seed(NamedTuple):
@@ -119,18 +124,19 @@ class Run:
         return not rest and bool(stops(self.stopping, record.greedy_return, checkpoint, steps))
 
     def _train_shaped(self, seed: _Seed) -> Outcome:
-        shaping, record = seed.settings.shaping, seed.record
+        shaping, record = seed.settings.shaping or QInitialisation(), seed.record
         q = np.empty((self.learner.tables, *self.shape), self.storage.dtype)
         for table in q:
             self._filled(seed.initial, table)
-        kernel = NOTHING_ADDED if shaping is None else shaping.kernel()
-        steps, episodes = self._loop(general_loop.train, len(q) * q.shape[1], seed, kernel, q)
-        offset = (lambda step: 0.0) if shaping is None else shaping.offset
+        rows = len(q) * q.shape[1]
+        steps, episodes = self._loop(general_loop.train, rows, seed, shaping.kernel(), q)
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
-            values += offset(checkpoint * self.eval_freq)
+            step = checkpoint * self.eval_freq
+            values += shaping.offset(step) + shaping.advice(step)
         if seed.out is not None:
-            seed.out[...] = q.mean(axis=0) + offset(steps)
-        return Outcome(record, seed.out, steps, episodes, False)
+            seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
+        own, advice = shaping.own_rewards or shaping.potential is None, shaping.advice(steps)
+        return Outcome(record, seed.out, steps, episodes, False, own, advice)
 
     def _train_guarded(self, seed: _Seed, guard: Guard) -> Outcome:
         q = np.empty((2, *self.shape), self.storage.dtype)

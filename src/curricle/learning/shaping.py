@@ -3,7 +3,8 @@
 A class defines for which learners it is valid (:meth:`Shaping.check`), which kind of potential it
 takes (:meth:`Shaping.for_task`), whether Q starts at that potential, what compiled loops add to
 rewards or to the values acted on (:meth:`Shaping.kernel`), what has to be added to Q so that it is
-in the task's own rewards (:meth:`Shaping.offset`), and what :func:`certify` checks
+in the task's own rewards (:meth:`Shaping.offset`) if that is possible (``Shaping.own_rewards``),
+what the policy acts on besides (:meth:`Shaping.advice`), and what :func:`certify` checks
 (``Shaping.claim``).
 """
 
@@ -58,6 +59,8 @@ class Shaping(ABC):
     """Whether Q starts at the potential, so that learning itself is plain."""
     reads_values: ClassVar[bool] = True
     """Whether it uses the potential's values, so that these can be calibrated or forecast."""
+    own_rewards: ClassVar[bool] = True
+    """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
 
     @property
     @abstractmethod
@@ -120,10 +123,11 @@ class Shaping(ABC):
         return NOTHING_ADDED if self.potential is None else NOTHING_ADDED._replace(**self._added())
 
     def offset(self, step: int) -> Any:
-        """Return what to add to Q, broadcast to (S, A), after `step` steps.
+        """Return what takes the shaping off Q again after `step` steps, broadcast to (S, A)."""
+        return 0.0
 
-        The sum is in the task's own rewards, and is what the policy acts on.
-        """
+    def advice(self, step: int) -> Any:
+        """Return what the policy acts on besides Q and the offset, broadcast to (S, A)."""
         return 0.0
 
     def _added(self) -> dict[str, Any]:
@@ -206,6 +210,8 @@ class LookBackAdvice(Shaping):
 
     A target contains phi of the step before, averaged over all ways into a state, so the optimum
     is certainly kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
+    What is learnt is Q(s, a) - phi(before) / gamma there and nothing so simple elsewhere: it cannot
+    be turned into values of the task's own rewards.
 
     Parameters
     ----------
@@ -220,6 +226,7 @@ class LookBackAdvice(Shaping):
     potential: Any = field(default=None, repr=False)
 
     claim: ClassVar[Claim] = "one_way_in"
+    own_rewards: ClassVar[bool] = False
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless the learner is on-policy SARSA."""
@@ -293,7 +300,8 @@ class StateShaping(Shaping):
 class DecayingAdvice(Shaping):
     """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
 
-    The policy is the task's own only as the weight xi goes to 0.
+    The policy is the task's own only as the weight xi goes to 0; Q is in the task's own rewards all
+    the time.
 
     Parameters
     ----------
@@ -324,8 +332,8 @@ class DecayingAdvice(Shaping):
     def _added(self) -> dict[str, Any]:
         return {"kind": ADVICE, "weight": self.weight, "pair_values": self.potential.values}
 
-    def offset(self, step: int) -> Any:
-        """Return xi(t) phi(s, a), (S, A): the policy acts on the sum."""
+    def advice(self, step: int) -> Any:
+        """Return xi(t) phi(s, a), (S, A)."""
         return 0.0 if self.potential is None else self.weight(step) * self.potential.values
 
 
@@ -334,7 +342,7 @@ class RewardBonus(Shaping):
     """Rewards get phi(s, a) itself.
 
     This is not potential-based and can change the optimal policy; it is here to show reward
-    hacking.
+    hacking. The values learnt contain the bonus, which cannot be taken off again.
 
     Parameters
     ----------
@@ -349,6 +357,7 @@ class RewardBonus(Shaping):
     potential: Any = field(default=None, repr=False)
 
     claim: ClassVar[Claim] = "added_rewards"
+    own_rewards: ClassVar[bool] = False
 
     def _added(self) -> dict[str, Any]:
         return {"kind": BONUS, "pair_values": self.potential.values}
