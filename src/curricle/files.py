@@ -1,6 +1,8 @@
 """Files that are either whole or absent."""
 
+import errno
 import os
+import stat
 from pathlib import Path
 from secrets import token_hex
 from urllib.parse import quote
@@ -26,6 +28,29 @@ def part_in(folder: Path) -> Path:
     What is made there has the user's own permissions (umask), unlike what ``tempfile`` makes.
     """
     return folder / f".{token_hex(8)}{PART}"
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Return the content of a regular file of at most `most` bytes.
+
+    A pipe or a device in its place is not waited for.
+
+    Raises
+    ------
+    OSError
+        Whose ``strerror`` says what is wrong: it is no regular file, too large, or cannot be read.
+    """
+    with open(path, "rb", opener=_at_once) as file:
+        about = os.fstat(file.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        if about.st_size > most:
+            raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
+        return file.read(most)
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -64,7 +64,7 @@ def test_a_new_study_runs_as_it_is(curricle, tmp_path, kind):
     assert out.startswith(f"Stored in {kind}-results: ")
     done = StudyResults(tmp_path / f"{kind}-results")
     assert done.seeds == (0, 1)
-    assert done.config.name == study.name
+    assert done.record.name == study.name
 
 
 def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
@@ -162,7 +162,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert "done scratch: maze, seeds 0-1\n" in progress
     assert "done chain: corner, seeds 2\n" in progress
     done = StudyResults(tmp_path / "chain-results")
-    assert (done.seeds, done.arms.budget) == ((0, 1, 2), 300)
+    assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
     assert code == 1
     assert "curricle: chain-results already holds this study, 16 units of it: go on" in complaint
@@ -298,7 +298,7 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, finished):
     assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
     study = StudyResults(finished)
     for arm, result in study.results.items():
-        for node in result.nodes:
+        for node in result:
             (line,) = [one for one in out.splitlines() if one.startswith(f"{arm}: {node} ")]
             assert line.split()[2] == "4"
     assert out.endswith(f"\n{study.comparison}\n")

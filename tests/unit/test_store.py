@@ -8,7 +8,8 @@ import pytest
 
 from curricle.errors import StoreError
 from curricle.study import StudyStore
-from curricle.study.store import SCHEMA_VERSION, sealed
+from curricle.study.sealed_json import sealed
+from curricle.study.store import SCHEMA_VERSION
 
 SETTINGS = {"seeds": 30, "version": "1"}
 

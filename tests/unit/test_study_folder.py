@@ -27,7 +27,7 @@ UNIT_FILES = (
 def read_everything(folder):
     """Read every file of a study's folder, or fail."""
     study = StudyResults(folder)
-    for arm, node in study.arms.keys:
+    for arm, node in study.record.keys:
         study.result(arm, node, values=True)
         study.decisions(arm, node)
     study.table("curves.parquet")
@@ -305,7 +305,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     text = study_file.read_text().replace("S...P\n.#...\n...PT\n", wide)
     file.write_text(f"scratch = false\n{text}")
     done = subprocess.run(
-        [sys.executable, "-c", FULL, file, whole, out, "15000"], capture_output=True, text=True
+        [sys.executable, "-c", FULL, file, whole, out, "27000"], capture_output=True, text=True
     )
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr

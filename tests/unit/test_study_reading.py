@@ -60,7 +60,7 @@ def rows(study):
     return sum(
         int((result.steps <= used).sum())
         for arm in study.results.values()
-        for result in arm.nodes.values()
+        for result in arm.values()
         for used in result.steps_used
     )
 
@@ -138,13 +138,13 @@ def test_curves_are_those_of_the_results(finished, study):
         assert part.steps.max() <= result.steps_used[k] < part.steps.max() + result.steps[1]
         for name in ("training_return", "greedy_return", "guard_share", "episodes"):
             np.testing.assert_array_equal(part[name], getattr(result, name)[k, :n])
-        assert set(part.source_steps) == {study.results[arm].source_steps(node)[k]}
+        assert set(part.source_steps) == {study.source_steps(arm, node)[k]}
 
 
 def test_every_seed_of_every_task_says_why_it_ended(finished, study):
     frame = pl.read_parquet(finished / ALL_DECISIONS)
     last = frame.group_by("arm", "task", "seed", maintain_order=True).last()
-    assert len(last) == 4 * len(study.arms.keys)
+    assert len(last) == 4 * len(study.record.keys)
     assert last["ends"].all()
     assert last["reason"].str.starts_with("ends; ").all()
     assert set(last["criterion"]) <= {"threshold reached", "all steps used"}

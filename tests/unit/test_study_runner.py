@@ -69,7 +69,7 @@ def assert_same_results(folder, finished):
     for name in (RESULTS, ALL_DECISIONS):
         assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
     found, wanted = StudyResults(folder), StudyResults(finished)
-    for arm, node in wanted.arms.keys:
+    for arm, node in wanted.record.keys:
         one, other = (study.result(arm, node, values=True) for study in (found, wanted))
         assert_equal(one, other)
         assert one.snapshots.seed == other.snapshots.seed == 0
@@ -185,8 +185,7 @@ def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
     assert len(set(gated.tolist())) > 1  # or it would say nothing
     for arm, result in study.results.items():
         spent = study.source_steps(arm) + result["maze"].steps_used
-        assert spent.tolist() == [study.arms.total] * 4, arm
-        np.testing.assert_array_equal(result.source_steps("maze"), study.source_steps(arm))
+        assert spent.tolist() == [study.record.total] * 4, arm
 
 
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
@@ -211,9 +210,9 @@ def test_direct_is_the_target_learnt_by_itself(study_file, finished):
     study = StudyResults(finished)
     found = study.result("scratch", "maze", values=True)
     task = read_study(study_file).curriculum("chain").tasks["maze"]
-    snapshots = study.config.snapshots
+    snapshots = study.record.snapshots
     learnt = cr.learn(
-        task, budget=study.arms.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
+        task, budget=study.record.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
     )
     assert_equal(found, learnt)
     np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)
@@ -230,7 +229,7 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
             }
             assert study.decisions(arm, node) == words
     fitted = [one.scale for one in trained.calibrations.get("maze", ())]
-    units = [unit for unit in study.store.units() if unit.key == study.arms.keys[arm, "maze"]]
+    units = [unit for unit in study.store.units() if unit.key == study.record.keys[arm, "maze"]]
     runs = [study.store.arrays(unit, RUN) for unit in units]
     assert [scale for run in runs for scale in run.get("scale", ())] == fitted
 
@@ -258,7 +257,7 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
     ]
     study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
     plan = read_study(path, set=changes).curriculum("transfer")
-    assert study.arms.total is None
+    assert study.record.total is None
     trained = plan.train(4)
     assert_equal(study.result("transfer", "maze", values=True), trained["maze"])
     assert (trained["maze"].steps_used < 400).all()
@@ -272,7 +271,7 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
 def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
     study, done = read_study(study_file), StudyResults(finished)
     changed = read_study(study_file, set=["seeds=[1, 3]", "seeds_per_unit=4"])
-    units = units_of(changed, done.arms, {})
+    units = units_of(changed, Arms.of(study), {})
     unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
     rows = [1, 3]
     sources = {

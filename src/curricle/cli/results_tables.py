@@ -13,12 +13,12 @@ from curricle.study.results import StudyResults
 def print_results(results: StudyResults, arm: str | None, task: str | None) -> None:
     """Print a study's progress, what each task learnt, and the comparison if there is one."""
     _check(results, arm, task)
-    config = results.config
+    record = results.record
     arms = "every arm" + " that has not failed" * bool(results.failed)
-    print(f"{config.name}: {len(results.seeds)} of {len(config.seeds)} seeds finished in {arms}")
+    print(f"{record.name}: {len(results.seeds)} of {len(record.seeds)} seeds finished in {arms}")
     rows = table("", "seeds", "steps", "episodes", "greedy return")
     for name, found in results.results.items():
-        for node, learnt in found.nodes.items():
+        for node, learnt in found.items():
             if arm in (None, name) and task in (None, node):
                 rows.add_row(
                     f"{name}: {node}",
@@ -29,7 +29,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
                 )
     print_table(rows)
     print("(means over seeds; the greedy return with its standard deviation)")
-    if SCRATCH in {*results.arms.curricula} - {*results.failed} and results.seeds:
+    compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
+    if compared and results.seeds:
         print(f"\n{results.comparison}")
     else:
         for name, error in results.failed.items():
@@ -43,8 +44,7 @@ def decision_lines(
     _check(results, arm, task)
     lines = [
         f"{name}: {node}, seed {number}: {reason}"
-        for name, curriculum in results.arms.curricula.items()
-        for node in curriculum.order
+        for name, node in results.record.keys
         if arm in (None, name) and task in (None, node)
         for number, reasons in results.decisions(name, node).items()
         if seed in (None, number)
@@ -60,11 +60,10 @@ def decision_lines(
 
 def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
     """Raise StoreError unless the study has the arm and the task asked for."""
-    curricula = results.arms.curricula
     if arm is not None:
-        one_of("an arm", arm, curricula, StoreError)
+        one_of("an arm", arm, results.record.arms, StoreError)
     if task is not None:
-        tasks = [name for one in curricula.values() for name in one.order]
+        tasks = [name for _, name in results.record.keys]
         one_of("a task", task, dict.fromkeys(tasks), StoreError)
 
 

@@ -12,12 +12,12 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurricleError, SettingError
 from curricle.planning.target import Target
-from curricle.report.graph import mapping_words
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, costs
 from curricle.study.store import STUDY, StudyStore
 from curricle.study.units import units_of
+from curricle.transfer.descriptions import mapping_words
 from curricle.transfer.edges import transfer_names
 
 

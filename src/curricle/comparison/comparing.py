@@ -308,11 +308,20 @@ def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> float
 
     If the optimum is unknown or not above that return, return the midpoint of the curve of scratch.
     """
+    of_optimum = threshold_of_optimum(target)
+    return midpoint(scratch.curve) if of_optimum is None else of_optimum
+
+
+def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
+    """Return nine tenths of the way from the random policy's return to the optimum.
+
+    None if the optimum is unknown or not above that return.
+    """
     if target.solution is None:
-        return midpoint(scratch.curve)
+        return None
     best, worst = target.optimum, target.random_return
     # Undiscounted, the policy that is optimal with the discount need not beat a random one.
-    return midpoint(scratch.curve) if best <= worst else fraction_of_optimum(best, worst, FRACTION)
+    return None if best <= worst else fraction_of_optimum(best, worst, FRACTION)
 
 
 def most_source_steps(curriculum: Curriculum) -> int:

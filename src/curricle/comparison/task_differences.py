@@ -97,10 +97,10 @@ def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     # With a random weight for each state, two distributions over successors with the same mean
     # weight are equal with probability 1.
     weight = np.random.default_rng(0).normal(size=space.size)
-    unit = max(_largest_reward(one), _largest_reward(other))
+    unit = max(largest_reward(one), largest_reward(other))
     names = ("reward", "transitions", "rewarded outcomes")
     for name, mine, yours in zip(
-        names, _moments(one, weight, unit), _moments(other, weight, unit), strict=True
+        names, moments(one, weight, unit), moments(other, weight, unit), strict=True
     ):
         apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
         where = np.argwhere(apart & alive[:, None])
@@ -114,7 +114,7 @@ def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
         yield f"start ({state_name(space, s)}: {one.start[s]:.3g} against {other.start[s]:.3g})"
 
 
-def _moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
+def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
     """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A).
 
     The last separates joint distributions of reward and successor with the same first two.
@@ -131,7 +131,8 @@ def _rewards(mdp: FiniteMDP) -> FloatArray:
     return np.where(used & (mdp.probability > 0), mdp.reward, 0.0)
 
 
-def _largest_reward(mdp: FiniteMDP) -> float:
+def largest_reward(mdp: FiniteMDP) -> float:
+    """Return the largest absolute reward of an outcome that can occur; 1 where all are 0."""
     return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
 
 

@@ -21,12 +21,12 @@ from curricle.learning.shaping import QInitialisation
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.solution import solve
-from curricle.plotting.grid_view import At, GridView
 from curricle.plotting.grids import draw_view
 from curricle.plotting.learning_curves import draw_curve
 from curricle.plotting.scales import steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, caption, new_figure
 from curricle.statistics.curves import Curve
+from curricle.tasks.grid_view import At, GridView
 from curricle.tasks.task import Task, generative_model, tables
 
 MARKS = {1: ("^", "blue", "became right"), -1: ("v", "vermillion", "became wrong")}

@@ -11,11 +11,13 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.plotting.grid_view import LETTERS, TINTS, GridView
 from curricle.plotting.scales import minus
 from curricle.plotting.styles import COLOURS
+from curricle.tasks.grid_view import LETTERS, GridView
 from curricle.tasks.gridworld import GridWorld
 
+TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b"}
+"""Of the objects in a maze."""
 MOST_NUMBERS = 36
 """Cells up to which their numbers are written."""
 DARK = 0.45
@@ -90,7 +92,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
     for row, column in view.walls:
         axes.add_patch(_square(row, column, color="#222222"))
     aside = 0.32 if heat and len(view.states) <= MOST_NUMBERS else 0
-    for name, row, column in view.objects:
+    for name, row, column, _ in view.objects:
         white = name == "pit" and not heat
         letter = _letter(axes, LETTERS[name], row - aside, column - aside, "w" if white else "k")
         if not heat:

@@ -15,9 +15,9 @@ from curricle.checks import numbers, one_of
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
-from curricle.plotting.grid_view import At, GridView
 from curricle.plotting.grids import draw_heat, draw_view
 from curricle.plotting.styles import DIVERGING, SEQUENTIAL, STYLE, caption, new_figure
+from curricle.tasks.grid_view import At, GridView
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.edges import transfer_names
 

@@ -4,23 +4,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
 from curricle.array_types import FloatArray
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
-from curricle.learning.budget import ended_by
 from curricle.learning.result import LearningResult
-from curricle.plotting.scales import minus, rounded
+from curricle.plotting.scales import rounded
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model, same_task
-from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
-from curricle.transfer.edges import Transfer
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.study.record import ArmRecord, CurriculaRecord
 
+Learnt = Mapping[str, Mapping[str, LearningResult]]
+"""Arm -> task -> its training."""
 Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 
@@ -32,8 +27,6 @@ CARD_HEIGHT, LINE = 156, 17
 """Height of a card without its returns, and of a line."""
 CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
 """Size of the curve on a card, and its checkpoints at most."""
-LARGEST_COVERAGE = 5_000_000
-"""Target pairs up to which a mapping's coverage is counted."""
 
 
 @dataclass(frozen=True)
@@ -83,118 +76,81 @@ class Graph:
     height: int
 
 
-def graphs(results: Mapping[str, CurriculumResult], reasons: Reasons) -> tuple[Graph, ...]:
+def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> tuple[Graph, ...]:
     """Return the graphs of a study; arms whose tasks and transfers are alike share one.
 
     Parameters
     ----------
-    results : dict of str to CurriculumResult
-        Of each arm; the scratch baseline has no graph.
+    curricula : CurriculaRecord
+        The scratch baseline among its arms has no graph.
+    learnt : dict of str to dict of str to LearningResult
+        Arm -> task -> its training.
     reasons : dict of (str, str) to sequence of str
-        From :func:`reasons_by_task`.
+        (arm, task) -> for each seed why its training ended.
 
     Examples
     --------
-    >>> from curricle import GridWorld, same_position
+    >>> from curricle import Curriculum, GridWorld, Transfer, same_position
+    >>> from curricle.study.recording import curricula_record
     >>> maze = GridWorld(["....T", ".PPP.", "S...."])
     >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
     >>> plan = Curriculum(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> results = {"corner first": plan.train()}
-    >>> graph, = graphs(results, reasons_by_task(results, {}))
+    >>> learnt = {"corner first": plan.train().nodes}
+    >>> reasons = {("corner first", name): ["all steps used"] for name in plan.order}
+    >>> graph, = graphs(curricula_record({"corner first": plan}, {}), learnt, reasons)
     >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
     (['corner', 'maze'], '1,000 steps', 'all steps used')
     """
-    groups = list[list[str]]()
-    for arm, result in results.items():
-        if arm == SCRATCH:
-            continue
-        same = (arms for arms in groups if _alike(results[arms[0]].curriculum, result.curriculum))
-        if (group := next(same, None)) is None:
-            groups.append([arm])
-        else:
-            group.append(arm)
-    return tuple(_graph(arms, results, reasons) for arms in groups)
+    return tuple(_graph(arms, curricula, learnt, reasons) for arms in curricula.groups())
 
 
-def _alike(one: Curriculum, other: Curriculum) -> bool:
-    """Return whether two curricula have the same tasks and transfers."""
-    if one.order != other.order or len(one.transfers) != len(other.transfers):
-        return False
-    tasks = all(same_task(one.tasks[name], other.tasks[name]) for name in one.order)
-    pairs = zip(one.transfers, other.transfers, strict=True)
-    return tasks and all(_same_transfer(mine, yours) for mine, yours in pairs)
-
-
-def _same_transfer(one: Transfer, other: Transfer) -> bool:
-    names = ("source", "target", "scale", "shift", "calibration")
-    if any(getattr(one, name) != getattr(other, name) for name in names):
-        return False
-    return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
-
-
-def _parts(mapping: Any) -> tuple[Any, ...]:
-    """Return what tells a mapping from others."""
-    if isinstance(mapping, ComponentMapping):
-        return (repr(mapping),)
-    if isinstance(mapping, ObservationMapping):
-        actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
-        return mapping.observations, actions, mapping.status, mapping.unmapped_value
-    return mapping.index.shape, mapping.index.tobytes()
-
-
-def _graph(arms: Sequence[str], results: Mapping[str, CurriculumResult], reasons: Reasons) -> Graph:
-    curriculum = results[arms[0]].curriculum
-    compared = {arm: results[arm].nodes for arm in (*arms, SCRATCH) if arm in results}
+def _graph(
+    arms: Sequence[str], curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons
+) -> Graph:
+    arm = curricula.arms[arms[0]]
+    compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
     curves = {
-        name: _curves({arm: nodes[name] for arm, nodes in compared.items() if name in nodes})
-        for name in curriculum.order
+        name: _curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
+        for name in arm.nodes
     }
     heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in curves.items()}
-    corners, width, height = _layout(curriculum, heights)
+    corners, width, height = _layout(arm, heights)
     cards = tuple(
         Card(
             name,
-            _kind(curriculum.tasks[name]),
+            curricula.task(arms[0], name).kind,
             *corners[name],
             heights[name],
             curves[name],
-            _steps([results[arm][name] for arm in arms]),
-            _ended([reasons[arm, name] for arm in arms]),
+            _steps([learnt[one][name] for one in arms]),
+            _ended([reasons[one, name] for one in arms]),
         )
-        for name in curriculum.order
+        for name in arm.nodes
     )
     edges = []
-    for source, target in dict.fromkeys((t.source, t.target) for t in curriculum.transfers):
+    for source, target in dict.fromkeys((t.source, t.target) for t in arm.transfers):
         left, top = corners[source]
         start, end = (left, top + heights[source]), corners[target]
         between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
-        words = [_transfer_words(t) for t in curriculum.in_edges(target) if t.source == source]
+        words = [t.words for t in arm.in_edges(target) if t.source == source]
         edges.append(Edge(source, target, *_arrow(start, end, between), tuple(words)))
-    notes = _notes(arms, results)
+    notes = _notes({one: curricula.arms[one] for one in arms})
     return Graph(tuple(arms), cards, tuple(edges), notes, width, height)
 
 
-def _kind(task: Any) -> str:
-    if is_observation_task(task):
-        return f"observations, {task.shapes.replace('->', '→')}"
-    generative = generative_model(task)
-    states, actions = generative.states.size, generative.actions.size
-    return f"{type(task).__name__}, {states:,} states × {actions:,} actions"
-
-
 def _layout(
-    curriculum: Curriculum, heights: Mapping[str, int]
+    arm: ArmRecord, heights: Mapping[str, int]
 ) -> tuple[dict[str, tuple[int, int]], int, int]:
     """Return the corner of each card, and the size of the graph: sources above their targets."""
     depth = dict[str, int]()
-    for name in curriculum.order:
-        depth[name] = max((depth[t.source] + 1 for t in curriculum.in_edges(name)), default=0)
+    for name in arm.nodes:
+        depth[name] = max((depth[t.source] + 1 for t in arm.in_edges(name)), default=0)
     rows: dict[int, list[str]] = {}
     for name, row in sorted(depth.items(), key=lambda one: one[1]):
         rows.setdefault(row, []).append(name)
-    side = SIDE if any(depth[t.target] - depth[t.source] > 1 for t in curriculum.transfers) else 0
+    side = SIDE if any(depth[t.target] - depth[t.source] > 1 for t in arm.transfers) else 0
     width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
     corners, top = {}, 0
     for names in rows.values():
@@ -222,63 +178,13 @@ def _arrow(
     return path, (middle, y0 + half)
 
 
-def mapping_words(transfer: Transfer) -> str:
-    """Return the mapping of a transfer in words.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit, project
-    >>> mapping = project(Pursuit(3, 2), Pursuit(3, 1), predator="predator_2")
-    >>> mapping_words(Transfer("chase", "hunt", mapping))
-    'predator is predator_2, prey by name'
-    """
-    mapping = transfer.mapping
-    if isinstance(mapping, ComponentMapping):
-        names = (*mapping.source.states.names, *mapping.source.actions.names)
-        return describe_renaming(names, mapping.renaming)
-    if isinstance(mapping, ObservationMapping):
-        return mapping.description
-    return "state by state and action by action"
-
-
-def _transfer_words(transfer: Transfer) -> str:
-    """Return a transfer in words: its mapping, coverage, scale and shift."""
-    words = [mapping_words(transfer)]
-    if _countable(transfer.mapping):
-        cover = transfer.mapping.coverage()
-        words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
-        if cover.ended:
-            words.append(f"{cover.ended:.0%} at the source's end")
-        if cover.unmapped:
-            value = minus(f"{transfer.mapping.unmapped_value:g}")
-            words.append(f"{cover.unmapped:.0%} unmapped (potential {value})")
-    if transfer.scale != 1:
-        words.append(f"scaled by {minus(f'{transfer.scale:g}')}")
-    if transfer.shift:
-        words.append(f"shifted by {minus(f'{transfer.shift:g}')}")
-    if transfer.calibration is not None:
-        words.append("calibrated in the target")
-    return "; ".join(words)
-
-
-def _countable(mapping: Any) -> bool:
-    """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
-    if isinstance(mapping, ObservationMapping):
-        return False
-    target = generative_model(mapping.target)
-    return target.states.size * target.actions.size <= LARGEST_COVERAGE
-
-
-def _notes(arms: Sequence[str], results: Mapping[str, CurriculumResult]) -> tuple[str, ...]:
+def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
     """Return how several transfers into a task become one potential."""
     notes: dict[str, list[str]] = {}
-    for arm in arms:
-        curriculum = results[arm].curriculum
-        for name in curriculum.order:
-            if len(curriculum.in_edges(name)) > 1:
-                function = curriculum.setting("aggregate", name)
-                called = getattr(function, "__name__", "a custom aggregate")
-                words = f"{name} uses the {called} of its transfers"
+    for arm, record in arms.items():
+        for name, node in record.nodes.items():
+            if node.aggregate is not None:
+                words = f"{name} uses the {node.aggregate} of its transfers"
                 notes.setdefault(words, []).append(arm)
     if len(notes) == 1:
         return (f"{next(iter(notes))}.",)
@@ -329,14 +235,3 @@ def _ended(reasons: Sequence[Sequence[str]]) -> str:
     if len(counts) == 1:
         return next(iter(counts))
     return "; ".join(f"{reason} ({n} of {counts.total()})" for reason, n in counts.most_common())
-
-
-def reasons_by_task(results: Mapping[str, CurriculumResult], decided: Reasons) -> Reasons:
-    """Return why every training ended: as a stopping rule decided, or else by its budget."""
-    reasons = dict[tuple[str, str], Sequence[str]]()
-    for arm, result in results.items():
-        for name, node in result.nodes.items():
-            budget = result.curriculum.setting("budget", name)
-            default = [ended_by(budget, full) for full in node.out_of_memory]
-            reasons[arm, name] = decided.get((arm, name)) or default
-    return reasons

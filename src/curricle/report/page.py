@@ -4,22 +4,27 @@ import base64
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, CurriculumResult
+from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import SettingError, in_words
+from curricle.learning.budget import ended_by
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import arm_styles, shades_of
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
-from curricle.report.graph import Reasons, graphs, reasons_by_task
+from curricle.report.graph import Learnt, Reasons, graphs
 from curricle.report.replay import Replay, replays
 from curricle.report.svg import inline_svg
 from curricle.report.templates import asset, render
 from curricle.statistics.curves import SCRATCH
+from curricle.study.analysis import analysed
+from curricle.study.record import Analysis, CurriculaRecord
+from curricle.study.recording import curricula_record
 
 WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
 """Size of the curves on a desktop and on a phone, in inches."""
@@ -76,17 +81,44 @@ def study_page(
     >>> "<h1>A &lt;small&gt; maze</h1>" in page, "https:" in page
     (True, False)
     """
+    curricula = {arm: result.curriculum for arm, result in results.items()}
+    record = curricula_record(curricula, {})
+    learnt = {arm: result.nodes for arm, result in results.items()}
+    reasons: dict[tuple[str, str], Sequence[str]] = {}
+    for arm, nodes in learnt.items():
+        for task, node in nodes.items():
+            budget = curricula[arm].setting("budget", task)
+            default = [ended_by(budget, full) for full in node.out_of_memory]
+            reasons[arm, task] = (decisions or {}).get((arm, task)) or default
+    study = ShownStudy(name, comparison, record, learnt, analysed(results, record), reasons)
+    return page_of(study, environment or {})
+
+
+@dataclass(frozen=True, eq=False)
+class ShownStudy:
+    """All that a page shows, in plain data."""
+
+    name: str
+    comparison: Comparison
+    curricula: CurriculaRecord
+    learnt: Learnt  # arm -> task -> its training
+    analysis: Analysis
+    reasons: Reasons  # (arm, task) -> for each seed why its training ended
+
+
+def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
+    """Return the page of a study; SettingError when it has no arm besides the scratch baseline."""
+    comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if len(comparison.arms) < 2:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
-    reasons = reasons_by_task(results, decisions or {})
-    found, drawn = findings(comparison), graphs(results, reasons)
-    shown, not_shown = replays(results)
+    found, drawn = findings(comparison), graphs(curricula, learnt, study.reasons)
+    shown, not_shown = replays(curricula, learnt, study.analysis)
     script = asset("study.js")
     return render(
         "study.html",
-        name=name,
+        name=study.name,
         comparison=comparison,
-        environment=environment or {},
+        environment=environment,
         headline=headline(comparison),
         too_few=too_few(comparison),
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
@@ -94,18 +126,20 @@ def study_page(
         forest=forest(found),
         styles=arm_styles(comparison),
         graphs=drawn,
-        with_scratch=SCRATCH in results,
+        with_scratch=SCRATCH in learnt,
         curves=_curves(comparison),
         table=table(comparison),
         measures=MEASURES,
         weak=WEAK,
-        sections=forecast_sections(results, [graph.arms for graph in drawn if graph.edges]),
+        sections=forecast_sections(study.analysis, curricula, learnt),
         replays=shown,
         menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
         first=_first(shown, comparison.target),
         not_shown=not_shown,
-        settings=_shared(_settings(results)),
-        reasons=_shared((*place, Counter(words).most_common()) for place, words in reasons.items()),
+        settings=_shared(_settings(curricula)),
+        reasons=_shared(
+            (*place, Counter(words).most_common()) for place, words in study.reasons.items()
+        ),
         style=Markup(asset("study.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
@@ -136,24 +170,11 @@ def _curves(comparison: Comparison) -> dict[str, dict[str, Markup]]:
     return axes
 
 
-def _settings(results: Mapping[str, CurriculumResult]) -> Iterator[tuple[str, str, dict[str, str]]]:
+def _settings(curricula: CurriculaRecord) -> Iterator[tuple[str, str, dict[str, str]]]:
     """Yield arm, task, and the settings of its training, name -> text."""
-    for arm, result in results.items():
-        for task in result.curriculum.order:
-            words = {"task": repr(result.curriculum.tasks[task])}
-            for name in SETTINGS:
-                if name not in OF_TARGETS or result.curriculum.in_edges(task):
-                    words[name] = _setting_text(result.curriculum.setting(name, task))
-            yield arm, task, words
-
-
-def _setting_text(value: Any) -> str:
-    """Return a setting as text: functions by name, numbers with commas."""
-    if value is None:
-        return "default"
-    if isinstance(value, int):
-        return f"{value:,}"
-    return getattr(value, "__name__", None) or (value if isinstance(value, str) else repr(value))
+    for arm, record in curricula.arms.items():
+        for task, node in record.nodes.items():
+            yield arm, task, {"task": curricula.task(arm, task).text, **node.settings}
 
 
 def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:

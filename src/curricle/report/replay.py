@@ -13,18 +13,23 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
-from curricle.curriculum.curriculum import CurriculumResult
 from curricle.learning.record import Snapshots
-from curricle.planning.rollouts import rollout
-from curricle.planning.solution import greedy_policy
-from curricle.plotting.grid_view import GridView
+from curricle.learning.result import LearningResult
 from curricle.plotting.grids import MOST_NUMBERS
 from curricle.plotting.scales import minus, rounded
 from curricle.plotting.styles import DIVERGING, SEQUENTIAL, SHADES, shades_of
 from curricle.report.svg import GridDrawing, move_path, shifted, squares
-from curricle.tasks.labels import action_name
-from curricle.tasks.task import Task, generative_model, has_tables, same_task
+from curricle.study.record import (
+    Analysis,
+    CurriculaRecord,
+    EpisodePair,
+    EpisodeRecord,
+    TaskRecord,
+)
+from curricle.tasks.grid_view import GridView
 
+Learnt = Mapping[str, Mapping[str, LearningResult]]
+"""Arm -> task -> its training."""
 CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""
 
@@ -38,36 +43,31 @@ LEVELS = 2**16
 """Levels between the lowest and the highest value to which values are rounded."""
 LONGEST_WORD = 9
 """Letters of an action's name up to which it is written into a cell."""
-LONGEST_EPISODE = 200
-"""Steps of an episode that are shown."""
 APART = 0.2
 """Distance of markers from the middle of a cell, where there are several."""
-LARGEST_TABLE = 20_000_000
-"""Pairs (S x A) of a task up to which its episodes are shown."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShownEpisode:
     """One greedy episode of n steps on a grid."""
 
-    cells: IntArray  # (n + 1, markers): where each marker is, as row * columns + column
+    record: EpisodeRecord
     columns: int
-    returns: FloatArray  # (n + 1,): return so far
-    terminated: bool  # whether it ended in a terminal state, not by truncation
 
     @property
     def words(self) -> str:
         """How it ended."""
-        how, n = "terminated" if self.terminated else "truncated", len(self.cells) - 1
-        return f"{how} after {n} step{'s' * (n != 1)}, return {rounded(self.returns[-1])}"
+        how, n = "terminated" if self.record.terminated else "truncated", len(self.points) - 1
+        return f"{how} after {n} step{'s' * (n != 1)}, return {rounded(self.record.returns[-1])}"
 
     @cached_property
     def points(self) -> FloatArray:
         """Where each marker is drawn, (n + 1, markers, 2); several stand apart within a cell."""
-        markers = self.cells.shape[1]
+        cells = self.record.cells
+        markers = cells.shape[1]
         turn = 2 * np.pi * np.arange(markers) / markers
         aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
-        corner = np.stack([self.cells % self.columns, self.cells // self.columns], axis=-1)
+        corner = np.stack([cells % self.columns, cells // self.columns], axis=-1)
         return np.asarray((corner + 0.5 + aside).round(2))
 
     def trail(self, marker: int) -> str:
@@ -82,8 +82,8 @@ class ShownEpisode:
     def data(self) -> dict[str, Any]:
         """Return it for the script of the page."""
         return {
-            "places": self.points.reshape(len(self.cells), -1).tolist(),
-            "returns": [rounded(value) for value in self.returns],
+            "places": self.points.reshape(len(self.points), -1).tolist(),
+            "returns": [rounded(value) for value in self.record.returns],
             "words": self.words,
         }
 
@@ -183,7 +183,7 @@ class Replay:
 
 
 def replays(
-    results: Mapping[str, CurriculumResult],
+    curricula: CurriculaRecord, learnt: Learnt, analysis: Analysis
 ) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
     """Return the replays of all snapshots, the last task first, and the tasks too large to show.
 
@@ -191,24 +191,15 @@ def replays(
 
     Parameters
     ----------
-    results : dict of str to CurriculumResult
-        Of each arm.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from curricle import Curriculum, GridWorld
-    >>> result = Curriculum({"maze": GridWorld("S.T")}, budget=100).train()
-    >>> values = np.zeros((2, 3, 4))
-    >>> values[1, :2, 1] = 1.0
-    >>> node = replace(result["maze"], snapshots=Snapshots(0, np.array([0, 100]), values))
-    >>> (found,), left_out = replays({"scratch": replace(result, nodes={"maze": node})})
-    >>> found.task, found.steps, found.episodes["after"].words
-    ('maze', array([  0, 100]), 'terminated after 2 steps, return 196')
+    curricula : CurriculaRecord
+    learnt : dict of str to dict of str to LearningResult
+        Arm -> task -> its training.
+    analysis : Analysis
+        It has the episodes.
     """
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
-    for name, task, arms in reversed(_tasks(results)):
-        view = GridView.for_replay(task)
+    for name, task, arms in reversed(_tasks(curricula, learnt)):
+        view = None if task.view is None else task.view.view
         size = 0 if view is None else len(arms) * view.states.size
         if view is None or cells + size > MOST_CELLS:
             left_out[name] = None
@@ -220,42 +211,26 @@ def replays(
     for name, view, arms in shown:
         alike: dict[Any, tuple[Any, list[str]]] = {}
         for arm in arms:
-            kept: Any = results[arm][name].snapshots
+            kept: Any = learnt[arm][name].snapshots
             same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
             alike.setdefault(same, (kept, []))[1].append(arm)
         for kept, owners in alike.values():
-            evaluation = results[owners[0]].curriculum.setting("evaluation", name)
-            episodes = before_and_after(kept, view, discounted=evaluation.discounted)
+            pair = analysis.episodes.get(owners[0], {}).get(name)
             named = f"r{len(found)}", name, tuple(owners)
-            found.append(Replay(*named, view, **_values(kept, view, most), episodes=episodes))
+            found.append(
+                Replay(*named, view, **_values(kept, view, most), episodes=_shown(pair, view))
+            )
     return tuple(found), tuple(left_out)
 
 
-def before_and_after(
-    snapshots: Snapshots, view: GridView, *, discounted: bool, seed: int = 0
-) -> dict[str, ShownEpisode]:
-    """Return an episode of the first greedy policy ("before") and one of the last ("after").
-
-    Both have the same start and random stream; ties are broken uniformly; returns may be
-    `discounted`. Empty where the task has no tables or too large ones, or where a state is not in
-    the view.
-    """
-    generative = generative_model(view.task)
-    pairs = generative.states.size * generative.actions.size
-    if pairs > LARGEST_TABLE or not has_tables(view.task):
-        return {}
-    weight = generative.discount if discounted else 1.0
-    steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
-    episodes = {}
-    for name, place in (("before", 0), ("after", -1)):
-        policy = greedy_policy(snapshots.values[place])
-        path = rollout(view.task, policy, seed=seed, steps=steps)
-        cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
-        rewards = path.rewards * weight ** np.arange(len(path))
-        returns = np.concatenate([[0.0], rewards.cumsum()])
-        episodes[name] = ShownEpisode(cells, view.shape[1], returns, path.terminated)
-    shown = all((episode.cells >= 0).all() for episode in episodes.values())
-    return episodes if shown else {}
+def _shown(pair: EpisodePair | None, view: GridView) -> dict[str, ShownEpisode]:
+    """Return the episodes "before" and "after"; none where the view does not hold them."""
+    each = {} if pair is None else {"before": pair.before, "after": pair.after}
+    rows, columns = view.shape
+    for one in each.values():
+        if one.cells.shape[1] != len(view.markers) or one.cells.max() >= rows * columns:
+            return {}
+    return {which: ShownEpisode(one, columns) for which, one in each.items()}
 
 
 def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
@@ -273,32 +248,25 @@ def mark_of(view: GridView, chosen: BoolArray) -> str:
     best = np.unique(_options(view))[chosen].tolist()
     if view.directions is not None:
         return "".join(move_path(move, alone=len(best) == 1) for move in best)
-    actions = generative_model(view.task).actions
-    names = [(action_name(actions, one).removeprefix("action "), str(one)) for one in best]
+    names = [(view.actions[one], str(one)) for one in best]
     return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
 
 
 def _options(view: GridView) -> IntArray:
     """Return the move of each action, or its number where actions are no moves, (A,)."""
-    n_actions = generative_model(view.task).actions.size
-    return np.arange(n_actions) if view.directions is None else view.directions
+    return np.arange(len(view.actions)) if view.directions is None else np.array(view.directions)
 
 
-def _tasks(results: Mapping[str, CurriculumResult]) -> list[tuple[str, Task, list[str]]]:
+def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRecord, list[str]]]:
     """Return each task with snapshots and its arms, sources first; equal names need not be one."""
-    depths, found = dict[str, int](), list[tuple[str, Task, list[str]]]()
-    for arm, result in results.items():
-        for depth, name in enumerate(result.curriculum.order):
+    depths, found = dict[str, int](), dict[tuple[str, int], list[str]]()
+    for arm, record in curricula.arms.items():
+        for depth, (name, node) in enumerate(record.nodes.items()):
             depths[name] = max(depth, depths.get(name, 0))
-            if name not in result.nodes or result[name].snapshots is None:
-                continue
-            task = result.curriculum.tasks[name]
-            same = (arms for other, one, arms in found if other == name and same_task(one, task))
-            if (arms := next(same, None)) is None:
-                found.append((name, task, [arm]))
-            else:
-                arms.append(arm)
-    return sorted(found, key=lambda one: depths[one[0]])
+            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
+                found.setdefault((name, node.task), []).append(arm)
+    each = [(name, curricula.tasks[task], arms) for (name, task), arms in found.items()]
+    return sorted(each, key=lambda one: depths[one[0]])
 
 
 def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:

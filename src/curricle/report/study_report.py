@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from curricle.curriculum.curriculum import CurriculumResult
-from curricle.curriculum.node import Node
 from curricle.errors import StoreError
 from curricle.files import write_whole
-from curricle.report.page import study_page
+from curricle.report.page import ShownStudy, page_of
+from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.results import StudyResults
 from curricle.study.units import seed_ranges
 
@@ -36,42 +35,41 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
 
 
 def _page(study: StudyResults) -> str:
-    """Return the page of a stored study; of all values only those of its sources are read."""
-    results = {}
-    for arm, curriculum in study.arms.curricula.items():
-        if arm in study.failed:
-            continue
-        read = {transfer.source for transfer in curriculum.transfers}
-        nodes = {
-            name: study.result(arm, name, values=name in read and _readable(curriculum.node(name)))
-            for name in curriculum.order
-        }
-        results[arm] = CurriculumResult(curriculum, nodes, {})
-    places = [(arm, name) for arm, found in results.items() for name in found.nodes]
-    last = study.store.runs()[-1]
-    return study_page(
-        study.config.name,
-        study.comparison,
-        results,
-        decisions={place: list(study.ended_by(*place).values()) for place in places},
-        environment={
-            "file": last["file"],
-            "started": last["started"],
-            "seeds": seed_ranges(study.seeds),
-            "commit": last["commit"] or "none",
-            "Python": last["python"],
-            "machine": last["machine"],
-            **last["versions"],
-        },
+    """Return the page of a stored study."""
+    comparison = study.comparison
+    learnt = {arm: one for arm, one in study.results.items() if arm not in study.failed}
+    places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
+    reasons = {place: list(study.ended_by(*place).values()) for place in places}
+    record = study.record.only(learnt)
+    analysis = study.analysis or _no_analysis(record)
+    shown = ShownStudy(study.record.name, comparison, record, learnt, analysis, reasons)
+    return page_of(shown, _environment(study))
+
+
+def _no_analysis(record: CurriculaRecord) -> Analysis:
+    """Return the analysis of a run that has not ended: what is left out."""
+    why = (
+        "The forecast and certificates are left out, because the run has not ended: "
+        "curricle run --resume makes them."
     )
+    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+    sections = [
+        SectionRecord(arms=arms, forecast=None, certificates=(), left_out=(why,)) for arms in groups
+    ]
+    return Analysis(of="", sections=tuple(sections))
 
 
-def _readable(node: Node) -> bool:
-    """Return whether the values of a task can be read: networks need the library they ran on."""
-    if not node.deep:
-        return True
-    try:
-        node.learner.algorithm_class()
-    except ImportError:
-        return False
-    return True
+def _environment(study: StudyResults) -> dict[str, str]:
+    """Return what the last run was made with, name -> text."""
+    if not study.runs:
+        return {}
+    last = study.runs[-1]
+    return {
+        "file": last.file,
+        "started": last.started,
+        "seeds": seed_ranges(study.seeds),
+        "commit": last.commit or "none",
+        "Python": last.python,
+        "machine": last.machine,
+        **last.versions,
+    }

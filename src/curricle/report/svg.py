@@ -12,8 +12,9 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from curricle.array_types import IntArray
-from curricle.plotting.grid_view import LETTERS, TINTS, GridView
-from curricle.plotting.styles import STYLE
+from curricle.plotting.grids import TINTS
+from curricle.plotting.styles import COLOURS, STYLE
+from curricle.tasks.grid_view import LETTERS, GridView
 
 _REFERENCE = re.compile(r"#([\w-]+)")
 _DRAWN = ("d", "transform", "x", "y", "width", "height")
@@ -108,6 +109,7 @@ class GridDrawing:
     objects: tuple[tuple[str, str, int, int, bool], ...]
     letters: tuple[tuple[str, int, int], ...]  # fixed components of the state: letters, column, row
     labels: tuple[tuple[int, int, str], ...]  # column, row and number of each state of a strip
+    markers: tuple[tuple[str, str], ...]  # letter and colour of what moves
 
     @classmethod
     def of(cls, view: GridView) -> "GridDrawing":
@@ -124,11 +126,12 @@ class GridDrawing:
             walls=squares(shifted(view, view.walls)),
             ended=squares(shifted(view, view.cells[view.ended])),
             objects=tuple(
-                (LETTERS[name], TINTS[name], column - left, row - top, name in view.task.ends)
-                for name, row, column in view.objects
+                (LETTERS[name], TINTS[name], column - left, row - top, ends)
+                for name, row, column, ends in view.objects
             ),
             letters=tuple((x, c - left, r - top) for (r, c), x in view.stacked_letters.items()),
             labels=tuple((x, y, str(n)) for (x, y), n in numbered),
+            markers=tuple((marker.letter, COLOURS[marker.colour]) for marker in view.markers),
         )
 
 

@@ -1,7 +1,6 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,25 +11,39 @@ import pyarrow as pa
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparing import check_comparable, default_threshold
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.curriculum import CurriculumResult
+from curricle.comparison.task_summary import summary_differences
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
-from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
-from curricle.study.serialization import CURVES, DECISIONS, RUN, SNAPSHOTS, VALUES, result_of
+from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
+from curricle.study.serialization import (
+    CURVES,
+    DECISIONS,
+    RUN,
+    SNAPSHOTS,
+    VALUES,
+    check_arrays,
+    result_of,
+)
 from curricle.study.source_values import source_values, sources_read
-from curricle.study.store import StoredUnit, StudyStore
-from curricle.transfer.observation_rollouts import target_of
+from curricle.study.store import RUNS, STUDY, StoredUnit, StudyStore
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
+ANALYSIS = "analysis.json"
+HEADERS, FLOAT32 = 2**16, 4
+"""Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
 
 class StudyResults:
     """The results in a study's folder, also while the study is still running.
+
+    Only plain data are read: no module that the study names is imported, no task is made, and no
+    pickle is loaded. So a folder can be read on any machine, and one from anywhere is safe to read.
 
     Parameters
     ----------
@@ -45,21 +58,16 @@ class StudyResults:
     ----------
     store : StudyStore
         The folder.
-    config : StudyConfig
-        The study.
+    record : StudyRecord
+        The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
     """
 
     def __init__(self, path: str | Path):
         self.store = StudyStore(path)
         study = self.store.description
-        if "configuration" not in study:
+        if "record" not in study:
             raise StoreError(f"{path} holds results that are not those of a study")
-        self.config = StudyConfig.from_data(study["configuration"], Path(study["folder"]))
-
-    @cached_property
-    def arms(self) -> Arms:
-        """The arms as they are trained."""
-        return Arms.of(self.config)
+        self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
 
     @cached_property
     def stored(self) -> dict[str, dict[int, StoredUnit]]:
@@ -69,24 +77,26 @@ class StudyResults:
     @cached_property
     def failed(self) -> dict[str, str]:
         """The error of each arm that failed in the last run and has not been trained since."""
-        return failed_arms(read_failures(self.store), self.arms.keys, self.stored)
+        return failed_arms(read_failures(self.store), self.record.keys, self.stored)
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
         """The seeds for which every arm that has not failed is complete."""
-        keys = [key for (arm, _), key in self.arms.keys.items() if arm not in self.failed]
+        keys = [key for (arm, _), key in self.record.keys.items() if arm not in self.failed]
         each = [self.stored.get(key, {}) for key in keys]
-        return tuple(sorted(set(self.config.seeds).intersection(*each)))
+        return tuple(sorted(set(self.record.seeds).intersection(*each)))
 
     def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
         """Return the learning result of one task of an arm.
+
+        Its ``task`` and ``learner`` are None: the folder holds neither.
 
         Parameters
         ----------
         arm, task : str
         values : bool
-            Whether to read the learnt values too, which may be large. Rebuilding networks needs
-            Stable-Baselines3.
+            Whether to read the learnt values too, which may be large. Those of a network are its
+            parameters, a dict of arrays for each seed; :meth:`trained` makes networks of them.
 
         Raises
         ------
@@ -94,45 +104,73 @@ class StudyResults:
             When there is no result yet, or a file is damaged.
         """
         units = self._units(arm, task)
-        curriculum = self.arms.curricula[arm]
         if not units:
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
-        node, names = curriculum.node(task), (RUN, SNAPSHOTS, *[VALUES] * values)
-        found = joined_results([result_of(node, self.store.arrays(one, *names)) for one in units])
-        if values and node.deep:
-            found = replace(found, values=self._networks(arm, task, found.seeds))
-        return found
+        snapshots = self.record.task(arm, task).view is not None
+        names = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
+        return joined_results([result_of(self._arrays(arm, one, *names)) for one in units])
 
-    def _networks(self, arm: str, task: str, seeds: tuple[int, ...]) -> Any:
-        """Return the values of each seed's network, with the potential that it learnt on."""
-        curriculum = self.arms.curricula[arm]
-        read = {task} | sources_read(curriculum, task)
-        sources = {
-            name: self.store.source_values(
-                self.stored[self.arms.keys[arm, name]], seeds, read=name in read
-            )
-            for name in (*curriculum.ancestors(task), task)
-        }
-        return source_values(curriculum, seeds, sources)[task].values
+    def _arrays(self, arm: str, unit: StoredUnit, *names: str) -> dict[str, Any]:
+        """Return the arrays of a unit of an arm, which have the shapes that the record states."""
+        task = self.record.task(arm, unit.task)
+        arrays = self.store.arrays(unit, *names, most=self.most_bytes)
+        return self.store.checked(
+            str(unit.path.relative_to(self.store.path)),
+            lambda: check_arrays(arrays, len(unit.seeds), (task.states, task.actions)),
+        )
+
+    @property
+    def most_bytes(self) -> int:
+        """The size of the snapshots of the largest task that is shown, at most."""
+        pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
+        return HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
+
+    def trained(
+        self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
+    ) -> dict[str, SourceValues]:
+        """Return what an arm's sources learnt, as :meth:`Curriculum.train` takes it.
+
+        Parameters
+        ----------
+        arm : str
+        curriculum : Curriculum
+            That of the arm, such as ``read_study(file).curriculum(arm)``: the folder holds none.
+            Rebuilding its networks needs Stable-Baselines3.
+        seeds : sequence of int, optional
+            Those that every arm has finished by default.
+
+        Raises
+        ------
+        StoreError
+            When a source has not finished all seeds, or a file is damaged.
+        """
+        seeds = self.seeds if seeds is None else tuple(seeds)
+        read = sources_read(curriculum, curriculum.target)
+        found = {}
+        for name in curriculum.ancestors(curriculum.target):
+            units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
+            if missing := [seed for seed in seeds if seed not in units]:
+                raise StoreError(
+                    f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
+                    f"{missing[0]} yet"
+                )
+            found[name] = self.store.source_values(units, seeds, read=name in read)
+        return source_values(curriculum, seeds, found)
 
     def _units(self, arm: str, task: str) -> list[StoredUnit]:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""
-        one_of("an arm", arm, self.arms.curricula, StoreError)
-        one_of(f"a task of arm {arm!r}", task, self.arms.curricula[arm].tasks, StoreError)
-        by_seed = self.stored.get(self.arms.keys[arm, task], {})
+        one_of("an arm", arm, self.record.arms, StoreError)
+        one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
+        by_seed = self.stored.get(self.record.keys[arm, task], {})
         return list(dict.fromkeys(by_seed.values()))
 
     @cached_property
-    def results(self) -> dict[str, CurriculumResult]:
-        """The curriculum result of each arm as far as it is trained, without values."""
-        found = {}
-        for arm, curriculum in self.arms.curricula.items():
-            nodes = {
-                task: self.result(arm, task)
-                for task in curriculum.order
-                if self.arms.keys[arm, task] in self.stored
-            }
-            found[arm] = CurriculumResult(curriculum, nodes, {})
+    def results(self) -> dict[str, dict[str, LearningResult]]:
+        """The learning results so far, without values: arm -> task -> result."""
+        found: dict[str, dict[str, LearningResult]] = {arm: {} for arm in self.record.arms}
+        for (arm, task), key in self.record.keys.items():
+            if key in self.stored:
+                found[arm][task] = self.result(arm, task)
         return found
 
     @property
@@ -146,9 +184,31 @@ class StudyResults:
         """
         return compare_studies([self])
 
-    def source_steps(self, arm: str) -> IntArray:
-        """Return the steps each seed of an arm spent before its target, (K,), seeds ascending."""
-        runs = [self.store.arrays(unit, RUN) for unit in self._units(arm, self.arms.target)]
+    @property
+    def analysis(self) -> Analysis | None:
+        """Forecasts, certificates and episodes; None before the run has ended."""
+        if not self.store.has(ANALYSIS):
+            return None
+        found = self.store.read_sealed(ANALYSIS)
+        return self.store.checked(ANALYSIS, lambda: read_record(Analysis, found))
+
+    @property
+    def runs(self) -> list[RunRecord]:
+        """Each run so far."""
+        each = self.store.runs()
+        return self.store.checked(RUNS, lambda: [read_record(RunRecord, one) for one in each])
+
+    def write_analysis(self, analysis: Analysis) -> None:
+        """Write ``analysis.json``."""
+        self.store.write_sealed(ANALYSIS, plain(analysis))
+
+    def source_steps(self, arm: str, task: str | None = None) -> IntArray:
+        """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
+
+        By default before its target.
+        """
+        name = self.record.target if task is None else task
+        runs = [self._arrays(arm, unit, RUN) for unit in self._units(arm, name)]
         seeds = np.concatenate([run["seeds"] for run in runs])
         steps: IntArray = np.concatenate([run["source_steps"] for run in runs])
         return steps[np.argsort(seeds)]
@@ -159,12 +219,11 @@ class StudyResults:
         """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
         one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
         tables = []
-        for arm, curriculum in self.arms.curricula.items():
-            for task in curriculum.order:
-                if parts := [self.store.table(unit, name) for unit in self._units(arm, task)]:
-                    whole = pa.concat_tables(parts)
-                    whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
-                    tables.append(whole.add_column(0, "arm", pa.array([arm] * len(whole))))
+        for arm, task in self.record.keys:
+            if parts := [self.store.table(unit, name) for unit in self._units(arm, task)]:
+                whole = pa.concat_tables(parts)
+                whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
+                tables.append(whole.add_column(0, "arm", pa.array([arm] * len(whole))))
         if not tables:
             raise StoreError(f"{self.store.path} holds no results yet")
         return pa.concat_tables(tables)
@@ -213,7 +272,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         When the targets differ as tasks or in how they are learnt; the message names what differs.
     """
     for study in studies:
-        if study.arms.total is None or SCRATCH not in study.arms.curricula:
+        if study.record.total is None or SCRATCH not in study.record.arms:
             raise StoreError(
                 "a comparison needs the target learnt from scratch, for a number of steps: "
                 f"{study.store.path} holds a study without it"
@@ -223,45 +282,60 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison needs the target learnt from scratch, which failed in "
                 f"{study.store.path}: {study.failed[SCRATCH]}"
             )
-    first, arms, total = studies[0], studies[0].arms, min(one.arms.total or 0 for one in studies)
-    _check(studies, total)
+    _check([study.record for study in studies])
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
             "a comparison needs a seed that every arm has finished: "
             f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
         )
-    found = {SCRATCH: _arm(first, SCRATCH, total, seeds)}
+    first = studies[0].record
+    total = min(study.record.total or 0 for study in studies)
+    found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
     for study in studies:
-        for name in study.arms.curricula:
-            label = f"{study.config.name}: {name}" if len(studies) > 1 else name
+        for name in study.record.arms:
+            label = f"{study.record.name}: {name}" if len(studies) > 1 else name
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
                 found[label] = _arm(study, name, total, seeds)
-    threshold = first.config.threshold
+    threshold = first.threshold
     if threshold is None:
-        node = arms.curricula[SCRATCH].node(arms.target)
-        threshold = default_threshold(target_of(node.task, node.evaluation), found[SCRATCH])
-    budget = min(study.arms.budget or 0 for study in studies)
-    window = min(first.config.window, budget // arms.eval_freq + 1)
-    return Comparison(arms.target, found, budget, total, threshold, window, failed)
+        threshold = midpoint(found[SCRATCH].curve)
+    budget = min(study.record.budget or 0 for study in studies)
+    window = min(first.window, budget // first.eval_freq + 1)
+    return Comparison(first.target, found, budget, total, threshold, window, failed)
 
 
-def _check(studies: Sequence[StudyResults], total: int) -> None:
+def _check(records: Iterable[StudyRecord]) -> None:
     """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
-    names = [study.config.name for study in studies]
+    first, *others = records
+    names = [first.name, *(other.name for other in others)]
     if len(set(names)) < len(names):
         raise CurriculumError(f"studies that are compared need different names: got {names}")
-    first = {
-        name: study.arms.curricula[SCRATCH].replace(study.arms.target, budget=total)
-        for name, study in zip(names, studies, strict=True)
-    }
-    check_comparable(first)
+    for other in others:
+        pair = f"{first.name!r} and {other.name!r}"
+        if first.target != other.target:
+            raise CurriculumError(
+                f"studies must share their target: {pair} have {first.target!r} and "
+                f"{other.target!r}"
+            )
+        if apart := summary_differences(first.problem, other.problem):
+            raise CurriculumError(
+                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
+            )
+        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
+        for which in ("evaluation", "learner", "eval_freq"):
+            if mine.get(which) != yours.get(which):
+                raise CurriculumError(
+                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
+                    f"and {yours.get(which)}"
+                )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
-    result = study.results[name][study.arms.target]
-    arm = Arm.of(result, study.source_steps(name), total, study.arms.eval_freq)
+    record = study.record
+    result = study.results[name][record.target]
+    arm = Arm.of(result, study.source_steps(name), total, record.eval_freq)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

@@ -24,13 +24,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import whole_number
+from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, tracker_of
 from curricle.learning.result import LearningResult
+from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.failures import FAILURES, Failures, read_failures
+from curricle.study.record import plain
+from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.serialization import UnitResult, result_of
 from curricle.study.source_values import sources_read
@@ -137,10 +140,10 @@ def run_study(
     configuration, folder = study.to_data(), str(study.folder.resolve())
     description = {
         "curricle": metadata.version("curricle"),
-        "folder": folder,
         "configuration": configuration,
     }
-    with StudyStore.opened(path, description, resume=resume) as store, ExitStack() as ending:
+    described = {**description, "record": plain(study_record(study, arms))}
+    with StudyStore.opened(path, described, resume=resume) as store, ExitStack() as ending:
         store.add_run(_provenance(study))
         done = store.finished()
         units = units_of(study, arms, done, shard)
@@ -162,6 +165,7 @@ def run_study(
             shutil.rmtree(store.path / CHECKPOINTS, ignore_errors=True)
         found = StudyResults(path)
         found.write_tables()
+        analyse(found, arms)
     if failures:
         raise failures.error()
     return found
@@ -248,7 +252,8 @@ class _Scheduler:
     def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
         stored = self.store.write_unit(unit, result)
         self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
-        return result_of(self.arms.curricula[unit.arm].node(unit.task), result.arrays)
+        node = self.arms.curricula[unit.arm].node(unit.task)
+        return result_of(result.arrays, node.task, node.learner)
 
 
 def _error_of(future: "Future[Any]") -> Exception | None:
@@ -317,12 +322,16 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
     """
     if not parts:
         raise StoreError("there must be at least one folder to merge: got none")
-    stores = [StudyStore(part) for part in parts]
+    studies = [StudyResults(part) for part in parts]
+    stores = [study.store for study in studies]
     found = [store.units() for store in stores]
-    for store, units in zip(stores, found, strict=True):
-        stores[0].check(store.description)
-        for unit in units:
-            store.result(unit, unit.seeds)  # damage is found before anything is written
+    for study, units in zip(studies, found, strict=True):
+        stores[0].check(study.store.description)
+        for unit in units:  # damage is found before anything is written
+            study.store.result(unit, unit.seeds, study.most_bytes)
+    analysis = next(
+        (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
+    )
     for store, units in zip(stores, found, strict=True):
         with StudyStore.opened(path, store.description, resume=True) as target:
             done = target.finished()
@@ -334,7 +343,15 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
                 if new:
                     taken = target.write_unit(unit._replace(seeds=new), store.result(unit, new))
                     there |= dict.fromkeys(new, taken)
-            StudyResults(path).write_tables()
+            merged = StudyResults(path)
+            merged.write_tables()
+            if analysis is not None:
+                merged.write_analysis(analysis)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         _write_failures(target, [row for store in stores for row in read_failures(store)])
     return StudyResults(path)
+
+
+def _first_seed(study: StudyResults) -> int:
+    """Return the first seed that a study has finished; the analysis of the first is that of all."""
+    return min(study.seeds, default=BEYOND_64_BITS)

@@ -1,19 +1,21 @@
 """A learning result as plain arrays, to be sent and stored as files, and back again."""
 
 import io
+import math
 import re
+import zipfile
+import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from curricle.curriculum.node import Node
 from curricle.learning.record import Snapshots
-from curricle.learning.result import LearningResult
+from curricle.learning.result import HELD, TOTALS, LearningResult
 from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 
@@ -24,6 +26,25 @@ PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not i
 RUN, VALUES, SNAPSHOTS = "run.npz", "values.npz", "snapshots.npz"
 CURVES, DECISIONS = "curves.parquet", "decisions.parquet"
 """The files of a unit."""
+
+CURVE_SCHEMA = {
+    "task": "string",
+    **dict.fromkeys(("seed", "checkpoint", "steps", "source_steps"), "int64"),
+    **dict.fromkeys(("training_return", "greedy_return", "guard_share"), "double"),
+    "episodes": "int64",
+}
+DECISION_SCHEMA = {
+    "task": "string",
+    "seed": "int64",
+    "steps": "int64",
+    "ends": "bool",
+    "criterion": "string",
+    **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
+    "reason": "string",
+}
+"""Columns of the tables of a unit, and their types."""
+LARGEST_TABLE = 2**28
+"""Bytes of a table at most."""
 
 
 class UnitResult(NamedTuple):
@@ -65,10 +86,10 @@ def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
     return found
 
 
-def result_of(node: Node, arrays: Arrays) -> LearningResult:
+def result_of(arrays: Arrays, task: Any = None, learner: Any = None) -> LearningResult:
     """Return the result that :func:`arrays_of` was called on; without values if there are none.
 
-    Networks are left out: :func:`source_values` makes them anew.
+    Those of a network are its parameters: :func:`source_values` makes networks of them.
     """
     seeds = tuple(arrays["seeds"].tolist())
     values: Any = arrays.get("values")
@@ -76,14 +97,16 @@ def result_of(node: Node, arrays: Arrays) -> LearningResult:
         values = tuple(
             SparseValues(arrays[f"states_{k}"], arrays[f"values_{k}"]) for k in range(len(seeds))
         )
+    elif values is None and values_of(arrays, 0) is not None:
+        values = tuple(values_of(arrays, k) for k in range(len(seeds)))
     snapshots = None
     if "snapshot_steps" in arrays:
         steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
         snapshots = Snapshots(seeds[0], steps, tables)
     plain: dict[str, Any] = {name: frozen(arrays[name]) for name in PLAIN}
     return LearningResult(
-        task=node.task,
-        learner=node.learner,
+        task=task,
+        learner=learner,
         seeds=seeds,
         values=frozen(values) if isinstance(values, np.ndarray) else values,
         snapshots=snapshots,
@@ -113,6 +136,82 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
         elif not own and not of_first:
             found[name] = array[rows]
     return found
+
+
+def check_arrays(
+    arrays: dict[str, npt.NDArray[Any]],
+    n_seeds: int,
+    pairs: tuple[int, int],
+) -> dict[str, npt.NDArray[Any]]:
+    """Return a unit's arrays as they are; ValueError if they are not those of a result.
+
+    `pairs` are the states and actions of its task.
+    """
+    steps = arrays.get("steps")
+    n = 0 if steps is None else steps.size
+    shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
+    shapes |= dict.fromkeys(("training_return", *HELD), (n_seeds, n))
+    shapes |= dict.fromkeys(("seeds", "source_steps", *TOTALS), (n_seeds,))
+    if "snapshot_steps" in arrays:
+        moments = arrays["snapshot_steps"].size
+        shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
+    for name, shape in shapes.items():
+        found = arrays.get(name)
+        if found is None or found.shape != shape or found.dtype.kind not in "ifb" or not n:
+            raise ValueError(f"{name} must be an array of shape {shape}")
+    return arrays
+
+
+def read_npz(content: bytes, *, packed: bool, most: int | None) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an npz file, without pickles.
+
+    A `packed` one may be compressed, and unpack to `most` bytes; ValueError otherwise.
+    """
+    found = dict[str, npt.NDArray[Any]]()
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            each = archive.infolist()
+            if not packed and any(one.compress_type != zipfile.ZIP_STORED for one in each):
+                raise ValueError("its arrays must not be compressed")
+            if packed and most is not None and sum(one.file_size for one in each) > most:
+                raise ValueError(f"its arrays must have at most {most:,} bytes")
+            for one in each:
+                with archive.open(one) as file:
+                    found[one.filename.removesuffix(".npy")] = _read_npy(file, one.file_size)
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, NotImplementedError):
+        raise ValueError("it is no archive of arrays") from None
+    return found
+
+
+def _read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
+    """Return an array of as many bytes as its file has left after the header."""
+    version = np.lib.format.read_magic(file)
+    if version != (1, 0):
+        raise ValueError(f"its arrays must be of format 1.0: got {version}")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    if dtype.hasobject:
+        raise ValueError("its arrays must not hold Python objects, which are pickles")
+    if math.prod(shape) * dtype.itemsize != size - file.tell():
+        raise ValueError(f"an array of shape {shape} does not fill its file")
+    flat = np.frombuffer(file.read(), dtype)
+    return flat.reshape(shape, order="F" if fortran else "C")
+
+
+def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
+    """Return a Parquet table of `most` rows at most; ValueError if its columns are others."""
+    try:
+        with pq.ParquetFile(io.BytesIO(content)) as file:
+            about = file.metadata
+            size = sum(about.row_group(n).total_byte_size for n in range(about.num_row_groups))
+            if about.num_rows > most or size > LARGEST_TABLE:
+                raise ValueError(f"it must have at most {most:,} rows, not {about.num_rows:,}")
+            table = file.read()
+    except (pa.ArrowException, OSError, MemoryError) as error:
+        raise ValueError(f"it is no table: {error}") from None
+    found = {field.name: str(field.type) for field in table.schema}
+    if found != schema or any(column.null_count for column in table.columns):
+        raise ValueError(f"it must have the columns {', '.join(schema)}")
+    return table
 
 
 def files_of(task: str, result: UnitResult) -> dict[str, bytes]:

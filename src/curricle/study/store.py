@@ -1,27 +1,29 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
-import hashlib
-import io
 import json
 import os
 import re
 import shutil
-import zipfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
-from curricle.files import PART, part_in, write_whole
+from curricle.files import PART, part_in, read_bounded, write_whole
+from curricle.study.description import differences, shown
+from curricle.study.record import UnitRecord, read_record
+from curricle.study.sealed_json import as_json, digest_of, sealed, unsealed
 from curricle.study.serialization import (
+    CURVE_SCHEMA,
     CURVES,
+    DECISION_SCHEMA,
     DECISIONS,
     RUN,
     SNAPSHOTS,
@@ -30,19 +32,22 @@ from curricle.study.serialization import (
     as_parquet,
     files_of,
     of_seeds,
+    read_npz,
+    read_parquet,
     values_of,
 )
 from curricle.study.source_values import StoredValues
 from curricle.study.units import Unit, seed_ranges
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Of the folder's layout; a folder of another version is refused."""
+LARGEST_JSON = 2**26
+"""Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
+Result = TypeVar("Result")
 CHECKPOINTS = ".checkpoints"
 """Where networks in training are saved, to go on from."""
 UNITS, MANIFEST = "units", "unit.json"
-MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window", "snapshots")
-"""Keys of a study on which no stored result depends."""
 
 
 class StoredUnit(NamedTuple):
@@ -85,9 +90,9 @@ class StudyStore:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        if not (self.path / STUDY).is_file():
+        if not (self.path / STUDY).exists():
             raise StoreError(f"a folder of results holds a {STUDY}: {self.path} has none")
-        self.description = self._unsealed(self.path / STUDY)
+        self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
             found = "no schema version" if version is None else f"schema version {version}"
@@ -153,6 +158,7 @@ class StudyStore:
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
+                description["record"]["seeds"] = here["seeds"]
         for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
             # A killed run left it; it is not complete.
             shutil.rmtree(part) if part.is_dir() else part.unlink()
@@ -162,10 +168,10 @@ class StudyStore:
 
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of a description, as :meth:`opened` takes it, differ."""
-        for name, (there, here) in _differences(self.description, description):
+        for name, (there, here) in differences(self.description, description):
             raise StoreError(
-                f"{self.path} holds results of other settings: {name} is {_shown(there)} there and "
-                f"{_shown(here)} here; choose another folder"
+                f"{self.path} holds results of other settings: {name} is {shown(there)} there and "
+                f"{shown(here)} here; choose another folder"
             )
 
     # -- files ---------------------------------------------------------------------------------
@@ -183,15 +189,33 @@ class StudyStore:
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
-        self.write(name, _json(content))
+        self.write(name, as_json(content))
+
+    def write_sealed(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON file with its own checksum."""
+        self.write(name, sealed(content))
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file; StoreError if it is damaged."""
-        path = self.path / name
         try:
-            return json.loads(path.read_text(encoding="utf-8"))
+            return json.loads(self._bytes(name, LARGEST_JSON))
+        except RecursionError:
+            raise StoreError(f"{self.path / name} must be JSON that is not nested deeply") from None
         except ValueError as error:
-            raise StoreError(f"{path} must be JSON: {error}") from error
+            raise StoreError(f"{self.path / name} must be JSON: {error}") from None
+
+    def read_sealed(self, name: str) -> dict[str, Any]:
+        """Return what :func:`sealed` was called on; StoreError if the file has changed since."""
+        found = unsealed(self._bytes(name, LARGEST_JSON))
+        if found is None:
+            raise self._damage(self.path / name)
+        return found
+
+    def _bytes(self, name: str, most: int) -> bytes:
+        try:
+            return read_bounded(self.path / name, most)
+        except OSError as error:
+            raise StoreError(f"{self.path / name} cannot be read: {error.strerror}") from None
 
     def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike] | pa.Table) -> None:
         """Write a tidy table, a dict of column name to values of one length, as Parquet."""
@@ -205,7 +229,16 @@ class StudyStore:
     def runs(self) -> list[dict[str, Any]]:
         """Return the versions, kind of machine, commit, file and seeds of each run so far."""
         found: list[dict[str, Any]] = self.read_json(RUNS) if self.has(RUNS) else []
+        if not isinstance(found, list):
+            raise StoreError(f"{self.path / RUNS} must be a list of runs")
         return found
+
+    def checked(self, name: str, read: Callable[[], Result]) -> Result:
+        """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
+        try:
+            return read()
+        except ValueError as error:
+            raise StoreError(f"{self.path / name} is not as Curricle writes it: {error}") from None
 
     # -- units ---------------------------------------------------------------------------------
 
@@ -223,12 +256,16 @@ class StudyStore:
         return found
 
     def _stored(self, manifest: Path) -> StoredUnit:
-        found = self._unsealed(manifest)
-        for name, (size, _) in found["files"].items():
+        found = self._manifest(manifest)
+        for name, (size, _) in found.files.items():
             file = manifest.parent / name
             if not file.is_file() or file.stat().st_size != size:
                 raise self._damage(file)
-        return StoredUnit(manifest.parent, found["key"], found["task"], tuple(found["seeds"]))
+        return StoredUnit(manifest.parent, found.key, found.task, found.seeds)
+
+    def _manifest(self, path: Path) -> UnitRecord:
+        found = self.read_sealed(self._name(path))
+        return self.checked(self._name(path), partial(read_record, UnitRecord, found))
 
     def _damage(self, file: Path) -> StoreError:
         if file.name == STUDY:
@@ -236,8 +273,9 @@ class StudyStore:
                 f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
                 "delete it and run the study again with --resume"
             )
+        what = "it" if file.parent == self.path else f"the folder {file.parent}"
         return StoreError(
-            f"{file} is damaged: its checksum does not fit; delete the folder {file.parent} and "
+            f"{file} is damaged: its checksum does not fit; delete {what} and "
             "run the study again with --resume, which does only what is missing"
         )
 
@@ -246,7 +284,7 @@ class StudyStore:
         name = re.sub(r"[^\w-]+", "_", unit.task)[:40]
         place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
         files = files_of(unit.task, result)
-        sizes = {file: [len(content), _digest(content)] for file, content in files.items()}
+        sizes = {file: [len(content), digest_of(content)] for file, content in files.items()}
         about = {"key": unit.key, "task": unit.task, "seeds": unit.seeds, "files": sizes}
         with _write_errors(self.path):
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -267,32 +305,50 @@ class StudyStore:
         """Return the folder for checkpoints of a unit's training until it is stored."""
         return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
 
-    def arrays(self, stored: StoredUnit, *names: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of those of some files, such as ``run.npz``, that a unit has."""
+    def arrays(
+        self, stored: StoredUnit, *names: str, most: int | None = None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of those of some files, such as ``run.npz``, that a unit has.
+
+        Those that are compressed may unpack to `most` bytes; StoreError names one that has more.
+        """
         found = dict[str, npt.NDArray[Any]]()
         for file in (stored.path / name for name in names):
             if file.exists():
-                try:
-                    with np.load(io.BytesIO(self._content(file))) as arrays:
-                        found |= arrays
-                except (ValueError, OSError, zipfile.BadZipFile):
-                    raise self._damage(file) from None
+                content, packed = self._content(file), file.name == SNAPSHOTS
+                found |= self.checked(
+                    self._name(file), partial(read_npz, content, packed=packed, most=most)
+                )
         return found
 
     def table(self, stored: StoredUnit, name: str) -> pa.Table:
         """Return a unit's Parquet table."""
-        return pq.read_table(io.BytesIO(self._content(stored.path / name)))
+        content, run = self._content(stored.path / name), self.arrays(stored, RUN)
+        rows = len(stored.seeds) * (1 + run["steps"].size)
+        schema = CURVE_SCHEMA if name == CURVES else DECISION_SCHEMA
+        read = partial(read_parquet, content, schema, rows)
+        return self.checked(self._name(stored.path / name), read)
 
     def _content(self, file: Path) -> bytes:
-        content = file.read_bytes()
-        if _digest(content) != self._unsealed(file.parent / MANIFEST)["files"][file.name][1]:
+        files = self._manifest(file.parent / MANIFEST).files
+        size, digest = files.get(file.name, (0, ""))
+        content = self._bytes(self._name(file), size)
+        if digest_of(content) != digest:
             raise self._damage(file)
         return content
 
-    def result(self, stored: StoredUnit, seeds: Collection[int]) -> UnitResult:
-        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
+    def _name(self, file: Path) -> str:
+        return str(file.relative_to(self.path))
+
+    def result(
+        self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
+    ) -> UnitResult:
+        """Return the result of some of a unit's seeds; StoreError if any of it is damaged.
+
+        `most` is as in :meth:`arrays`.
+        """
         self._content(stored.path / CURVES)
-        arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS)
+        arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS, most=most)
         rows = self.table(stored, DECISIONS).to_pylist()
         return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
 
@@ -319,17 +375,6 @@ class StudyStore:
         ]
         return StoredValues(values, np.array(steps, dtype=np.int64), scales)
 
-    def _unsealed(self, file: Path) -> dict[str, Any]:
-        """Return what :func:`sealed` was called on; StoreError if the file has changed since."""
-        try:
-            found = json.loads(file.read_text(encoding="utf-8"))
-            digest = found.pop("digest")
-        except (ValueError, AttributeError, TypeError, KeyError, IndexError):
-            raise self._damage(file) from None
-        if digest != _digest(_json(found)):
-            raise self._damage(file)
-        return dict(found)
-
 
 @contextmanager
 def _write_errors(path: Path) -> Iterator[None]:
@@ -343,36 +388,6 @@ def _write_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
-    """Yield the keys, with both values, in which two descriptions differ and results may too."""
-    if not (isinstance(mine, dict) and isinstance(yours, dict)):
-        if mine != yours:
-            yield name, (mine, yours)
-        return
-    for key in sorted({*mine, *yours}):
-        place = f"{name}.{key}" if name and name != "configuration" else key
-        if not (name == "configuration" and key in MAY_CHANGE) and place != "folder":
-            yield from _differences(mine.get(key), yours.get(key), place)
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value)
-    return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
-
-
 def _short(seeds: tuple[int, ...]) -> str:
     name = "seeds-" + seed_ranges(seeds)
-    return name if len(name) < 60 else name[:40] + "-" + _digest(name.encode())
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=16).hexdigest()
-
-
-def sealed(value: Mapping[str, Any]) -> bytes:
-    """Return JSON with its own checksum."""
-    return _json({**value, "digest": _digest(_json(value))})
-
-
-def _json(value: Any) -> bytes:
-    return (json.dumps(value, indent=1) + "\n").encode()
+    return name if len(name) < 60 else name[:40] + "-" + digest_of(name.encode())

@@ -9,6 +9,8 @@ import numpy as np
 import curricle as cr
 from curricle.learning.record import Snapshots
 from curricle.report.page import study_page
+from curricle.study.analysis import analysed
+from curricle.study.recording import curricula_record
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $x^2$ </script>"
@@ -42,6 +44,12 @@ def with_snapshots(result, **kept):
     """A result with the snapshots of some tasks."""
     shown = {name: replace(result[name], snapshots=one) for name, one in kept.items()}
     return replace(result, nodes={**result.nodes, **shown})
+
+
+def shown(results):
+    """The record of results by arm, what their tasks learnt, and the analysis of it."""
+    record = curricula_record({arm: one.curriculum for arm, one in results.items()}, {})
+    return record, {arm: one.nodes for arm, one in results.items()}, analysed(results, record)
 
 
 def page_of(study):

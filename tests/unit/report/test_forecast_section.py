@@ -5,28 +5,32 @@ from dataclasses import replace
 import pytest
 
 import curricle as cr
-from curricle.report import forecast_section
 from curricle.report.forecast_section import forecast_sections
+from curricle.study import analysis as analysis_module
+from curricle.study.analysis import analysed
+from curricle.study.recording import curricula_record
 
-from .studies import Reader, hunt_plan, page_of
+from .studies import Reader, hunt_plan, page_of, shown
 
 
 def test_the_forecast_stands_next_to_the_measured_start(pursuit):
-    (found,) = forecast_sections(pursuit.results, [["min", "mean"]])
+    record, learnt, analysis = shown(pursuit.results)
+    (found,) = forecast_sections(analysis, record, learnt)
+    rows = {row.name: row for row in found.forecast.rows}
     assert found.used == {"minimum": ("min",), "mean": ("mean",)}
     for arm, name in (("min", "minimum"), ("mean", "mean")):
         measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
         assert found.measured[arm] == measured.mean()
-        assert found.forecast[name].mean("start") == pytest.approx(measured[:3].mean(), abs=0.5)
-    ((arms, certificate),) = found.certificates
-    assert arms == ("min", "mean")
+        assert rows[name].start == pytest.approx(measured[:3].mean(), abs=0.5)
+    (certificate,) = found.record.certificates
+    assert certificate.arms == ("min", "mean")
     assert certificate.holds
-    assert found.left_out == ()
+    assert found.record.left_out == ()
 
 
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
-    monkeypatch.setattr(forecast_section, "EFFORT", 10)
-    monkeypatch.setattr(forecast_section, "LARGEST_CERTIFIED", 10)
+    monkeypatch.setattr(analysis_module, "EFFORT", 10)
+    monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)
     words = Reader(page_of(pursuit)).words
     why = f"because hunt has {729 * 25:,} state-action pairs"
     assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in words
@@ -37,7 +41,8 @@ def test_values_that_were_not_kept_leave_both_out():
     plan = hunt_plan(cr.minimum)
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
-    (found,) = forecast_sections({"min": replace(result, nodes=bare)}, [["min"]])
+    record = curricula_record({"min": plan}, {})
+    (found,) = analysed({"min": replace(result, nodes=bare)}, record).sections
     assert found.forecast is None
     assert found.certificates == ()
     assert all("values were not kept" in sentence for sentence in found.left_out)
@@ -45,7 +50,5 @@ def test_values_that_were_not_kept_leave_both_out():
 
 def test_a_potential_that_was_not_kept_is_made_again(pursuit):
     stored = {arm: replace(one, potentials={}) for arm, one in pursuit.results.items()}
-    kept, again = (
-        forecast_sections(results, [["min"]])[0] for results in (pursuit.results, stored)
-    )
-    assert str(kept.certificates[0][1]) == str(again.certificates[0][1])
+    kept, again = (shown(results)[2].sections[0] for results in (pursuit.results, stored))
+    assert kept.certificates == again.certificates

@@ -1,13 +1,15 @@
 """The curriculum graph of a page."""
 
 import curricle as cr
-from curricle.report.graph import CARD, graphs, reasons_by_task
+from curricle.report.graph import CARD, graphs
 
-from .studies import ODD, hunt_plan
+from .studies import ODD, Reader, hunt_plan, shown
 
 
-def graphs_of(results, decided=None):
-    return graphs(results, reasons_by_task(results, decided or {}))
+def graphs_of(results):
+    record, learnt, _ = shown(results)
+    reasons = {(arm, task): ["all steps used"] for arm, nodes in learnt.items() for task in nodes}
+    return graphs(record, learnt, reasons)
 
 
 def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
@@ -59,6 +61,5 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     assert not card.left <= skipping.place[0] <= card.left + CARD
 
 
-def test_reasons_are_counted(odd):
-    card = graphs_of(odd.results, odd.decisions)[0].cards[0]
-    assert card.reason == f"{ODD} reason (1 of 2); all steps used (1 of 2)"
+def test_reasons_are_counted(pages):
+    assert f"{ODD} reason (1 of 2); all steps used (1 of 2)" in Reader(pages["odd"]).words

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 import curricle as cr
 from curricle.errors import CurriculumError, SettingError
 from curricle.plotting.choice_flips import collapse_figure, draw_flips
-from curricle.plotting.grid_view import GridView
 from curricle.plotting.picture import save
 from curricle.plotting.potentials import draw_potential, draw_sources, shared_limits
+from curricle.tasks.grid_view import GridView
 
 from .studies import caption_of, labelled, texts_of
 

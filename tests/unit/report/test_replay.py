@@ -10,25 +10,27 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.learning.record import Snapshots
 from curricle.planning.solution import greedy_policy
-from curricle.plotting.grid_view import GridView
 from curricle.report import replay as replay_module
-from curricle.report.replay import LEVELS, before_and_after, greedy_choices, mark_of, replays
+from curricle.report.replay import LEVELS, greedy_choices, mark_of, replays
 from curricle.report.svg import GridDrawing
+from curricle.study.analysis import before_and_after
+from curricle.tasks.grid_view import GridView
 
-from .studies import chain, with_snapshots
+from .studies import chain, shown, with_snapshots
 
 
 def replay_of(shot, task):
     """The replay of a task's snapshots."""
     result = cr.Curriculum({"task": task}, budget=10).train()
-    ((found,), _) = replays({"scratch": with_snapshots(result, task=shot)})
+    ((found,), _) = replays(*shown({"scratch": with_snapshots(result, task=shot)}))
     return found
 
 
 def test_arrows_are_of_the_agent_that_is_drawn():
-    hunt = GridView.for_replay(cr.Pursuit(3, 2))
+    task = cr.Pursuit(3, 2)
+    hunt = GridView.for_replay(task)
     values = np.zeros(25)
-    values[hunt.task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
+    values[task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
     assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
     assert GridDrawing.of(hunt).letters == (("P", 1, 1), ("2", 0, 0))
 
@@ -78,7 +80,7 @@ def test_a_map_of_too_many_cells_is_not_shown():
     result = cr.Curriculum({"wide": wide}, budget=10).train()
     shape = (2, wide.states.size, 4)
     short = Snapshots(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
-    assert replays({"scratch": with_snapshots(result, wide=short)}) == ((), ("wide",))
+    assert replays(*shown({"scratch": with_snapshots(result, wide=short)})) == ((), ("wide",))
 
 
 def test_walls_and_ends_cover_what_is_no_state(maze):
@@ -118,19 +120,19 @@ def test_moments_are_thinned_but_the_ends_are_kept(monkeypatch):
 
 def test_many_cells_get_fewer_moments(maze, monkeypatch):
     monkeypatch.setattr(replay_module, "MOST_CELL_MOMENTS", 1)
-    found, _ = replays(maze.results)
+    found, _ = replays(*shown(maze.results))
     assert {len(replay.steps) for replay in found} == {3}
 
 
 def test_a_page_holds_a_number_of_cells_and_targets_come_first(maze, monkeypatch):
     monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
-    found, left_out = replays(maze.results)
+    found, left_out = replays(*shown(maze.results))
     assert {replay.task for replay in found} == {"maze"}
     assert left_out == ("corner",)
 
 
 def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
-    found, left_out = replays(pursuit.results)
+    found, left_out = replays(*shown(pursuit.results))
     assert [(replay.task, replay.arms) for replay in found] == [
         ("hunt", ("scratch",)),
         ("hunt", ("min",)),
@@ -138,14 +140,15 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
         ("chase", ("min", "mean")),
     ]
     assert left_out == ()
-    found, _ = replays(maze.results)
+    found, _ = replays(*shown(maze.results))
     assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
 
 
 def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     shot = pursuit.results["min"]["hunt"].snapshots
-    before, after = before_and_after(shot, GridView.for_replay(hunt), discounted=True).values()
+    pair = before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True)
+    before, after = pair.before, pair.after
     assert (before.cells[0] == after.cells[0]).all()
     followed = cr.planning.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
     assert after.returns[-1] == pytest.approx(followed.discounted_return(0.9))
@@ -156,13 +159,9 @@ def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
 
 def test_tasks_without_tables_have_no_episodes(pursuit, monkeypatch):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
-    monkeypatch.setattr("curricle.report.replay.LARGEST_TABLE", 10)
-    assert (
-        before_and_after(
-            pursuit.results["min"]["hunt"].snapshots, GridView.for_replay(hunt), discounted=True
-        )
-        == {}
-    )
+    monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
+    shot = pursuit.results["min"]["hunt"].snapshots
+    assert before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True) is None
 
 
 def test_a_state_off_the_strip_has_no_episode():
@@ -171,4 +170,4 @@ def test_a_state_off_the_strip_has_no_episode():
     values[:, :, 1] = 1
     far = replace(long, start=np.eye(80)[70])
     shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
-    assert before_and_after(shot, GridView.for_replay(far), discounted=True) == {}
+    assert before_and_after(shot, far, GridView.for_replay(far), discounted=True) is None

@@ -4,9 +4,8 @@
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import cycle
 from typing import Any
 
@@ -15,8 +14,8 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.plotting.styles import COLOURS
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.labels import action_name
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import generative_model
 
@@ -24,7 +23,6 @@ At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
 
 LETTERS = {"treasure": "T", "fire": "F", "pit": "P"}
-TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b"}
 """Of the objects in a maze."""
 STRIP, LONGEST_STRIP = 6, 60
 """States without geometry stand in a strip: states a row, and states at most."""
@@ -32,8 +30,8 @@ MOST_CELLS = 2500
 """Cells of a replayed grid at most."""
 DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
 DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
-AGENTS = ("blue", "vermillion", "green", "purple")
-"""Colours of markers that act; others are black."""
+AGENTS, OTHER = ("blue", "vermillion", "green", "purple"), "black"
+"""Colours of markers that act, and of others, by their names in the palette of all figures."""
 
 _CELL = re.compile(r"\((\d+), ?(\d+)\)")
 
@@ -43,7 +41,7 @@ class Marker:
     """Something that moves over a grid during an episode."""
 
     letter: str
-    colour: str  # as #rrggbb
+    colour: str  # its name
     cells: IntArray  # (S,): row * columns + column in each state; -1 where that is not shown
 
 
@@ -61,16 +59,19 @@ class GridView:
     'cells: where predator_1 is; P: prey, 2: predator_2'
     """
 
-    task: Any
     states: IntArray  # (n,): at most one a cell
+    ended: BoolArray  # (n,): whether the episode is over there
     cells: IntArray  # (n, 2): row and column of each
     origin: tuple[int, int]  # top-left cell
     shape: tuple[int, int]  # rows and columns
+    actions: tuple[str, ...]  # A names
+    directions: tuple[int, ...] | None  # (A,): 0 stay, 1 north ... 4 west; None where none moves
     letters: tuple[tuple[str, int, int], ...] = ()  # of the fixed components: letter, row, column
     words: str = ""  # what is free and what is fixed, and what the letters mean
     is_map: bool = True  # whether cells are places of the task; in a strip they are states in order
     markers: tuple[Marker, ...] = ()  # what moves during an episode; empty if it is not replayed
-    mover: str | None = None  # the component of an action that moves what the cells stand for
+    objects: tuple[tuple[str, int, int, bool], ...] = ()
+    """Of a maze: name, row, column, and whether it ends the episode."""
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
@@ -98,7 +99,18 @@ class GridView:
             shape = (len(task.map), len(task.map[0]))
             names = dict.fromkeys(name for name, *_ in task.objects)
             words = ", ".join(f"{LETTERS[name]}: {name}" for name in names)
-            return cls(task, np.arange(len(task.cells)), task.cells, task.origin, shape, (), words)
+            objects = tuple((*one, one[0] in task.ends) for one in task.objects)
+            states, cells = np.arange(len(task.cells)), task.cells
+            common = _of_task(task, states, None, is_map=True)
+            return cls(
+                states=states,
+                cells=cells,
+                origin=task.origin,
+                shape=shape,
+                words=words,
+                objects=objects,
+                **common,
+            )
         return _of_components(task, fixed)
 
     @classmethod
@@ -117,7 +129,7 @@ class GridView:
         ('cells: where predator_1 is; P: prey, 2: predator_2', ['P', '1', '2'])
         """
         if isinstance(task, GridWorld):
-            return _with_markers(cls.of(task), {"agent": task.cells})
+            return _with_markers(cls.of(task), {"agent": task.cells}, ())
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
         if labelled := {name: found for name, found in read.items() if found is not None}:
@@ -127,30 +139,8 @@ class GridView:
                 values = space.decode()
                 cells = np.stack([values[name] for name in names], axis=1)
                 fixed = {c.name: c.low for c in space.components if c.name not in names}
-                return _with_markers(cls.of(task, fixed), {"agent": cells})
+                return _with_markers(cls.of(task, fixed), {"agent": cells}, ())
         return _strip(task, space)
-
-    @cached_property
-    def ended(self) -> BoolArray:
-        """States in which the episode is over, (n,)."""
-        terminal = generative_model(self.task).terminal
-        return np.zeros(len(self.states), bool) if terminal is None else terminal[self.states]
-
-    @cached_property
-    def directions(self) -> IntArray | None:
-        """Each action's move, (A,): 0 stay, 1 north ... 4 west. None where actions are no moves."""
-        actions = generative_model(self.task).actions
-        alone = len(actions.names) == 1
-        own = [one for one in actions.components if one.name == self.mover or alone]
-        if not self.is_map or not own or not set(own[0].labels or ("",)) <= set(DIRECTIONS):
-            return None
-        moves = actions.decode()[own[0].name]
-        return np.array([DIRECTIONS[own[0].label(int(move))] for move in moves])
-
-    @property
-    def objects(self) -> tuple[tuple[str, int, int], ...]:
-        """The objects of a maze: name, row, column."""
-        return self.task.objects if isinstance(self.task, GridWorld) else ()
 
     @property
     def stacked_letters(self) -> dict[tuple[int, int], str]:
@@ -168,6 +158,24 @@ class GridView:
         return np.asarray(np.argwhere(grid) + self.origin)
 
 
+def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
+    """Return the fields that are read off a task: which states end, and what its actions do.
+
+    `mover` is the component of an action that moves what the cells stand for.
+    """
+    generative = generative_model(task)
+    terminal, actions = generative.terminal, generative.actions
+    ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
+    names = tuple(action_name(actions, one).removeprefix("action ") for one in range(actions.size))
+    alone = len(actions.names) == 1
+    own = [one for one in actions.components if one.name == mover or alone]
+    directions: tuple[int, ...] | None = None
+    if is_map and own and set(own[0].labels or ("",)) <= set(DIRECTIONS):
+        moves = actions.decode()[own[0].name]
+        directions = tuple(DIRECTIONS[own[0].label(int(move))] for move in moves)
+    return {"ended": ended, "actions": names, "directions": directions}
+
+
 def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
     found = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
@@ -176,7 +184,7 @@ def labelled_cells(component: Component) -> IntArray | None:
     return np.array([match.groups() for match in found], dtype=np.int64)
 
 
-def _of_components(task: Any, fixed: At) -> GridView:
+def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     """Return the view of the states whose other components are fixed."""
     space = generative_model(task).states
     unknown = [name for name in fixed if name not in space.names]
@@ -192,7 +200,15 @@ def _of_components(task: Any, fixed: At) -> GridView:
     there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
     shape = (bottom - top + 1, right - left + 1)
-    return GridView(task, states[there], cells[there], (top, left), shape, letters, words)
+    return GridView(
+        states=states[there],
+        cells=cells[there],
+        origin=(top, left),
+        shape=shape,
+        letters=letters,
+        words=words,
+        **_of_task(task, states[there], mover, is_map=True),
+    )
 
 
 def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:
@@ -272,24 +288,24 @@ def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridVi
     by_state = {
         name: where[values[name] - space.component(name).low] for name, where in cells.items()
     }
-    return _with_markers(GridView.of(task, at), by_state, free)
+    return _with_markers(_of_components(task, at, free), by_state, agents)
 
 
 def _with_markers(
-    view: GridView, cells: Mapping[str, IntArray], mover: str | None = None
+    view: GridView, cells: Mapping[str, IntArray], agents: Collection[str]
 ) -> GridView | None:
     """Return a view with markers on `cells`, name -> (S, 2); None if it is too large."""
     rows, columns = view.shape
     if rows * columns > MOST_CELLS:
         return None
-    agents, colours = generative_model(view.task).actions.names, cycle(AGENTS)
+    colours = cycle(AGENTS)
     markers = list[Marker]()
     for name, where in cells.items():
         acts = len(cells) == 1 or name in agents
         letter = _letter_of(name, [marker.letter for marker in markers])
-        colour = COLOURS[next(colours) if acts else "black"]
+        colour = next(colours) if acts else OTHER
         markers.append(Marker(letter, colour, (where - view.origin) @ np.array([columns, 1])))
-    return replace(view, markers=tuple(markers), mover=mover)
+    return replace(view, markers=tuple(markers))
 
 
 def _strip(task: Any, space: Space) -> GridView:
@@ -302,5 +318,13 @@ def _strip(task: Any, space: Space) -> GridView:
         words += f", the first {len(states)} of {space.size:,}"
     place = np.full(space.size, -1)
     place[states] = cells @ np.array([shape[1], 1])
-    marker = Marker("", COLOURS[AGENTS[0]], place)
-    return GridView(task, states, cells, (0, 0), shape, (), words, False, (marker,))
+    return GridView(
+        states=states,
+        cells=cells,
+        origin=(0, 0),
+        shape=shape,
+        words=words,
+        is_map=False,
+        markers=(Marker("", AGENTS[0], place),),
+        **_of_task(task, states, None, is_map=False),
+    )

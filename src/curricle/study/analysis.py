@@ -1,0 +1,287 @@
+"""What only the tasks themselves can say of results: forecasts, certificates, episodes.
+
+It is found when a study's run ends, and stored in plain data.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from hashlib import blake2b
+
+import numpy as np
+
+from curricle.certificate.certification import certify
+from curricle.certificate.verdict import Certificate
+from curricle.comparison.forecasting import Forecast, forecast
+from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.sources import calibrated
+from curricle.errors import CurricleError
+from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.record import Snapshots
+from curricle.planning.rollouts import rollout
+from curricle.planning.solution import greedy_policy
+from curricle.statistics.curves import SCRATCH
+from curricle.study.arms import Arms
+from curricle.study.record import (
+    LONGEST_EPISODE,
+    Analysis,
+    CertificateRecord,
+    CurriculaRecord,
+    EpisodePair,
+    EpisodeRecord,
+    ForecastRecord,
+    RowRecord,
+    SectionRecord,
+)
+from curricle.study.results import StudyResults
+from curricle.tasks.grid_view import GridView
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import Task, generative_model, has_tables
+
+EFFORT = 800_000
+"""Target pairs times forecasts times seeds at most: about ten seconds."""
+MOST_SEEDS = 3
+"""Seeds of a forecast."""
+LARGEST_CERTIFIED = 20_000_000
+"""Target pairs up to which a potential is certified."""
+
+
+DIGEST_BYTES = 8
+LARGEST_TABLE = 20_000_000
+"""Pairs (S x A) of a task up to which its episodes are kept."""
+
+
+def analyse(study: StudyResults, arms: Arms) -> None:
+    """Write the analysis of a study whose arms are compared, unless it is there.
+
+    It is of the first seeds that every arm has finished.
+    """
+    curricula = {arm: one for arm, one in arms.curricula.items() if arm not in study.failed}
+    if not study.seeds or arms.total is None or SCRATCH not in curricula:
+        return
+    seeds = study.seeds[:MOST_SEEDS]
+    keys = sorted(one for one in study.record.keys.items() if one[0][0] in curricula)
+    of = blake2b(repr((keys, seeds)).encode(), digest_size=DIGEST_BYTES).hexdigest()
+    there = study.analysis
+    if there is not None and there.of == of:
+        return
+    results = {}
+    for arm, curriculum in curricula.items():
+        nodes = {
+            name: replace(one, task=curriculum.tasks[name])
+            for name, one in study.results[arm].items()
+        }
+        given = study.trained(arm, curriculum, seeds)
+        results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
+    study.write_analysis(analysed(results, study.record.only(curricula), of))
+
+
+def analysed(
+    results: Mapping[str, CurriculumResult], record: CurriculaRecord, of: str = ""
+) -> Analysis:
+    """Return the analysis of curricula that were trained.
+
+    Parameters
+    ----------
+    results : dict of str to CurriculumResult
+        Of each arm, the sources' values read.
+    record : CurriculaRecord
+        Of the same arms.
+    of : str
+        A digest of the results.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> from curricle.study.recording import curricula_record
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
+    >>> results = {"corner first": plan.train()}
+    >>> section, = analysed(results, curricula_record({"corner first": plan}, {})).sections
+    >>> [row.name for row in section.forecast.rows], len(section.certificates)
+    (['mean'], 1)
+    """
+    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+    sections = tuple(_section(arms, results, len(groups)) for arms in groups)
+    return Analysis(of=of, sections=sections, episodes=_episodes(results))
+
+
+def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, EpisodePair]]:
+    """Return the episodes of each task of each arm that has snapshots, and a view of its states."""
+    found: dict[str, dict[str, EpisodePair]] = {}
+    for arm, result in results.items():
+        for name, node in result.nodes.items():
+            view = None if node.snapshots is None else GridView.for_replay(node.task)
+            if node.snapshots is not None and view is not None:
+                discounted = result.curriculum.setting("evaluation", name).discounted
+                pair = before_and_after(node.snapshots, node.task, view, discounted=discounted)
+                if pair:
+                    found.setdefault(arm, {})[name] = pair
+    return found
+
+
+def before_and_after(
+    snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool, seed: int = 0
+) -> EpisodePair | None:
+    """Return an episode of the first greedy policy and one of the last.
+
+    Both have the same start and random stream; ties are broken uniformly; returns may be
+    `discounted`. None where the task has no tables or too large ones, or where a state is not in
+    the view.
+    """
+    generative = generative_model(task)
+    pairs = generative.states.size * generative.actions.size
+    if pairs > LARGEST_TABLE or not has_tables(task):
+        return None
+    weight = generative.discount if discounted else 1.0
+    steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
+    episodes = list[EpisodeRecord]()
+    for place in (0, -1):
+        policy = greedy_policy(snapshots.values[place])
+        path = rollout(task, policy, seed=seed, steps=steps)
+        cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
+        if (cells < 0).any():
+            return None
+        rewards = path.rewards * weight ** np.arange(len(path))
+        returns = np.concatenate([[0.0], rewards.cumsum()])
+        one = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
+        episodes.append(one)
+    before, after = episodes
+    return EpisodePair(before=before, after=after)
+
+
+def _section(
+    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
+) -> SectionRecord:
+    target = results[arms[0]].curriculum.target
+    if is_observation_task(results[arms[0]].curriculum.tasks[target]):
+        seeds, certified, left_out = _observed_extent(arms, results, target)
+    else:
+        seeds, certified, left_out = _extent(arms, results, target, n_groups)
+    found: Forecast | None = None
+    certificates: dict[str, tuple[tuple[str, ...], Certificate]] = {}
+    try:
+        found = _forecast(arms, results, target, seeds) if seeds else None
+        for arm in arms if certified else ():
+            certificate = _certified(results[arm], target)
+            alike, _ = certificates.get(str(certificate), ((), certificate))
+            certificates[str(certificate)] = (*alike, arm), certificate
+    except CurricleError as error:  # what was learnt stands all the same
+        left_out.append(f"What is missing here is left out: {error}")
+    return SectionRecord(
+        arms=arms,
+        forecast=None if found is None else _plain(found),
+        certificates=tuple(
+            CertificateRecord(arms=alike, holds=one.holds, text=str(one))
+            for alike, one in certificates.values()
+        ),
+        left_out=tuple(left_out),
+    )
+
+
+def _plain(found: Forecast) -> ForecastRecord:
+    rows = tuple(
+        RowRecord(
+            name=one.name,
+            aggregate=one.aggregate,
+            start=one.mean("start"),
+            optimistic=one.mean("optimistic"),
+            scale=one.scale,
+            verdict=one.verdict,
+        )
+        for one in found.rows
+    )
+    return ForecastRecord(
+        random_return=found.random_return,
+        optimum=found.optimum,
+        exact=found.exact,
+        solved=found.solved,
+        seeds=len(found.rows[0].seeds),
+        rows=rows,
+    )
+
+
+def _extent(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
+) -> tuple[int, bool, list[str]]:
+    """Return the seeds of the forecast, whether to certify, and what is left out and why."""
+    first = results[arms[0]]
+    space = generative_model(first.curriculum.tasks[target])
+    pairs = space.states.size * space.actions.size
+    kept = all(
+        isinstance(results[arm].sources[t.source].values, np.ndarray)
+        for arm in arms
+        for t in results[arm].curriculum.in_edges(target)
+    )
+    seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
+    certified = kept and pairs <= LARGEST_CERTIFIED
+    why = f"{target} has {pairs:,} state-action pairs"
+    if not kept:
+        why = "the sources' values were not kept in dense tables"
+    elif n_groups > 1:
+        why += f" and there are {n_groups} graphs"
+    left_out = []
+    if not seeds:
+        left_out.append(
+            f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
+        )
+    if not certified:
+        left_out.append(
+            f"Certificates are left out, because {why}: curricle.certify(task, shaping) gives them."
+        )
+    return seeds, certified, left_out
+
+
+def _observed_extent(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+) -> tuple[int, bool, list[str]]:
+    """Return the same of a target seen through observations: one seed, and no certificates."""
+    left_out = [
+        f"Certificates are left out, because {target} is seen through observations: they need "
+        "numbered states."
+    ]
+    first = results[arms[0]]
+    readable = all(
+        first.sources[t.source].values is not None for t in first.curriculum.in_edges(target)
+    )
+    if not readable:
+        left_out.append(
+            "The forecast is left out, because the sources' values were not kept, or their "
+            "networks cannot be read here: pip install curricle[deep]."
+        )
+    return int(readable), False, left_out
+
+
+def _forecast(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
+) -> Forecast:
+    first = results[arms[0]]
+    curriculum = first.curriculum
+    sources = curriculum.ancestors(target)
+    trained = {name: first.sources[name].first(seeds) for name in sources}
+    others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
+    return forecast(
+        curriculum, seeds=first[target].seeds[:seeds], aggregates=others, trained=trained
+    )
+
+
+def _certified(result: CurriculumResult, target: str) -> Certificate:
+    shaping = result.curriculum.setting("shaping", target)
+    task = result.curriculum.tasks[target]
+    return certify(task, shaping.with_potential(_entering(result, target)))
+
+
+def _entering(result: CurriculumResult, target: str) -> PairPotential:
+    """Return the potential with which the first seed of a target began."""
+    curriculum: Curriculum = result.curriculum
+    phi: PairPotential
+    if kept := result.potentials.get(target):
+        phi = kept[0]
+        return phi
+    sources = {name: one.first(1) for name, one in result.sources.items()}
+    phi, *_ = found = curriculum.potentials(target, sources)
+    if (settings := curriculum.calibration(target)) is not None:
+        phi = calibrated(target, found, settings, result[target].seeds[:1])[0].potential
+    return phi

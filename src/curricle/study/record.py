@@ -1,0 +1,379 @@
+"""What a study's folder says about it: plain data, and all that is needed to read its results.
+
+It is written when the study runs. Whoever reads the folder imports no module that the study names
+and makes no task.
+"""
+
+import json
+from collections.abc import Collection
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.comparison.task_summary import TaskSummary
+from curricle.statistics.curves import SCRATCH
+from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker
+
+LONGEST_EPISODE = 200
+"""Steps of an episode that are kept."""
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _array(dtype: type, kinds: str) -> Any:
+    def read(value: Any) -> Any:
+        try:
+            found = np.asarray(value)
+        except ValueError:
+            raise ValueError("must be an array: its rows have different lengths") from None
+        if found.size and found.dtype.kind not in kinds:
+            raise ValueError(f"must be an array of {dtype.__name__}: got {found.dtype}")
+        return found.astype(dtype)
+
+    return PlainValidator(read)
+
+
+Ints = Annotated[IntArray, _array(np.int64, "i"), PlainSerializer(np.ndarray.tolist)]
+Floats = Annotated[FloatArray, _array(np.float64, "if"), PlainSerializer(np.ndarray.tolist)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class Plain(BaseModel):
+    """A part of a record: its keys and their types are fixed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class ViewRecord(Plain):
+    """A :class:`GridView`, without the cells of its markers in all states."""
+
+    states: Ints
+    cells: Ints
+    """Of each state, counted from the top-left one by rows."""
+    ended: Ints
+    """Places in `states` of those in which the episode is over."""
+    origin: tuple[int, int]
+    shape: tuple[int, int]
+    actions: tuple[str, ...]
+    directions: tuple[int, ...] | None
+    letters: tuple[tuple[str, int, int], ...]
+    words: str
+    is_map: bool
+    objects: tuple[tuple[Literal["treasure", "fire", "pit"], int, int, bool], ...]
+    markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
+
+    @classmethod
+    def of(cls, view: GridView) -> Self:
+        """Return the record of a view."""
+        fields = {name: getattr(view, name) for name in cls.model_fields}
+        fields["cells"] = (view.cells - view.origin) @ np.array([view.shape[1], 1])
+        fields["ended"] = np.flatnonzero(view.ended)
+        fields["markers"] = tuple((one.letter, one.colour) for one in view.markers)
+        return cls(**fields)
+
+    @property
+    def view(self) -> GridView:
+        """The view; its markers have no cells."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        fields["cells"] = np.stack(np.divmod(self.cells, self.shape[1]), axis=1) + self.origin
+        fields["ended"] = np.isin(np.arange(len(self.states)), self.ended)
+        fields["markers"] = tuple(Marker(*one, np.empty(0, np.int64)) for one in self.markers)
+        return GridView(**fields)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        (rows, columns), n, moves = self.shape, len(self.states), self.directions
+        if not (0 < rows <= MOST_CELLS and 0 < columns <= MOST_CELLS // rows):
+            raise ValueError(f"shape must have at most {MOST_CELLS:,} cells: got {self.shape}")
+        if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or len(self.cells) != n:
+            raise ValueError("states and cells must have as many entries")
+        if not (_below(self.cells, rows * columns) and _below(self.ended, n)):
+            raise ValueError("cells must lie within the shape, and ended within states")
+        if moves is not None and (len(moves) != len(self.actions) or not set(moves) <= {*range(5)}):
+            raise ValueError("directions must be one of 0 to 4 for each action")
+        return self
+
+
+def _below(numbers: IntArray, most: int) -> bool:
+    return bool(((numbers >= 0) & (numbers < most)).all())
+
+
+class TaskRecord(Plain):
+    """A task of a study."""
+
+    kind: str
+    """Its type and its size, in words."""
+    text: str
+    """Its parameters, in words."""
+    states: Count
+    actions: Count
+    """0 where it is seen through observations."""
+    view: ViewRecord | None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        view = self.view
+        if view is not None:
+            if not _below(view.states, self.states):
+                raise ValueError(f"view.states must be below {self.states}")
+            if len(view.actions) != self.actions:
+                raise ValueError(f"view.actions must have {self.actions} names")
+        return self
+
+
+class NodeRecord(Plain):
+    """A task of an arm and how it is trained."""
+
+    task: Count
+    """Its place among the study's tasks; equal for tasks that are the same."""
+    key: str
+    """Of its units; empty for what is not stored."""
+    settings: dict[str, str]
+    """Those of its training, in words."""
+    aggregate: str | None
+    """What combines the transfers into it, where there are several."""
+
+
+class TransferRecord(Plain):
+    """A transfer of an arm."""
+
+    source: str
+    target: str
+    words: str
+    number: Count
+    """Equal for transfers that are the same."""
+
+
+class ArmRecord(Plain):
+    """An arm: its tasks, sources first, and its transfers."""
+
+    nodes: dict[str, NodeRecord] = Field(min_length=1)
+    transfers: tuple[TransferRecord, ...]
+    potential: str
+    """The row of a forecast that has the potential of its target."""
+
+    def in_edges(self, task: str) -> list[TransferRecord]:
+        """Return the transfers into a task."""
+        return [one for one in self.transfers if one.target == task]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        place = {name: number for number, name in enumerate(self.nodes)}
+        for one in self.transfers:
+            if not place.get(one.source, len(place)) < place.get(one.target, -1):
+                raise ValueError(
+                    f"a transfer must lead to a later task: {one.source}, {one.target}"
+                )
+        return self
+
+
+class CurriculaRecord(Plain):
+    """Tasks and arms, of a study or of curricula that were trained without one."""
+
+    tasks: tuple[TaskRecord, ...]
+    arms: dict[str, ArmRecord]
+
+    def task(self, arm: str, name: str) -> TaskRecord:
+        """Return a task of an arm."""
+        return self.tasks[self.arms[arm].nodes[name].task]
+
+    def only(self, arms: Collection[str]) -> "CurriculaRecord":
+        """Return the record of some of the arms."""
+        kept = {name: arm for name, arm in self.arms.items() if name in arms}
+        return CurriculaRecord(tasks=self.tasks, arms=kept)
+
+    def groups(self) -> list[tuple[str, ...]]:
+        """Return the arms besides scratch; those with the same tasks and transfers together."""
+        found: dict[Any, list[str]] = {}
+        for name, arm in self.arms.items():
+            if name != SCRATCH:
+                nodes = tuple((each, node.task) for each, node in arm.nodes.items())
+                same = nodes, tuple(one.number for one in arm.transfers)
+                found.setdefault(same, []).append(name)
+        return [tuple(arms) for arms in found.values()]
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        for name, arm in self.arms.items():
+            for task, node in arm.nodes.items():
+                if node.task >= len(self.tasks):
+                    raise ValueError(f"arms.{name}.nodes.{task}.task must be one of the tasks")
+        return self
+
+
+class StudyRecord(CurriculaRecord):
+    """A study.
+
+    Attributes
+    ----------
+    name, seeds, window, snapshots
+        As in its file.
+    threshold : float or None
+        The file's, or what the target's optimum gives; None where that is not known.
+    target : str
+    problem : TaskSummary
+        Of the target: what tells whether two studies have the same.
+    budget, total, eval_freq
+        Of the target, as in :class:`Arms`.
+    """
+
+    name: str
+    seeds: tuple[Count, ...]
+    threshold: float | None
+    window: Annotated[int, Field(ge=1)]
+    snapshots: Count
+    target: str
+    problem: TaskSummary
+    budget: Count | None
+    total: Count | None
+    eval_freq: Annotated[int, Field(ge=1)]
+
+    @property
+    def keys(self) -> dict[tuple[str, str], str]:
+        """The key of each task of each arm."""
+        arms = self.arms.items()
+        return {(arm, task): node.key for arm, one in arms for task, node in one.nodes.items()}
+
+    @model_validator(mode="after")
+    def _has_target(self) -> Self:
+        for name, arm in self.arms.items():
+            if next(reversed(arm.nodes)) != self.target:
+                raise ValueError(f"arms.{name}.nodes must end with the target, {self.target}")
+        if (self.budget is None) is not (self.total is None):
+            raise ValueError("budget and total must both be numbers, or neither")
+        return self
+
+
+class RowRecord(Plain):
+    """A row of a forecast: one potential, means over seeds."""
+
+    name: str
+    aggregate: bool
+    start: float
+    optimistic: float
+    scale: float
+    verdict: str
+
+
+class ForecastRecord(Plain):
+    """A forecast, as a page shows it."""
+
+    random_return: float
+    optimum: float
+    exact: bool
+    solved: bool
+    seeds: Annotated[int, Field(ge=1)]
+    rows: tuple[RowRecord, ...] = Field(min_length=1)
+
+
+class CertificateRecord(Plain):
+    """The certificate of the potential of some arms' first seeds."""
+
+    arms: tuple[str, ...]
+    holds: bool | None
+    text: str
+
+
+class SectionRecord(Plain):
+    """The forecast and the certificates of arms with the same tasks and transfers."""
+
+    arms: tuple[str, ...]
+    forecast: ForecastRecord | None
+    certificates: tuple[CertificateRecord, ...]
+    left_out: tuple[str, ...]
+    """What, why, and how to get it, in a sentence each."""
+
+
+class EpisodeRecord(Plain):
+    """One greedy episode of n steps on a grid."""
+
+    cells: Ints
+    """(n + 1, markers): where each marker is, as row * columns + column."""
+    returns: Floats
+    """(n + 1,): return so far."""
+    terminated: bool
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        n = len(self.returns)
+        if self.cells.ndim != 2 or len(self.cells) != n or not 0 < n <= LONGEST_EPISODE + 1:
+            raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
+        if not _below(self.cells, MOST_CELLS):
+            raise ValueError(f"cells must be below {MOST_CELLS}")
+        return self
+
+
+class EpisodePair(Plain):
+    """An episode of the greedy policy of the first snapshot, and one of that of the last."""
+
+    before: EpisodeRecord
+    after: EpisodeRecord
+
+
+class Analysis(Plain):
+    """What only the tasks themselves can say of results: written at the end of a run."""
+
+    of: str
+    """A digest of the results that it is of."""
+    sections: tuple[SectionRecord, ...] = ()
+    episodes: dict[str, dict[str, EpisodePair]] = {}
+    """Arm -> task -> episodes."""
+
+
+class UnitRecord(Plain):
+    """A unit of work: its files, each with its size and its checksum."""
+
+    key: str
+    task: str
+    seeds: tuple[Count, ...] = Field(min_length=1)
+    files: dict[Annotated[str, Field(pattern=r"^[a-z]+\.(npz|parquet)$")], tuple[Count, str]]
+
+
+class RunRecord(Plain):
+    """One run of a study."""
+
+    started: str
+    file: str
+    seeds: tuple[Count, ...]
+    commit: str | None
+    python: str
+    machine: str
+    versions: dict[str, str]
+
+
+def read_record(model: type[Model], value: Any) -> Model:
+    """Return a record from what a JSON file says.
+
+    Raises
+    ------
+    ValueError
+        Naming the first place that is wrong, and what is wrong there, in one line.
+
+    Examples
+    --------
+    >>> read_record(EpisodeRecord, {"cells": [], "returns": []})
+    Traceback (most recent call last):
+    ...
+    ValueError: terminated: field required
+    """
+    try:
+        return model.model_validate_json(json.dumps(value))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"])) or "it"
+        text = first["msg"].removeprefix("Value error, ")
+        raise ValueError(" ".join(f"{place}: {text[0].lower()}{text[1:]}".split())) from None
+
+
+def plain(record: BaseModel) -> dict[str, Any]:
+    """Return a record as JSON holds it; :func:`read_record` reads it."""
+    return record.model_dump(mode="json")

@@ -1,0 +1,76 @@
+"""Transfers in words, and whether two are the same."""
+
+from typing import Any
+
+from curricle.tasks.task import generative_model
+from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
+from curricle.transfer.edges import Transfer
+from curricle.transfer.observation_mapping import ObservationMapping
+
+LARGEST_COVERAGE = 5_000_000
+"""Target pairs up to which a mapping's coverage is counted."""
+
+
+def mapping_words(transfer: Transfer) -> str:
+    """Return the mapping of a transfer in words.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, project
+    >>> mapping = project(Pursuit(3, 2), Pursuit(3, 1), predator="predator_2")
+    >>> mapping_words(Transfer("chase", "hunt", mapping))
+    'predator is predator_2, prey by name'
+    """
+    mapping = transfer.mapping
+    if isinstance(mapping, ComponentMapping):
+        names = (*mapping.source.states.names, *mapping.source.actions.names)
+        return describe_renaming(names, mapping.renaming)
+    if isinstance(mapping, ObservationMapping):
+        return mapping.description
+    return "state by state and action by action"
+
+
+def transfer_words(transfer: Transfer) -> str:
+    """Return a transfer in words: its mapping, coverage, scale and shift."""
+    words = [mapping_words(transfer)]
+    if _countable(transfer.mapping):
+        cover = transfer.mapping.coverage()
+        words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        if cover.ended:
+            words.append(f"{cover.ended:.0%} at the source's end")
+        if cover.unmapped:
+            value = transfer.mapping.unmapped_value
+            words.append(f"{cover.unmapped:.0%} unmapped (potential {value:g})")
+    if transfer.scale != 1:
+        words.append(f"scaled by {transfer.scale:g}")
+    if transfer.shift:
+        words.append(f"shifted by {transfer.shift:g}")
+    if transfer.calibration is not None:
+        words.append("calibrated in the target")
+    return "; ".join(words)
+
+
+def _countable(mapping: Any) -> bool:
+    """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
+    if isinstance(mapping, ObservationMapping):
+        return False
+    target = generative_model(mapping.target)
+    return target.states.size * target.actions.size <= LARGEST_COVERAGE
+
+
+def same_transfer(one: Transfer, other: Transfer) -> bool:
+    """Return whether two transfers are the same."""
+    names = ("source", "target", "scale", "shift", "calibration")
+    if any(getattr(one, name) != getattr(other, name) for name in names):
+        return False
+    return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
+
+
+def _parts(mapping: Any) -> tuple[Any, ...]:
+    """Return what tells a mapping from others."""
+    if isinstance(mapping, ComponentMapping):
+        return repr(mapping), mapping.unmapped_value
+    if isinstance(mapping, ObservationMapping):
+        actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
+        return mapping.observations, actions, mapping.status, mapping.unmapped_value
+    return mapping.index.shape, mapping.index.tobytes()
