@@ -12,6 +12,8 @@ from curricle.errors import CurricleError
 
 BEYOND_64_BITS = 2**63
 """The first whole number that a signed integer of 64 bits cannot hold."""
+LONGEST_NAME = 100
+"""Characters of a name: more do not fit into tables, pictures and names of files."""
 
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
@@ -79,6 +81,39 @@ def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleErro
     valid = tuple(valid)
     if not isinstance(value, str | Integral) or value is True or value not in valid:
         raise error(f"{name} must be one of {', '.join(map(str, valid))}: got {value!r}")
+
+
+def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:
+    r"""Raise `error` unless `value` can be the name of a study, an arm or a task.
+
+    Examples
+    --------
+    >>> from curricle.errors import CurriculumError
+    >>> fit_name("an arm", "5 × 5", CurriculumError)
+    >>> fit_name("an arm", "a\nb", CurriculumError)
+    Traceback (most recent call last):
+    curricle.errors.CurriculumError: the name of an arm must be printable: got 'a\nb'
+    """
+    why = unfit_name(value) if isinstance(value, str) else f"must be text: got {value!r}"
+    if why:
+        raise error(f"the name of {what} {why}")
+
+
+def unfit_name(text: str) -> str:
+    """Return why a text cannot be a name, as the end of a sentence; nothing if it can.
+
+    Control and format characters are not seen, or change how the text around them is seen: some
+    reverse it. :meth:`str.isprintable` knows them.
+
+    Examples
+    --------
+    >>> unfit_name("maze"), unfit_name("")
+    ('', "must have 1 to 100 characters: got ''")
+    """
+    if not 0 < len(text) <= LONGEST_NAME:
+        much = f"{len(text)} of them, " if text else ""
+        return f"must have 1 to {LONGEST_NAME} characters: got {much}{text[:20]!r}"
+    return "" if text.isprintable() else f"must be printable: got {text!r}"
 
 
 def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:

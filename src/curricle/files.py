@@ -1,12 +1,15 @@
 """Files that are either whole or absent."""
 
 import errno
+import hashlib
 import os
 import stat
 from pathlib import Path
 from secrets import token_hex
 from urllib.parse import quote
 
+LONGEST_NAME = 100
+"""Characters of a file's name before its checksum; file systems allow 255 bytes in all."""
 PART = ".part"
 """Ending of a file being written; a killed run may leave one, which means nothing."""
 
@@ -14,12 +17,19 @@ PART = ".part"
 def file_name(text: str) -> str:
     """Return a file name that no other text has, whatever characters there are in it.
 
+    A long text is cut, and told apart from others by its checksum.
+
     Examples
     --------
     >>> file_name("hunt 2"), file_name("../a")
     ('hunt 2', '%2E%2E%2Fa')
+    >>> len(file_name("x" * 1000))
+    149
     """
-    return quote(text, safe=" ").replace(".", "%2E")
+    name = quote(text, safe=" ").replace(".", "%2E")
+    if len(name) <= LONGEST_NAME:
+        return name
+    return f"{name[:LONGEST_NAME]}+{hashlib.blake2b(text.encode(), digest_size=24).hexdigest()}"
 
 
 def part_in(folder: Path) -> Path:

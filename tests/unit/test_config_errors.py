@@ -87,7 +87,7 @@ def complaints(tmp_path, monkeypatch):
             "observation_task, vector_pursuit",
         ),
         ('name = "hunt"\n', "", ": name is missing"),
-        ('name = "hunt"', "name = ''", "line 1: name must not be empty: got ''"),
+        ('name = "hunt"', "name = ''", "line 1: name must have 1 to 100 characters: got ''"),
         (
             "epsilon = 0.1",
             "type = 'Sarsa'",

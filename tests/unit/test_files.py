@@ -1,10 +1,11 @@
 """Files are whole or absent, whatever moment the machine stops at."""
 
 import os
+from pathlib import Path
 
 import pytest
 
-from curricle.files import write_whole
+from curricle.files import file_name, read_bounded, write_whole
 
 
 @pytest.fixture
@@ -57,3 +58,23 @@ def test_files_have_the_permissions_that_the_user_gives_new_files(tmp_path, umas
     finally:
         os.umask(before)
     assert (tmp_path / "a").stat().st_mode & 0o777 == mode
+
+
+def test_file_names_are_short_and_different():
+    long = ["x" * 300, "x" * 301, "\u6f22" * 100, "\u6f22" * 99 + "\u5b57"]
+    names = [file_name(one) for one in long]
+    assert len(set(names)) == len(names)
+    assert max(len(name.encode()) for name in names) < 200
+    assert file_name("hunt") == "hunt"
+
+
+def test_only_whole_files_of_bounded_size_are_read(tmp_path):
+    file = tmp_path / "a"
+    file.write_bytes(b"12345")
+    assert read_bounded(file, 5) == b"12345"
+    with pytest.raises(OSError, match="more than 4 bytes"):
+        read_bounded(file, 4)
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(OSError, match="no regular file"):
+            read_bounded(place, 5)

@@ -124,6 +124,20 @@ def test_other_folders_are_refused(part, tmp_path):
     assert not (tmp_path / "whole").exists()
 
 
+def snapshots_in(folder):
+    return sorted(path.relative_to(folder) for path in folder.glob("units/*/*/snapshots.npz"))
+
+
+def test_merged_parts_have_the_snapshots_of_one_run(part, finished, tmp_path):
+    shards = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
+    merge(tmp_path / "of shards", shards)
+    seeds = [part("early", 'seeds="0-1"'), part("late", 'seeds="2-3"')]
+    merge(tmp_path / "of seeds", seeds)
+    assert len(snapshots_in(finished)) == 4
+    for folder in ("of shards", "of seeds"):
+        assert snapshots_in(tmp_path / folder) == snapshots_in(finished)
+
+
 @pytest.mark.parametrize("name", ["run.npz", "values.npz", "curves.parquet", "unit.json"])
 @pytest.mark.parametrize("harm", ["cut", "flipped"])
 def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path, name, harm):

@@ -73,3 +73,10 @@ def main() -> None:
             traceback.print_exception(error.__cause__)
         typer.echo(f"curricle: {error}", err=True)
         sys.exit(3 if failed else 1)
+    except OSError as error:  # of a path that the command line names
+        named = f"{error.filename} cannot be used: " if error.filename else ""
+        typer.echo(f"curricle: {named}{error.strerror or error}", err=True)
+        sys.exit(1)
+    except MemoryError:
+        typer.echo("curricle: there is not enough memory for this study on this machine", err=True)
+        sys.exit(1)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.checks import fit_name, instance, number, whole_number
 from curricle.comparison.arms import Arm, concatenated
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import (
@@ -297,6 +297,7 @@ def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Cur
     if not arms:
         raise CurriculumError("a comparison needs at least one curriculum: got none")
     for name, arm in arms.items():
+        fit_name("an arm", name, CurriculumError)
         instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
         if name == SCRATCH:
             raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")

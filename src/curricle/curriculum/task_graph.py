@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
-from curricle.checks import instance, one_of
+from curricle.checks import fit_name, instance, one_of
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
@@ -36,7 +36,8 @@ class TaskGraph:
         object.__setattr__(self, "transfers", tuple(self.transfers))
         if not self.tasks:
             raise CurriculumError("a curriculum needs at least one task: got none")
-        for task in self.tasks.values():
+        for name, task in self.tasks.items():
+            fit_name("a task", name, CurriculumError)
             if not is_observation_task(task):
                 generative_model(task)
         for transfer in self.transfers:

@@ -15,6 +15,8 @@ from curricle.learning.shaping import Shaping
 from curricle.tasks.live import is_live
 
 Result = TypeVar("Result")
+MOST_SEEDS = 100_000
+"""Seeds of a study or a training."""
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
@@ -26,7 +28,9 @@ def seed_tuple(seeds: Any) -> tuple[int, ...]:
     ((0, 1, 2), (7, 11))
     """
     if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
-        return tuple(range(whole_number("seeds", seeds, 1, SettingError)))
+        seeds = range(whole_number("seeds", seeds, 1, SettingError))
+    if len(seeds) > MOST_SEEDS:
+        raise SettingError(f"seeds must be at most {MOST_SEEDS:,}: got {len(seeds):,}")
     numbers = tuple(whole_number("each of seeds", s, 0, SettingError) for s in seeds)
     if not numbers or len(set(numbers)) != len(numbers):
         raise SettingError(f"seeds must be different, at least one: got {seeds}")

@@ -31,6 +31,8 @@ STYLE: Any = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "savefig.dpi": 150,
+    # Names are the user's text: a dollar in one begins no formula.
+    "text.parse_math": False,
     # Without it an SVG differs from run to run.
     "svg.hashsalt": "curricle",
 }

@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from curricle.checks import fit_name
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import CurriculumResult
 from curricle.errors import SettingError, in_words
@@ -65,7 +66,7 @@ def study_page(
     Raises
     ------
     SettingError
-        When there is no arm besides the scratch baseline.
+        When there is no arm besides the scratch baseline, or the name is not one.
 
     Examples
     --------
@@ -81,6 +82,7 @@ def study_page(
     >>> "<h1>A &lt;small&gt; maze</h1>" in page, "https:" in page
     (True, False)
     """
+    fit_name("a study", name, SettingError)
     curricula = {arm: result.curriculum for arm, result in results.items()}
     record = curricula_record(curricula, {})
     learnt = {arm: result.nodes for arm, result in results.items()}

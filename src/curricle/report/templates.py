@@ -6,9 +6,13 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from curricle.plotting.scales import rounded
 from curricle.plotting.styles import shades_of
+
+WHITE = "\n\t\u00a0\u202f"
+"""Characters that are not printable and stay: breaks of lines, tabs and narrow spaces."""
 
 
 def render(template: str, **values: Any) -> str:
@@ -32,10 +36,18 @@ def render(template: str, **values: Any) -> str:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=_visible,
     )
     environment.globals.update(shades=shades_of)
     environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
     return environment.get_template(template).render(values)
+
+
+def _visible(value: Any) -> Any:
+    """Return a text with control and format characters written out: some reverse what follows."""
+    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
+        return value
+    return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
 
 
 def asset(name: str) -> str:

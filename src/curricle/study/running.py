@@ -35,7 +35,7 @@ from curricle.study.failures import FAILURES, Failures, read_failures
 from curricle.study.record import plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
-from curricle.study.serialization import UnitResult, result_of
+from curricle.study.serialization import UnitResult, result_of, without_snapshots
 from curricle.study.source_values import sources_read
 from curricle.study.store import CHECKPOINTS, StoredUnit, StudyStore
 from curricle.study.units import Unit, UnitInput, train_unit, units_of
@@ -332,6 +332,7 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
     analysis = next(
         (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
     )
+    first = min((seed for units in found for unit in units for seed in unit.seeds), default=0)
     for store, units in zip(stores, found, strict=True):
         with StudyStore.opened(path, store.description, resume=True) as target:
             done = target.finished()
@@ -341,7 +342,10 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
                 there = done.setdefault(unit.key, {})
                 new = tuple(seed for seed in unit.seeds if seed not in there)
                 if new:
-                    taken = target.write_unit(unit._replace(seeds=new), store.result(unit, new))
+                    result = store.result(unit, new)
+                    if first not in new:  # a study keeps the snapshots of its first seed alone
+                        result = without_snapshots(result)
+                    taken = target.write_unit(unit._replace(seeds=new), result)
                     there |= dict.fromkeys(new, taken)
             merged = StudyResults(path)
             merged.write_tables()

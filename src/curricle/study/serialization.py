@@ -214,6 +214,12 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
     return table
 
 
+def without_snapshots(result: UnitResult) -> UnitResult:
+    """Return a unit's result without snapshots."""
+    kept = {name: one for name, one in result.arrays.items() if not name.startswith("snapshot_")}
+    return result._replace(arrays=kept)
+
+
 def files_of(task: str, result: UnitResult) -> dict[str, bytes]:
     """Return a unit's files: curves and counts, values, snapshots, and tables as Parquet."""
     arrays: dict[str, dict[str, npt.NDArray[Any]]] = {}

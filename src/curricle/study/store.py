@@ -124,16 +124,10 @@ class StudyStore:
             When the folder is in use, or holds results of another description or other files.
         """
         path = Path(path)
-        if path.exists() and not path.is_dir():
-            raise StoreError(f"results need a folder: {path} is a file")
-        ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-        if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
-            raise StoreError(
-                f"results need an empty folder or one of earlier results: {path} holds other files"
-            )
-        lock = FileLock(path / LOCK)
         with _write_errors(path):
+            _check_ours(path, resume)
             path.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(path / LOCK)
             try:
                 lock.acquire(timeout=0)
             except Timeout:
@@ -159,9 +153,9 @@ class StudyStore:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
-        for part in (*path.glob(f".*{PART}"), *path.glob(f"{UNITS}/*/.*{PART}")):
+        for part in [*path.rglob(f".*{PART}")]:
             # A killed run left it; it is not complete.
-            shutil.rmtree(part) if part.is_dir() else part.unlink()
+            shutil.rmtree(part) if part.is_dir() else part.unlink(missing_ok=True)
         with _write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
@@ -376,6 +370,17 @@ class StudyStore:
         return StoredValues(values, np.array(steps, dtype=np.int64), scales)
 
 
+def _check_ours(path: Path, resume: bool) -> None:
+    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    if path.exists() and not path.is_dir():
+        raise StoreError(f"results need a folder: {path} is a file")
+    ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
+    if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
+        raise StoreError(
+            f"results need an empty folder or one of earlier results: {path} holds other files"
+        )
+
+
 @contextmanager
 def _write_errors(path: Path) -> Iterator[None]:
     """Turn a failure to write into a StoreError that says what is safe."""
@@ -384,7 +389,7 @@ def _write_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise StoreError(
             f"results cannot be written to {path} ({error.strerror}): what was stored before is "
-            "whole; run again with --resume when there is space"
+            "whole, and a run with --resume goes on from there"
         ) from error
 
 

@@ -81,6 +81,7 @@ def units_of(
     """
     part, parts = shard
     seeds = [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
+    first = min(study.seeds)  # of all parts: merged, they hold the films of one run
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
     for arm, curriculum in arms.curricula.items():
         for task in curriculum.order:
@@ -90,7 +91,7 @@ def units_of(
                 groups.setdefault(seed // study.seeds_per_unit, []).append(seed)
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(task)}
             for members in groups.values():
-                snapshots = study.snapshots if members[0] == min(seeds) else 0
+                snapshots = study.snapshots if members[0] == first else 0
                 unit = Unit(key, arm, task, tuple(members), sources, snapshots)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())

@@ -1,11 +1,11 @@
 """From a file's tables to complete curricula: arms over the study, tasks over settings for all."""
 
-import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
+from curricle.study.config.parsing import parsed
 from curricle.study.config.settings import DEEP, LEARNERS, Settings
 from curricle.study.config.task_names import NameGraph, table
 
@@ -85,8 +85,8 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
         raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
     given: Any
     try:
-        given = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        given = parsed(f"value = {value}")["value"]
+    except ValueError:
         given = value.strip()
     for part in reversed(keys):
         given = {part: given}
@@ -96,8 +96,8 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
 def _dotted(key: str) -> tuple[str, ...]:
     """Return the parts of a dotted key of TOML such as ``arms."5x5".shaping``; () if it is none."""
     try:
-        node: Any = tomllib.loads(f"{key.strip()} = 0")
-    except tomllib.TOMLDecodeError:
+        node: Any = parsed(f"{key.strip()} = 0")
+    except ValueError:
         return ()
     parts = list[str]()
     while isinstance(node, dict):

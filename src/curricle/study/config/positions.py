@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.config.merging import SETTINGS
-from curricle.study.config.tables import KeyPath
+from curricle.study.config.tables import SHOWN, KeyPath, shown
 from curricle.study.config.task_names import table
 
 
@@ -74,7 +74,8 @@ def path_text(path: KeyPath) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
-            word = part if re.fullmatch(r"[\w-]+", part) else f'"{part}"'
+            plain = re.fullmatch(r"[\w-]+", part) and len(part) <= SHOWN
+            word = part if plain else f'"{shown(part)[1:-1]}"'
             text += f".{word}" if text else word
     return text
 

@@ -1,6 +1,5 @@
 """Reading a study file: its configuration, or a sentence for every mistake in it."""
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
@@ -9,9 +8,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from curricle.checks import unfit_name
 from curricle.errors import ConfigError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.merging import Raw, assignment, complete_curriculum, merged
+from curricle.study.config.parsing import parsed, text_of
 from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.renamed_keys import renamed_keys
 from curricle.study.config.study_config import StudyConfig
@@ -21,8 +22,6 @@ from curricle.study.config.task_names import NameGraph, table, wrong_names
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
-TEXT = "utf-8-sig"
-"""UTF-8, with or without a byte-order mark."""
 
 
 def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
@@ -54,13 +53,12 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding=TEXT)
-        study = tomllib.loads(text)
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} cannot be read: it is not UTF-8: {error}") from None
-    except tomllib.TOMLDecodeError as error:
+        text = text_of(path)
+    except ValueError as error:
+        raise ConfigError(f"{path} cannot be read: {error}") from None
+    try:
+        study = parsed(text)
+    except ValueError as error:
         raise ConfigError(f"{path} is not valid TOML: {error}") from None
     given = list[KeyPath]()
     for change in set:
@@ -113,6 +111,8 @@ def _wrong_arms(study: Raw, complete: dict[str, Raw]) -> Iterator[tuple[KeyPath,
     targets: dict[str, str] = {}
     for arm, written in table(study.get("arms")).items():
         patch = table(written)
+        if why := unfit_name(arm):
+            yield ("arms", arm), f"has a name that {why}"
         if arm == SCRATCH:
             yield ("arms", arm), "must have another name: it is the arm without sources"
         strange = [name for name in table(patch.get("tasks")) if name not in tasks]

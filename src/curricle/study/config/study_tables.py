@@ -10,6 +10,8 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.checks import BEYOND_64_BITS
+from curricle.learning.seeds import MOST_SEEDS
 from curricle.study.config.settings import Settings
 from curricle.study.config.tables import (
     Count,
@@ -27,8 +29,6 @@ from curricle.study.config.tables import (
 from curricle.study.config.tasks import TASKS, AnyTask
 from curricle.study.config.transfers import TransferTable
 
-MOST_SEEDS = 100_000
-
 
 def _seeds(value: Any) -> tuple[int, ...]:
     """Return 30, [0, 1, 7] or "0-9,20-29" as seeds."""
@@ -36,7 +36,7 @@ def _seeds(value: Any) -> tuple[int, ...]:
     if type(numbers) is int:
         numbers = range(min(numbers, MOST_SEEDS + 1))
     listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
-    whole = listed and all(type(n) is int and n >= 0 for n in numbers)
+    whole = listed and all(type(n) is int and 0 <= n < BEYOND_64_BITS for n in numbers)
     if not whole or len(set(numbers)) < len(numbers):
         raise wrong(
             'must be a number of seeds, a list of different ones, or ranges such as "0-9,20-29", '

@@ -8,6 +8,7 @@ from operator import or_
 from typing import Annotated, Any, Self
 
 from pydantic import (
+    AfterValidator,
     AllowInfNan,
     BaseModel,
     BeforeValidator,
@@ -23,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from curricle.checks import BEYOND_64_BITS
+from curricle.checks import BEYOND_64_BITS, unfit_name
 
 SHOWN = 60
 """Characters of a value that a message repeats."""
@@ -174,11 +175,17 @@ def word(
     return BeforeValidator(checked)
 
 
+def _fit_name(text: str) -> str:
+    if why := unfit_name(text):
+        raise wrong(why)
+    return text
+
+
 Whole = Annotated[int, BeforeValidator(whole_number)]
 Count = Annotated[Whole, Field(ge=1)]
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Flag = Annotated[bool, Strict()]
-Name = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, AfterValidator(_fit_name)]
 Reference = Annotated[str, word("name a function as module:function", function=True)]
 """A function as ``module:function``."""
 

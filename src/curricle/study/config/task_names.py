@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, NamedTuple
 
+from curricle.checks import unfit_name
 from curricle.study.config.tables import KeyPath, shown, suggestion
 
 DRAWN = ("maze", "crop")
@@ -66,6 +67,8 @@ def wrong_names(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
     graph = NameGraph.of(plan)
     tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
     for name, task in tasks.items():
+        if why := unfit_name(name):
+            yield ("tasks", name), f"has a name that {why}"
         of = table(task).get("of")
         if table(task).get("type") == "crop" and isinstance(of, str):
             path = ("tasks", name, "of")

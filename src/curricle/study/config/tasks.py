@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, JsonValue, ValidationInfo, model_val
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import ObjectTable, table_of
+from curricle.study.config.parsing import text_of
 from curricle.study.config.references import load, users_code
 from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (
@@ -136,10 +137,9 @@ def _text(name: Any, folder: Path) -> str:
     if not isinstance(name, str):
         raise wrong_at((("file",), f"must be text in quotes: got {shown(name)}"))
     try:
-        return (folder / name).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise wrong_at((("file",), f"cannot be read: {name}, {why}")) from None
+        return text_of(folder / name)
+    except ValueError as error:
+        raise wrong_at((("file",), f"cannot be read: {shown(name)}, {error}")) from None
 
 
 MazeTask = table_of(

@@ -1,0 +1,58 @@
+"""Study files with mistakes in them: one sentence each, no other exception, and no endless wait."""
+
+import shutil
+from collections import Counter
+
+import pytest
+
+from tests.durability.fuzzing import outcome
+from tests.durability.study_mutations import STUDIES, mutated
+
+FEW, MANY = 5, 250
+"""Mutations of each study: for every run of the tests, and 3,000 in all for `make slow`."""
+
+
+def folder_of(study, tmp_path):
+    """Return a folder with the modules that a study names."""
+    for module in study.parent.glob("*.py"):
+        shutil.copy(module, tmp_path)
+    return tmp_path
+
+
+def outcomes(study, seeds, tmp_path):
+    """Return how often each outcome came, and what is wrong with those that must not."""
+    counts, bad = Counter(), []
+    folder = folder_of(study, tmp_path)
+    for seed in seeds:
+        kind, why = outcome(mutated(study, seed), folder)
+        counts[kind] += 1
+        if kind in ("foreign", "hang") or (kind == "refused" and len(why) > 10_000):
+            bad.append(f"{study.name}, seed {seed}: {kind}\n{why[-3000:]}")
+    return counts, bad
+
+
+def named(study):
+    return f"{study.parent.name}/{study.stem}"
+
+
+def test_mutations_are_drawn_by_their_seed():
+    for study in STUDIES:
+        texts = [mutated(study, seed) for seed in range(20)]
+        assert texts == [mutated(study, seed) for seed in range(20)]
+        assert len(set(texts)) > 15
+
+
+@pytest.mark.parametrize("study", STUDIES[:1] + STUDIES[-2:], ids=named)
+def test_a_few_mistakes_are_refused(study, tmp_path):
+    _, bad = outcomes(study, range(MANY, MANY + FEW), tmp_path)
+    assert not bad, "\n".join(bad)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", STUDIES, ids=named)
+def test_every_mistake_is_refused_in_a_sentence(study, tmp_path):
+    counts, bad = outcomes(study, range(MANY), tmp_path)
+    print(study.name, dict(counts))
+    assert not bad, f"{len(bad)} of {MANY}\n" + "\n".join(bad)
+    assert counts["refused"] > MANY / 5
+    assert counts["fine"] > MANY / 20
