@@ -1,22 +1,29 @@
 """Retraining of sources: when, at whose cost, and what stays the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from curricle import (
     SARSA,
     Curriculum,
+    DoubleQLearning,
     Episodes,
     Guard,
     Pursuit,
     QInitialisation,
     QLearning,
     StateShaping,
+    Storage,
     Transfer,
     project,
 )
 from curricle.curriculum import RetrainSources
+from curricle.curriculum.retraining import _Source
+from curricle.curriculum.sources import Progress
 from curricle.errors import CurriculumError, SettingError
+from curricle.learning import harmonic, linear
 
 HUNT = Pursuit(size=3, predators=2, time_limit=50)
 CHASE = Pursuit(size=3, predators=1, time_limit=50)
@@ -24,7 +31,8 @@ CHASE = Pursuit(size=3, predators=1, time_limit=50)
 
 def plan(retrain, **settings):
     """The mean of two optimistic sources: it starts well and decays within a thousand steps."""
-    given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}} | settings
+    given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}}
+    given |= {"learner": QLearning(learning_rate=0.1, epsilon=0.3)} | settings
     return Curriculum(
         {"chase": CHASE, "hunt": HUNT},
         [
@@ -32,7 +40,6 @@ def plan(retrain, **settings):
             for name in HUNT.predator_names
         ],
         retrain={"hunt": retrain},
-        learner=QLearning(learning_rate=0.1, epsilon=0.3),
         **given,
     )
 
@@ -148,6 +155,56 @@ def test_calibrated_potentials_exclude_retraining():
     edge = Transfer("chase", "hunt", project(HUNT, CHASE, predator="predator_1"), calibrate=True)
     with pytest.raises(CurriculumError, match="must then not be calibrated"):
         Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], retrain=NEVER)
+
+
+def further(learner, steps=400):
+    """Return a trained source, and the same after further training."""
+    curriculum = plan(NEVER, learner=learner)
+    learnt = curriculum.train(only="chase").sources["chase"]
+    source = _Source.of("chase", curriculum.node("chase"), learnt, 0)
+    return source, source.trained_on((0,), steps, turn=1)
+
+
+def test_the_schedules_of_a_source_go_on_where_its_training_stopped():
+    """The rate has come down to 0 after the 1,500 steps of the source: it learns nothing more."""
+    fading = linear(0.5, 0.0, steps=1500)
+    source, same = further(QLearning(learning_rate=fading))
+    np.testing.assert_array_equal(source.values, same.values)
+    assert (source.done.steps, same.done.steps) == (1500, 1900)
+    source, other = further(QLearning(epsilon=linear(1.0, 0.0, steps=1500)))
+    assert not np.array_equal(source.values, other.values)
+
+
+@pytest.mark.parametrize("kind", [QLearning, DoubleQLearning])
+def test_the_counts_of_a_source_go_on_where_its_training_stopped(kind):
+    source, after = further(kind(learning_rate=harmonic(), epsilon=0.3))
+    before, counts = source.done.visits, after.done.visits
+    assert (before.sum(), counts.sum()) == (1500, 1900)
+    assert (counts >= before).all()
+    if kind is QLearning:  # a pair that was not visited again keeps its value
+        untouched = counts[0] == before[0]
+        np.testing.assert_array_equal(source.values[0][untouched], after.values[0][untouched])
+
+
+def test_the_counts_of_the_target_go_on_and_its_first_updates_wipe_nothing():
+    """Each visited pair moves by its share of a sample mean, not all the way as in 0.1.0."""
+    learner = QLearning(learning_rate=harmonic(), epsilon=0.3)
+    found = plan(ALWAYS, learner=learner).train(seeds=3)
+    assert (found.retrained["hunt"].extra > 0).any()
+    used = found["hunt"].steps_used
+    np.testing.assert_array_equal(found["hunt"].visits.sum(axis=(1, 2, 3)), used)
+
+
+def test_sources_that_cannot_be_trained_further_are_refused():
+    curriculum = plan(ALWAYS, learner=QLearning(learning_rate=harmonic()))
+    learnt = curriculum.train(only="chase").sources["chase"]
+    for progress in (None, Progress(learnt.steps_used, None)):
+        unknown = {"chase": replace(learnt, progress=progress)}
+        with pytest.raises(CurriculumError, match="those of 'chase' are not known"):
+            curriculum.train(trained=unknown)
+    for storage in (Storage("sparse"), Storage(save_values=False)):
+        with pytest.raises(CurriculumError, match="those of 'hunt' are not; see Storage"):
+            plan(ALWAYS, storage={"hunt": storage}).train()
 
 
 def test_other_learners_retrain_too():

@@ -274,7 +274,7 @@ class Curriculum(TaskGraph):
         """Return a task's training, its sources retrained as often as needed."""
         edges, aggregate = self.in_edges(name), self.setting("aggregate", name)
         potentials_of = partial(source_potentials, self.tasks[name], edges, aggregate=aggregate)
-        direct = {t.source: (self.node(t.source), sources[t.source].values) for t in edges}
+        direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
         retrain: RetrainSources = self.setting("retrain", name)
         node = self.node(name)
         return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)

@@ -10,13 +10,15 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.curriculum.node import Node
-from curricle.errors import SettingError
+from curricle.curriculum.sources import Progress, SourceValues
+from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.record import Snapshots, WarmUp
 from curricle.learning.result import LearningResult, joined_results, one_seed
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import Decision, StoppingRule
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.spaces import frozen
 
 Potentials = Callable[[Mapping[str, FloatArray]], Sequence[PairPotential]]
@@ -31,7 +33,9 @@ class RetrainSources:
     it started: its greedy return falls below that of the potential itself. Then the sources are
     trained further and their new potential phi' replaces phi: Q becomes Q - phi + phi', so that
     what the target itself has learnt, Q - phi, is kept. This is Q-learning from other initial
-    values, so the optimum is kept too.
+    values, so the optimum is kept too. Schedules and counts of updates go on where training
+    stopped, in the sources and in the target; :class:`DoubleQLearning` goes on from the mean of its
+    tables.
 
     Parameters
     ----------
@@ -103,10 +107,43 @@ class RetrainedResult(NamedTuple):
     """At each checkpoint of each seed."""
 
 
+class _Source(NamedTuple):
+    """A source of one seed: what it learnt, and where its training stopped."""
+
+    node: Node
+    values: FloatArray  # (1, S', A')
+    done: WarmUp
+
+    @classmethod
+    def of(cls, name: str, node: Node, learnt: SourceValues, k: int) -> "_Source":
+        """Return the source of the k-th seed; CurriculumError if it cannot be trained further."""
+        progress = learnt.progress
+        if progress is None or (node.learner.counts and progress.visits is None):
+            raise CurriculumError(
+                "RetrainSources goes on from the step and the counts of updates at which the "
+                f"training of a source stopped: those of {name!r} are not known"
+            )
+        return cls(node, learnt.values[k : k + 1], progress.of_seed(k))
+
+    def trained_on(self, seeds: tuple[int, ...], steps: int, turn: int) -> "_Source":
+        """Return the source after further training, with a random stream of its own."""
+        budget = self.done.steps + steps
+        on = self.node.replace(
+            name=f"{self.node.name}/return {turn}",
+            budget=budget,
+            eval_freq=budget,
+            evaluation=GreedyEvaluation(method="off"),
+            shaping=QInitialisation(),
+        )
+        start = [_initial(on, self.values[0])]
+        found = on.train(seeds, start, warm_ups=[self.done], workers=1)
+        return _Source(self.node, found.values, _progress(found))
+
+
 def with_retraining(
     retrain: RetrainSources,
     node: Node,
-    sources: Mapping[str, tuple[Node, FloatArray]],
+    sources: Mapping[str, tuple[Node, SourceValues]],
     potentials_of: Potentials,
     first: LearningResult,
     charged: Sequence[int] | IntArray | None,
@@ -115,19 +152,27 @@ def with_retraining(
     """Return the training of a target, continued after each retraining of its direct sources.
 
     `first` is the training of the watched target: until the return of each of K seeds dropped, or
-    to its end. Each source comes with its values, (K, S', A'); `charged` are the steps that each
-    seed was charged before, `snapshots` how many `first` was asked for.
+    to its end. Each source comes with what K seeds learnt; `charged` are the steps that each seed
+    was charged before, `snapshots` how many `first` was asked for.
+
+    Raises
+    ------
+    CurriculumError
+        When it is not known where the training of a source stopped, or the target's values were
+        not kept in a dense table.
     """
-    nodes = {name: own for name, (own, _) in sources.items()}
+    if not isinstance(first.values, np.ndarray):
+        raise CurriculumError(
+            "RetrainSources changes the values of a target, which must be kept, in a dense table: "
+            f"those of {node.name!r} are not; see Storage"
+        )
     each = []
     for k in range(len(first.seeds)):
-        tables = {name: values[k : k + 1] for name, (_, values) in sources.items()}
+        own = {name: _Source.of(name, *source, k) for name, source in sources.items()}
         spent = None if charged is None else int(charged[k])
         result = one_seed(first, k)
         asked = 0 if result.snapshots is None else snapshots
-        each.append(
-            _one_retrained(retrain, node, nodes, tables, potentials_of, result, spent, asked)
-        )
+        each.append(_one_retrained(retrain, node, own, potentials_of, result, spent, asked))
     return RetrainedResult(
         joined_results([one.result for one in each], first.seeds),
         np.concatenate([one.extra for one in each]),
@@ -138,19 +183,23 @@ def with_retraining(
 def _one_retrained(
     retrain: RetrainSources,
     node: Node,
-    nodes: Mapping[str, Node],
-    tables: Mapping[str, FloatArray],
+    sources: Mapping[str, _Source],
     potentials_of: Potentials,
     result: LearningResult,
     charged: int | None,
     snapshots: int,
 ) -> RetrainedResult:
-    """Return the training of one seed, given its sources with their values, (1, S', A') each."""
-    watched, (phi,) = retrain.watched(node), potentials_of(tables)
+    """Return the training of one seed, given its sources."""
+
+    def potential() -> PairPotential:
+        (found,) = potentials_of({name: source.values for name, source in sources.items()})
+        return found
+
+    watched, phi = retrain.watched(node), potential()
     unwatched = node
     if not isinstance(node.budget, StoppingRule):
         unwatched = node.replace(budget=StoppingRule(node.most_steps))
-    decisions, cost = _decisions(watched, result, charged), retrain.steps * len(tables)
+    decisions, cost = _decisions(watched, result, charged), retrain.steps * len(sources)
     extra, turn = 0, 0
     while decisions[-1].dropped:
         step, start, turn = int(result.steps_used[0]), result.values[0], turn + 1
@@ -160,14 +209,14 @@ def _one_retrained(
             break
         after, then = unwatched, "goes on without retraining"
         if turn <= retrain.times and (charged is None or left > cost):
-            tables = {
-                name: _trained_on(nodes[name], values[0], result.seeds, retrain.steps, turn)
-                for name, values in tables.items()
+            sources = {
+                name: source.trained_on(result.seeds, retrain.steps, turn)
+                for name, source in sources.items()
             }
-            (better,) = potentials_of(tables)
+            better = potential()
             start, phi, extra = start - phi.values + better.values, better, extra + cost
             spent += 0 if charged is None else cost
-            after, then = watched, f"retrains {', '.join(tables)}"
+            after, then = watched, f"retrains {', '.join(sources)}"
         decisions[-1] = replace(decisions[-1], then=then)
         after = _deferred(after, step)
         part = _continued(after, result, start, spent, turn, snapshots)
@@ -183,17 +232,6 @@ def _decisions(node: Node, result: LearningResult, charged: int | None) -> list[
     most = rule.max_steps - (charged or 0)
     left = replace(rule, max_steps=most, min_steps=min(rule.min_steps, most))
     return node.replace(budget=left).decisions(result)[0]
-
-
-def _trained_on(
-    node: Node, values: FloatArray, seeds: tuple[int, ...], steps: int, turn: int
-) -> FloatArray:
-    """Return a source's values after further training, with a random stream of its own."""
-    on = node.replace(
-        name=f"{node.name}/return {turn}", budget=steps, eval_freq=steps, shaping=QInitialisation()
-    )
-    trained: FloatArray = on.train(seeds, [_initial(on, values)], workers=1).values
-    return trained
 
 
 def _deferred(node: Node, step: int) -> Node:
@@ -214,15 +252,19 @@ def _continued(
 ) -> LearningResult:
     """Return a target's training from its present step on, started at other values."""
     on = node.replace(name=f"{node.name}/return {turn}")
-    warm_up = WarmUp(so_far.steps_used, np.zeros(1))
     return on.train(
         so_far.seeds,
         [_initial(on, start)],
-        warm_ups=[warm_up],
+        warm_ups=[_progress(so_far)],
         charged=[charged],
         snapshots=snapshots,
         workers=1,
     )
+
+
+def _progress(result: LearningResult) -> WarmUp:
+    """Return where the training of one seed stopped, for it to go on."""
+    return Progress(result.steps_used, result.visits).of_seed(0)
 
 
 def _initial(node: Node, values: FloatArray) -> StateActionPotential:

@@ -3,12 +3,13 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.errors import CurriculumError
+from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
@@ -16,6 +17,20 @@ from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibra
 from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.potentials import ObservationPotential, combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
+
+
+class Progress(NamedTuple):
+    """Where the training of K seeds stopped: schedules and counts go on from there."""
+
+    steps: IntArray
+    """(K,) in the task itself."""
+    visits: IntArray | None
+    """(K, n, S, A) updates in each of n tables, if the learning rate counts them."""
+
+    def of_seed(self, k: int) -> WarmUp:
+        """Return what the k-th seed did, for training to go on from."""
+        visits = None if self.visits is None else self.visits[k]
+        return WarmUp(self.steps[k : k + 1], np.zeros(1), visits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +48,8 @@ class SourceValues:
         Steps that each seed spent on the task, those of retraining its own sources included.
     own_rewards : bool
         Whether the values are in the task's own rewards (:class:`LearningResult`).
+    progress : Progress or None
+        Where the training stopped, for :class:`RetrainSources`; None if that is unknown.
 
     Examples
     --------
@@ -46,13 +63,22 @@ class SourceValues:
     values: Any
     steps_used: IntArray
     own_rewards: bool = True
+    progress: Progress | None = None
 
     @classmethod
     def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:
         """Return what a result hands on; `extra_steps` were spent on retraining its sources."""
-        steps = result.steps_used + extra_steps
+        if isinstance(result, LearningResult):
+            progress: Progress | None = Progress(result.steps_used, result.visits)
+        else:
+            progress = result.progress
         return cls(
-            result.task, result.seeds, result.values, steps, bool(np.all(result.own_rewards))
+            result.task,
+            result.seeds,
+            result.values,
+            result.steps_used + extra_steps,
+            bool(np.all(result.own_rewards)),
+            progress,
         )
 
     def first(self, n: int) -> "SourceValues":

@@ -67,7 +67,7 @@ class DeepRun(NamedTuple):
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
-        return Outcome(progress.record, values, progress.steps, progress.episodes, False)  # type: ignore[arg-type]
+        return Outcome(progress.record, values, progress.steps, progress.episodes, False, None)  # type: ignore[arg-type]
 
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
         rollout = getattr(model, "n_steps", 1) * model.n_envs

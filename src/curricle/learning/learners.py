@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from curricle.array_types import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import general_loop
@@ -65,11 +66,14 @@ class Learner:
         rate = self.learning_rate
         return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
 
-    def kernel(self, rows: int = 1, n_actions: int = 1) -> LearnerKernel:
-        """Return the learner as compiled loops read it, its tables having so many rows in all."""
+    def kernel(self, visits: IntArray | None = None) -> LearnerKernel:
+        """Return the learner as compiled loops read it.
+
+        `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
+        """
         given: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
-        counts = np.zeros((rows, n_actions), np.int64) if self.counts else None
-        rate = given.kernel if counts is None else ByVisits(given, counts)
+        visits = np.zeros((1, 1), np.int64) if visits is None else visits
+        rate = ByVisits(given, visits) if self.counts else given.kernel
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return LearnerKernel(self.update, rate, Softmax(beta.kernel))

@@ -106,6 +106,8 @@ class WarmUp:
         Steps of each.
     returns : (E,) float64
         Their unshaped, undiscounted returns.
+    visits : (n, S, A) int64, optional
+        Updates that a learner with n tables made in them, where its learning rate counts updates.
 
     Examples
     --------
@@ -115,6 +117,7 @@ class WarmUp:
 
     lengths: IntArray
     returns: FloatArray
+    visits: IntArray | None = None
 
     @property
     def steps(self) -> int:

@@ -56,6 +56,9 @@ class LearningResult:
     own_rewards : (K,) bool
         Whether the values are in the task's own rewards. Where they are not, after
         :class:`LookBackAdvice` and :class:`RewardBonus`, no transfer takes them.
+    visits : (K, n, S, A) int64 or None
+        Updates of each pair in each of the learner's n tables, where its learning rate counts them
+        (:func:`harmonic`) and the values are dense and saved. Further training goes on from these.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 
@@ -79,6 +82,7 @@ class LearningResult:
     out_of_memory: BoolArray
     guard_share: FloatArray
     own_rewards: BoolArray
+    visits: IntArray | None = None
     snapshots: Snapshots | None = None
 
     def __repr__(self) -> str:
@@ -108,6 +112,7 @@ def learning_result(
         for name in HELD:
             curves[name][k, end + 1 :] = curves[name][k, end]
     last = None if values is None else values[0]
+    visits = [outcome.visits for outcome in outcomes if outcome.visits is not None]
     return LearningResult(
         task=task,
         learner=learner,
@@ -118,6 +123,7 @@ def learning_result(
         episodes_used=frozen(np.array([outcome.episodes for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
         own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
+        visits=frozen(np.stack(visits)) if visits else None,
         snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
         **{name: frozen(curve) for name, curve in curves.items()},
     )
@@ -143,6 +149,7 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
     return replace(
         result,
         values=None if result.values is None else result.values[k : k + 1],
+        visits=None if result.visits is None else result.visits[k : k + 1],
         snapshots=None if k else result.snapshots,
         **{name: getattr(result, name)[k : k + 1] for name in each},
     )
@@ -176,11 +183,13 @@ def joined_results(
     else:
         flat = list(chain.from_iterable(values))
         values = tuple(flat[k] for k in order)
+    visits = [part.visits for part in parts if part.visits is not None]
     snapshots = [part.snapshots for part in parts if part.snapshots is not None]
     return replace(
         longest,
         seeds=tuple(seeds),
         values=values,
+        visits=joined(visits) if visits else None,
         training_return=padded("training_return", constant_values=np.nan),
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
         **{name: padded(name, mode="edge") for name in HELD},

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatTable
+from curricle.array_types import FloatTable, IntArray
 from curricle.learning import general_loop
 from curricle.learning.guard import Guard, train_guarded
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
-from curricle.learning.record import Bounds, Record, Used
+from curricle.learning.record import Bounds, Record, Used, WarmUp
 from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
@@ -38,7 +38,8 @@ UNROLLED = 64
 class Outcome:
     """What one seed leaves: its record, its values if saved, its totals.
 
-    `own_rewards` is as in :class:`LearningResult`, `advice` what the policy acts on besides values.
+    `visits` and `own_rewards` are as in :class:`LearningResult`, `advice` is what the policy acts
+    on besides values.
     """
 
     record: Record
@@ -46,6 +47,7 @@ class Outcome:
     steps: int
     episodes: int
     out_of_memory: bool
+    visits: IntArray | None
     own_rewards: bool = True
     advice: Any = 0.0
 
@@ -58,6 +60,7 @@ class _Seed(NamedTuple):
     out: FloatTable | None
     record: Record
     used: Used
+    visits: IntArray | None  # (rows of all tables, A), counted while learning
 
     @property
     def initial(self) -> Any:
@@ -94,7 +97,8 @@ class Run:
         kept = () if self.rows else (snapshots, self.shape)
         record = Record.empty(self.longest // self.eval_freq + 1, *kept)
         used = settings.warm_up.write(record, self.eval_freq)
-        seed, shaping = _Seed(start, settings, out, record, used), settings.shaping
+        visits, shaping = self._visits(settings.warm_up), settings.shaping
+        seed = _Seed(start, settings, out, record, used, visits)
         if shaping is not None and shaping.guard is not None:
             return self._train_guarded(seed, shaping.guard)
         return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
@@ -109,14 +113,21 @@ class Run:
         key = np.uint64(splitmix64(seed.start))
         if not self.rows:
             q = self._filled(seed.initial, seed.out)
-            steps, episodes = self._loop(train_q_learning, len(q), seed, self._dense(q, key))
-            return Outcome(seed.record, seed.out, steps, episodes, False)
+            steps, episodes = self._loop(train_q_learning, seed, self._dense(q, key))
+            return self._outcome(seed, steps, episodes)
         table = self._sparse(seed.initial, key)
-        steps, episodes = self._loop(train_q_learning, len(table.q), seed, table)
+        steps, episodes = self._loop(train_q_learning, seed, table)
         values = _visited(table) if self.storage.save_values else None
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
         full = early and not self._stopped(seed.record, steps)
-        return Outcome(seed.record, values, steps, episodes, full)
+        return Outcome(seed.record, values, steps, episodes, full, None)
+
+    def _outcome(self, seed: _Seed, steps: int, episodes: int, **more: Any) -> Outcome:
+        """Return what a seed with dense tables leaves."""
+        visits = None
+        if seed.visits is not None and seed.out is not None:
+            visits = seed.visits.reshape(-1, *self.shape)
+        return Outcome(seed.record, seed.out, steps, episodes, False, visits, **more)
 
     def _stopped(self, record: Record, steps: int) -> bool:
         """Return whether a run that ended at so many steps ended by its stopping rule."""
@@ -128,34 +139,44 @@ class Run:
         q = np.empty((self.learner.tables, *self.shape), self.storage.dtype)
         for table in q:
             self._filled(seed.initial, table)
-        rows = len(q) * q.shape[1]
-        steps, episodes = self._loop(general_loop.train, rows, seed, shaping.kernel(), q)
+        steps, episodes = self._loop(general_loop.train, seed, shaping.kernel(), q)
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             step = checkpoint * self.eval_freq
             values += shaping.offset(step) + shaping.advice(step)
         if seed.out is not None:
             seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
-        own, advice = shaping.own_rewards or shaping.potential is None, shaping.advice(steps)
-        return Outcome(record, seed.out, steps, episodes, False, own, advice)
+        own = shaping.own_rewards or shaping.potential is None
+        advice = shaping.advice(steps)
+        return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
 
     def _train_guarded(self, seed: _Seed, guard: Guard) -> Outcome:
         q = np.empty((2, *self.shape), self.storage.dtype)
         self._filled(None, q[0])
         self._filled(seed.initial, q[1])
-        steps, episodes, ahead = self._loop(train_guarded, q.shape[1], seed, guard.kernel, q)
+        steps, episodes, ahead = self._loop(train_guarded, seed, guard.kernel, q)
         if seed.out is not None:
             seed.out[...] = q[ahead]
-        return Outcome(seed.record, seed.out, steps, episodes, False)
+        return self._outcome(seed, steps, episodes)
 
-    def _loop(self, loop: Callable[..., Any], rows: int, seed: _Seed, *tables: Any) -> Any:
-        """Run a loop on its tables, of so many rows, and return what it returns."""
+    def _visits(self, warm_up: WarmUp) -> IntArray | None:
+        """Return the counts of updates that learning goes on from; None if none are needed."""
+        n_tables, n_actions = self.learner.counts, self.task.actions.size
+        if not n_tables:
+            return None
+        if warm_up.visits is not None:
+            return warm_up.visits.reshape(-1, n_actions).copy()
+        rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
+        return np.zeros((rows, n_actions), np.int64)
+
+    def _loop(self, loop: Callable[..., Any], seed: _Seed, *tables: Any) -> Any:
+        """Run a loop on its tables and return what it returns."""
         limit = self.task.time_limit
         steps, episodes = self.limits
         with open_model(self.task, seed.start) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
                 (self.task.discount, np.int64(NO_LIMIT if limit is None else limit)),
-                self.learner.kernel(rows, self.task.actions.size),
+                self.learner.kernel(seed.visits),
                 *tables,
                 self.evaluation.for_run(seed.start),
                 np.array([seed.start], dtype=np.uint64),

@@ -20,7 +20,7 @@ from curricle.learning.storage import SparseValues
 from curricle.tasks.spaces import frozen
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-OTHERS = ("task", "learner", "seeds", "values", "snapshots")
+OTHERS = ("task", "learner", "seeds", "values", "visits", "snapshots")
 PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
 """The arrays of a result by seed, and ``steps``."""
 RUN, VALUES, SNAPSHOTS = "run.npz", "values.npz", "snapshots.npz"
@@ -61,8 +61,8 @@ def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
     """Return a result's arrays by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``; ``snapshot_steps`` and
-    ``snapshot_values`` if there are snapshots.
+    its sparse table, or the parameters of its network, ``values_k/name``; ``visits`` if they were
+    counted; ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
 
     Examples
     --------
@@ -80,6 +80,8 @@ def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
                 found |= {f"states_{k}": one.states, f"values_{k}": one.values}
             else:
                 found |= {f"values_{k}/{name}": each for name, each in one.parameters().items()}
+    if result.visits is not None:
+        found["visits"] = result.visits
     if result.snapshots is not None:
         found["snapshot_steps"] = result.snapshots.steps
         found["snapshot_values"] = result.snapshots.values
@@ -109,6 +111,7 @@ def result_of(arrays: Arrays, task: Any = None, learner: Any = None) -> Learning
         learner=learner,
         seeds=seeds,
         values=frozen(values) if isinstance(values, np.ndarray) else values,
+        visits=frozen(arrays["visits"]) if "visits" in arrays else None,
         snapshots=snapshots,
         **plain,
     )
@@ -224,7 +227,7 @@ def files_of(task: str, result: UnitResult) -> dict[str, bytes]:
     """Return a unit's files: curves and counts, values, snapshots, and tables as Parquet."""
     arrays: dict[str, dict[str, npt.NDArray[Any]]] = {}
     for name, array in result.arrays.items():
-        values = VALUES if re.match(r"values|states", name) else RUN
+        values = VALUES if re.match(r"values|states|visits", name) else RUN
         file = SNAPSHOTS if name.startswith("snapshot_") else values
         arrays.setdefault(file, {})[name] = array
     return {

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from curricle.array_types import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.sources import Progress, SourceValues
 
 
 class StoredValues(NamedTuple):
@@ -18,6 +18,7 @@ class StoredValues(NamedTuple):
     """(K,) including those of retraining its own sources."""
     calibrations: Sequence[tuple[float, float]] = ()
     """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
+    progress: Progress | None = None
 
 
 def sources_read(curriculum: Curriculum, name: str) -> set[str]:
@@ -46,14 +47,15 @@ def source_values(
     found: dict[str, SourceValues] = {}
     for name in curriculum.order:
         if name in sources:
-            node, (values, steps_used, calibrations) = curriculum.node(name), sources[name]
+            node, stored = curriculum.node(name), sources[name]
+            values, steps_used, calibrations, progress = stored
             if node.deep and values is not None:
                 potentials: list[Any] = curriculum.potentials(name, found)
                 if calibrations:
                     pairs = zip(potentials, calibrations, strict=True)
                     potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
                 values = _networks(node, potentials or [None] * len(seeds), values)
-            found[name] = SourceValues(node.task, seeds, values, steps_used)
+            found[name] = SourceValues(node.task, seeds, values, steps_used, progress=progress)
     return found
 
 

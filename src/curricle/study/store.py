@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 from filelock import FileLock, Timeout
 
+from curricle.curriculum.sources import Progress
 from curricle.errors import StoreError
 from curricle.files import PART, part_in, read_bounded, write_whole
 from curricle.study.description import differences, shown
@@ -361,13 +362,17 @@ class StudyStore:
         values: Any = None  # not needed, or not saved: training raises an error then
         if all(one is not None for one in each):
             values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-        steps = [found["steps_used"][k] + found["retraining_steps"][k] for found, k in rows]
+        own = np.array([found["steps_used"][k] for found, k in rows])
+        steps = own + [found["retraining_steps"][k] for found, k in rows]
+        visits = [found["visits"][k] for found, k in rows if "visits" in found]
         scales = [
             (float(found["scale"][k]), float(found["shift"][k]))
             for found, k in rows
             if "scale" in found
         ]
-        return StoredValues(values, np.array(steps, dtype=np.int64), scales)
+        return StoredValues(
+            values, steps, scales, Progress(own, np.stack(visits) if visits else None)
+        )
 
 
 def _check_ours(path: Path, resume: bool) -> None:
