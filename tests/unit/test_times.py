@@ -134,6 +134,13 @@ def test_restricted_mean_is_the_mean_of_the_minima():
     assert numbers(sample.restricted_mean(450.0)) == (plain.estimate, plain.low, 450.0)
 
 
+def test_a_mean_of_seeds_that_never_arrived_has_no_upper_bound():
+    mean = times(200.0, 400.0, -900.0).restricted_mean()
+    plain = mean_interval([200.0, 400.0, 900.0])
+    assert numbers(mean) == (500.0, max(plain.low, 0.0), INF)
+    assert np.isnan(numbers(times(-900.0, -900.0).restricted_mean())[1:]).all()
+
+
 def test_restricted_mean_stays_from_0_to_the_horizon():
     assert numbers(times(10.0, 900.0).restricted_mean(1000.0)) == (455.0, 0.0, 1000.0)
 

@@ -136,7 +136,8 @@ class Times:
 
         mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
         By default each seed counts with its observed steps: the mean time if all seeds reached the
-        threshold, else a lower bound of it. The bounds are kept from 0 to the horizon.
+        threshold, else a lower bound of it, with infinity as the upper one. The bounds are kept
+        from 0 to the horizon.
 
         Parameters
         ----------
@@ -176,6 +177,8 @@ class Times:
             within = np.minimum(self.steps, horizon)
         found = mean_interval(within, confidence=confidence)
         low, high = np.clip([found.low, found.high], 0.0, horizon)
+        if horizon is None and not self.reached.all() and not np.isnan(high):
+            high = np.inf
         return Interval(found.estimate, float(low), float(high), confidence, found.n)
 
     def _median(self) -> float:
