@@ -15,6 +15,7 @@ from curricle import (
     GridWorld,
     compare,
 )
+from curricle.comparison.comparison import MEASURES
 from curricle.planning import target as target_module
 from curricle.transfer import StateActionMapping
 from tests.comparisons import ALL, CORNER, HERE, MAZE, assert_same, copied, corner, pursuit
@@ -211,6 +212,31 @@ def test_no_more_seeds_than_the_goal_takes():
     )
     assert alone.stopped_by == "difference"
     assert alone.values.size == found.seeds
+    assert f"{found.seeds} seeds ({alone.stopped}); threshold" in str(found)
+
+
+def test_every_interval_over_added_seeds_allows_for_the_looks():
+    """The rule guarantees intervals at the level of its looks, wider than those of fixed seeds."""
+    settings = {"controls": ["placebo"], "threshold": 150.0}
+    plan = corner(source=100, target=400, eval_freq=10)
+    grown = compare(plan, seeds=6, precision=1e-9, most_seeds=20, **settings)
+    once = compare(plan, seeds=20, **settings)
+    assert grown.confidence == cr.statistics.Looks((6, 12, 20)).confidence() > 0.975
+    assert once.confidence == 0.95
+    gains = once["transfer"].strong_gain(once.scratch)
+    alone = cr.statistics.add_seeds(
+        lambda seeds: gains[list(seeds)], first=6, most=20, precision=1e-9
+    )
+    gain = grown.contrasts["transfer"].strong_gain
+    assert (gain.low, gain.high) == (alone.interval.low, alone.interval.high)
+    assert grown.contrasts["transfer"].p == alone.p > once.contrasts["transfer"].p
+    for name, contrast in once.contrasts.items():
+        for measure in MEASURES:
+            fixed, looked = (getattr(one, measure) for one in (contrast, grown.contrasts[name]))
+            assert looked.estimate == fixed.estimate
+            assert np.isnan(fixed.low) or looked.low <= fixed.low
+            assert np.isnan(fixed.high) or looked.high >= fixed.high
+        assert grown.mean_return(name).low < once.mean_return(name).low
 
 
 def test_progress_gets_the_name_of_each_arm():

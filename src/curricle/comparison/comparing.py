@@ -124,17 +124,20 @@ def compare(
     else:
         threshold = number("threshold", threshold, SettingError)
     failed: dict[str, Exception] = {}
-    looks = ONE_LOOK
+    looks, stopped = ONE_LOOK, ""
     if precision is None and not difference:
         found = plan.run(seed_tuple(seeds), failed)
     else:
-        found = plan.run_until(seeds, precision, difference, most_seeds, failed)
-        looks = Looks.doubling(int(seeds), most_seeds)  # type: ignore[arg-type]
+        first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
+        found, stopped = plan.run_until(first, precision, difference, most_seeds, failed)
+        looks = Looks.doubling(first, most_seeds)
     if len(found) == 1:  # scratch alone
         raise next(iter(failed.values()))
     if threshold is None:
         threshold = default_threshold(target, found[SCRATCH])
-    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed, looks)
+    return Comparison(
+        plan.target, found, plan.budget, plan.total, threshold, window, failed, looks, stopped
+    )
 
 
 @dataclass(frozen=True)
@@ -259,18 +262,20 @@ class _Plan:
 
     def run_until(
         self,
-        first: Any,
+        first: int,
         precision: float | None,
         difference: bool,
         most: int,
         failed: dict[str, Exception],
-    ) -> dict[str, Arm]:
-        """Return all arms for as many seeds as the goal takes; as :meth:`run` where some fail.
+    ) -> tuple[dict[str, Arm], str]:
+        """Return all arms for as many seeds as the goal takes, and what ended their adding.
+
+        Where some fail, as :meth:`run`.
 
         If the first arm fails, no more seeds are added, since the goal is about its gain.
         """
         batches = list[dict[str, Arm]]()
-        first = whole_number("seeds to begin adding with", first, 2, SettingError)
+        stopped = "stopped by the failure of the first arm"
 
         def gain(seeds: Sequence[int]) -> FloatArray:
             batches.append(self.run(tuple(seeds), failed))
@@ -280,9 +285,10 @@ class _Plan:
             return batches[-1][name].strong_gain(batches[-1][SCRATCH])
 
         with suppress(_FirstArmFailed):
-            add_seeds(gain, first=first, most=most, precision=precision, difference=difference)
+            goal: Any = {"precision": precision, "difference": difference}
+            stopped = add_seeds(gain, first=first, most=most, **goal).stopped
         names = [name for name in batches[0] if name not in failed]
-        return {name: concatenated([batch[name] for batch in batches]) for name in names}
+        return {name: concatenated([batch[name] for batch in batches]) for name in names}, stopped
 
 
 class _FirstArmFailed(Exception):

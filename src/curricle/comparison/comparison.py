@@ -39,7 +39,8 @@ class Contrast:
     jumpstart : Interval
         Gain at the first target step (weak).
     weak_steps_saved, strong_steps_saved : Interval
-        Steps to the threshold saved.
+        Steps to the threshold saved within the budget: a seed that never reaches it counts with all
+        steps.
     weak_gain, strong_gain : Interval
         Difference of the normalised areas under the curves.
     asymptotic_gain : Interval
@@ -90,7 +91,10 @@ class Comparison:
     failed : dict of str to Exception
         Arms that could not be trained, and why.
     looks : Looks
-        Interim analyses planned, where seeds were added; all verdicts are adjusted for them.
+        Interim analyses planned, where seeds were added; all verdicts and intervals are adjusted
+        for them, and so hold at whichever look it stopped.
+    stopped : str
+        What ended the adding of seeds, in words; empty where their number was given.
     """
 
     target: str
@@ -101,6 +105,7 @@ class Comparison:
     window: int
     failed: Mapping[str, Exception] = field(default_factory=dict)
     looks: Looks = ONE_LOOK
+    stopped: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -115,6 +120,11 @@ class Comparison:
     def seeds(self) -> int:
         """Number of seeds, K."""
         return len(self.scratch.curve.values)
+
+    @property
+    def confidence(self) -> float:
+        """Confidence of each interval, with which those at all planned looks hold at 95 %."""
+        return self.looks.confidence()
 
     @cached_property
     def controls(self) -> dict[str, tuple[str, ...]]:
@@ -161,7 +171,7 @@ class Comparison:
     def mean_return(self, name: str) -> Interval:
         """Return the interquartile mean over seeds of an arm's area under the strong curve."""
         values = mean_return(self[name].charged(self.scratch))
-        return interquartile_interval(values)
+        return interquartile_interval(values, confidence=self.confidence)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -181,18 +191,20 @@ class Comparison:
         weak, base = self._weak(name), self._weak(SCRATCH)
         strong, whole = arm.charged(scratch), scratch.curve
         saved = partial(steps_saved, threshold=self.threshold, window=self.window)
+        of_mean, of_difference, of_improvement = (
+            partial(interval_of, confidence=self.confidence)
+            for interval_of in (mean_interval, paired_difference, probability_of_improvement)
+        )
         return Contrast(
-            jumpstart=mean_interval(jumpstart(base, weak)),
-            weak_steps_saved=mean_interval(saved(base, weak)),
-            strong_steps_saved=mean_interval(saved(whole, strong)),
-            weak_gain=paired_difference(mean_return(weak), mean_return(base)),
-            strong_gain=mean_interval(arm.strong_gain(scratch)),
-            asymptotic_gain=paired_difference(
+            jumpstart=of_mean(jumpstart(base, weak)),
+            weak_steps_saved=of_mean(saved(base, weak)),
+            strong_steps_saved=of_mean(saved(whole, strong)),
+            weak_gain=of_difference(mean_return(weak), mean_return(base)),
+            strong_gain=of_mean(arm.strong_gain(scratch)),
+            asymptotic_gain=of_difference(
                 asymptotic_performance(strong), asymptotic_performance(whole)
             ),
-            probability_of_improvement=probability_of_improvement(
-                mean_return(strong), mean_return(whole)
-            ),
+            probability_of_improvement=of_improvement(mean_return(strong), mean_return(whole)),
             p=alone.p,
             adjusted_p=float("nan") if verdict is None else verdict.adjusted_p,
             verdict="" if verdict is None else verdict.against_scratch,
@@ -214,7 +226,7 @@ class Comparison:
             "source_steps": float(self[name].curve.source_steps.mean()),
             "reached": int(times.reached.sum()),
         }
-        intervals = {"steps_to_threshold": times.restricted_mean()}
+        intervals = {"steps_to_threshold": times.restricted_mean(confidence=self.confidence)}
         intervals["mean_return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
@@ -235,7 +247,8 @@ class Comparison:
         width = max(len(name) for name in self.arms) + 2
         lines = [
             f"{self.target!r} in {self.total:,} steps, sources charged; "
-            f"{self.seeds} seed{'s' * (self.seeds > 1)}; threshold {self.threshold:.4g}",
+            f"{self.seeds} seed{'s' * (self.seeds > 1)}{self.stopped and f' ({self.stopped})'}; "
+            f"threshold {self.threshold:.4g}",
             f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
             f"{'strong gain':<22}{'weak gain':<22}verdict",
         ]

@@ -74,7 +74,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     tau = np.unique([*axes.get_xlim(), *ends])
     own = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
-        share = performance_profile(final[name], tau)
+        share = performance_profile(final[name], tau, confidence=comparison.confidence)
         left -= not style.control
         # Later lines are thinner, so that none hides one below it.
         width = 1.2 + (0.0 if style.control else 2 * left / own)

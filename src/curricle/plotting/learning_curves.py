@@ -12,7 +12,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
-from curricle.statistics.intervals import mean_interval
+from curricle.statistics.intervals import CONFIDENCE, mean_interval
 
 
 def draw_curve(
@@ -24,6 +24,7 @@ def draw_curve(
     window: int = 1,
     strong: bool = False,
     dashes: Any = "-",
+    confidence: float = CONFIDENCE,
 ) -> None:
     """Draw the mean over seeds with Student's 95 % band.
 
@@ -39,6 +40,8 @@ def draw_curve(
         Whether to start the curve at its mean number of source steps.
     dashes : str or tuple
         Line style of Matplotlib.
+    confidence : float
+        Of the band, at each checkpoint.
 
     Examples
     --------
@@ -53,7 +56,7 @@ def draw_curve(
     shade = COLOURS.get(colour, colour)
     axes.plot(steps, values.mean(axis=0), linestyle=dashes, color=shade, label=label, lw=1.5)
     if len(values) > 1:
-        band = mean_interval(values)
+        band = mean_interval(values, confidence=confidence)
         axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
 
 
@@ -122,7 +125,8 @@ def draw_arms(
         else:
             kept = arm.curve.steps <= comparison.budget
             shown = Curve(arm.curve.steps[kept], arm.curve.values[:, kept])
-        draw_curve(axes, shown, label=name, colour=style.colour, dashes=style.dashes)
+        look = {"label": name, "colour": style.colour, "dashes": style.dashes}
+        draw_curve(axes, shown, **look, confidence=comparison.confidence)
         if begin:
             _draw_sources(axes, comparison, shown, style.colour)
     counted = "target and source steps" if strong else "target steps"

@@ -18,11 +18,17 @@ MEASURES = {
         "P(improvement)",
         "probability that a run has a higher mean return than a run from scratch",
     ),
-    "strong_steps_saved": ("steps saved", "steps to the threshold, fewer than from scratch"),
+    "strong_steps_saved": (
+        "steps saved",
+        "steps to the threshold within the budget, fewer than from scratch",
+    ),
     "mean_return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
     "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
     "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
-    "weak_steps_saved": ("steps saved", "target steps to the threshold, fewer than from scratch"),
+    "weak_steps_saved": (
+        "steps saved",
+        "target steps to the threshold within the budget, fewer than from scratch",
+    ),
 }
 """Measure of :meth:`Comparison.rows` -> its name, and what it is."""
 WEAK = ("weak_gain", "jumpstart", "weak_steps_saved")
@@ -234,9 +240,7 @@ def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell
     )
     if not arm.any() and not scratch.any():
         return Cell("–", "never reached")
-    # Seeds that never reached it count as if they had at the end.
-    bound = ("≈ ", "≤ ") if not arm.all() else ("≥ ", "")
-    return Cell(bound[int(scratch.all())] + text, bounds)
+    return Cell(text, bounds)
 
 
 def _count(found: list[str], own: list[str]) -> str:

@@ -95,10 +95,10 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
 
 def test_saved_steps_are_bounds_where_seeds_never_got_there():
     cells = table(compared(good=line(10, 20), bad=line(1)))
-    assert cells["good"]["strong_steps_saved"].text == "≥ 80.0"
+    assert cells["good"]["strong_steps_saved"].text == "80.0"
     assert cells["bad"]["strong_steps_saved"].below == "never reached"
     reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
-    assert table(reverse)["bad"]["weak_steps_saved"].text.startswith("≤ ")
+    assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
