@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
-from curricle.deep import WeightTransfer
+from curricle.deep import PolicyReuse, WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.planning.rollouts import random_rollouts
 from tests.certificates import ENDED, MAZE, PAIRS, PHI, difference
@@ -38,6 +38,9 @@ BAD = {
     "a shaping of networks": (
         SettingError, "must be for tables", lambda: certify(MAZE, WeightTransfer(ENDED)),
     ),
+    "a policy of networks": (
+        SettingError, "must be for tables", lambda: certify(MAZE, PolicyReuse(ENDED)),
+    ),
     "a function elsewhere": (
         PotentialError, "phi must be an array of numbers",
         lambda: certify(MAZE, cr.StateShaping(difference(ENDED))),
@@ -65,9 +68,17 @@ BAD = {
         SettingError, "must be positive: got 0",
         lambda: certify(cr.GridWorld("ST", discount=0), cr.LookBackAdvice(np.zeros((2, 4)))),
     ),
-    "a tolerance of 0": (
-        SettingError, "tolerance must be positive: got 0",
-        lambda: certify(MAZE, cr.StateShaping(ENDED), tolerance=0),
+    "a negative tolerance": (
+        SettingError, "tolerance must be at least 0: got -1",
+        lambda: certify(MAZE, cr.StateShaping(ENDED), tolerance=-1),
+    ),
+    "ends": (
+        SettingError, "ends must be one of zero, given: got 'open'",
+        lambda: certify(MAZE, cr.StateShaping(ENDED), ends="open"),
+    ),
+    "an observed task": (
+        TaskError, "a task must be a FiniteMDP .* got ObservationTask",
+        lambda: certify(cr.observation_task("CartPole-v1"), cr.StateShaping(ENDED)),
     ),
     "a method": (
         SettingError, "method must be one of auto, exact, sampled: got 'guess'",

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.certificate import ShapingReward, certify
+from curricle.certificate import SampledCertificate, ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable, shaping_rewards
+from curricle.errors import PotentialError, SettingError
 from tests.certificates import END, ENDED, MAZE, PHI, RNG, difference
 from tests.tasks import tree
 
@@ -25,25 +26,25 @@ def test_a_reward_made_of_a_potential_with_open_ends_is_recognised():
     met = Reachable.of(MAZE.mdp)
     everywhere = np.append(met.states, met.ends)
     np.testing.assert_allclose(found.potential[everywhere], PHI[everywhere], atol=1e-9)
-    assert found.findings == (
-        f"terminal state {END} (row 2, column 2) has Phi = {PHI[END]:.4g}, must be 0",
+    assert found.findings[-1] == (
+        f"terminal state {END} (row 2, column 2) has Phi = {PHI[END]:.4g}, must be 0"
     )
 
 
 def test_both_mistakes_at_once_are_recognised():
     found = certify(MAZE, ShapingReward(difference(PHI, 0.97)))
-    assert "F = 0.97 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
-    assert f"has Phi = {PHI[END]:.4g}, must be 0" in found.findings[1]
+    assert "F = 0.97 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-2]
+    assert f"has Phi = {PHI[END]:.4g}, must be 0" in found.findings[-1]
 
 
 def test_undiscounted_shaping_is_recognised():
     found = certify(MAZE, ShapingReward(difference(ENDED, 1.0)))
-    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
+    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-1]
     # Where nothing ends every loop leaves a constant open.
     endless = two_ways_round(discount=0.9)
     phi = np.array([3.0, -1.0, 7.0, 2.0])
     found = certify(endless, ShapingReward(difference(phi, 1.0)))
-    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[0]
+    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-1]
     assert np.ptp(found.potential - phi) < 1e-9
 
 
@@ -68,9 +69,9 @@ def test_only_the_ends_that_are_not_zero_are_named(discount):
 def test_a_reward_of_the_action_has_no_potential():
     found = certify(MAZE, ShapingReward(lambda s, a, after: 1.0 * (a == 0)))
     assert found.potential is None
-    assert found.findings == (
+    assert found.findings[-1] == (
         "not potential-based: from state 0 (row 0, column 0) to state 0 (row 0, column 0), F is 1 "
-        "by north and 0 by west; with a potential the action does not matter",
+        "by north and 0 by west; with a potential the action does not matter"
     )
 
 
@@ -78,23 +79,58 @@ def test_a_reward_with_different_sums_on_two_paths_has_no_potential():
     # 1 for standing in the east: the way there and back earns, staying in the west does not.
     found = certify(MAZE, ShapingReward(lambda s, a, after: np.sin(7.0 * s)))
     assert found.potential is None
-    assert "not potential-based: from state" in found.findings[0]
+    assert "not potential-based: from state" in found.findings[-1]
     assert found.residual > 0.1
 
 
 def test_a_harmless_bonus_is_safe_but_not_potential_based():
     found = certify(MAZE, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
-    assert found.holds is False  # of two ways that were as good it takes one
-    assert found.loss == pytest.approx(0, abs=1e-6)
-    assert found.counterexample.lost == 0
-    assert str(found).startswith(
-        "NOT the same, though no return is lost: in state 0 (row 0, column"
-    )
-    assert "shaping gives up south, which is as good as any" in str(found)
+    assert found.holds is None  # of two ways that are as good it takes one
+    assert 0 < found.loss < 1e-9
+    assert str(found).startswith("Undecided within ")
+    assert "first in state 0 (row 0, column 0): east is worth 3.851, under shaping" in str(found)
     lane = cr.GridWorld("S..T", discount=0.9)
     safe = certify(lane, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
     assert safe.holds
+    assert safe.theorem is None
     assert "Not potential-based" in str(safe)
+
+
+def test_a_potential_hides_no_difference_that_is_more_than_rounding():
+    """F of a potential and a little more is that of a potential to 1e-10 only, and no theorem."""
+    task = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, 5e-11)], [(1.0, 2, 0.0)]], [[], []], [[], []]],
+        terminal=[0, 1, 1], start=0, discount=0.9,
+    )  # fmt: skip
+    assert certify(task, ShapingReward(lambda s, a, after: -1.0)).theorem is not None
+    flipped = certify(task, ShapingReward(lambda s, a, after: -1.0 + 1e-10 * a))
+    assert "with Phi = 0 at the ends, to 1e-10" in flipped.findings[-1]
+    assert flipped.holds is False
+    assert flipped.loss == pytest.approx(5e-11, rel=0.01)
+
+
+def test_a_reward_that_raises_is_named():
+    with pytest.raises(PotentialError, match="it raised IndexError: index 99 is out of bounds"):
+        certify(MAZE, ShapingReward(lambda s, a, after: PHI[after + 99]))
+
+
+@pytest.mark.parametrize("discount", [0.9, 1.0])
+def test_a_reward_that_depends_on_the_time_is_sampled(discount):
+    maze = cr.GridWorld(["S...", "....", "...T"], discount=discount)
+    phi = np.where(maze.mdp.terminal, 0.0, np.arange(12.0))
+
+    def fading(s, t):
+        return phi[s] * 0.99**t
+
+    dynamic = ShapingReward(lambda s, a, after, t: discount * fading(after, t + 1) - fading(s, t))
+    found = certify(maze, dynamic, steps=20_000)
+    assert isinstance(found, SampledCertificate)
+    assert found.reason == "F depends on the time"
+    assert found.contradictions == ()
+    late = ShapingReward(lambda s, a, after, t: discount * fading(after, t) - fading(s, t))
+    assert certify(maze, late, steps=20_000).contradictions
+    with pytest.raises(SettingError, match=r"got F\(s, a, s', t\)"):
+        certify(maze, dynamic, method="exact")
 
 
 def test_a_reward_is_called_in_chunks(monkeypatch):

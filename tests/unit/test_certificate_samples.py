@@ -1,5 +1,6 @@
 """Certificates of large tasks, from sampled steps, and the random rollouts that they use."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.certificate import ShapingReward, certify
+from curricle.certificate import SampledCertificate, ShapingReward, certify
 from curricle.certificate.checked_shaping import CHUNK, check_shaping
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
@@ -38,7 +39,10 @@ def test_a_large_task_is_sampled():
         LARGE, ShapingReward(lambda s, a, t: 0.99 * hidden(t) - hidden(s)), steps=30_000
     )
     assert found.holds is None
-    assert (found.method, found.states) == ("sampled", 0)
+    assert isinstance(found, SampledCertificate)
+    assert not found
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.holds = True
     assert 25_000 < found.steps <= 30_000
     assert found.residual < 1e-9
     assert str(found) == (
@@ -60,8 +64,9 @@ def test_a_large_task_is_sampled_and_contradicts(bonus):
     found = certify(LARGE, ShapingReward(bonus), steps=30_000)
     assert found.holds is None
     assert found.residual > 0.01
-    assert "two paths of" in found.findings[0] or "the action does not matter" in found.findings[0]
-    assert found.findings[-1].startswith(f"found in {found.steps:,} sampled steps")
+    first = found.contradictions[0]
+    assert "two paths of" in first or "the action does not matter" in first
+    assert f"Found in {found.steps:,} sampled steps" in str(found)
 
 
 @pytest.mark.parametrize("kind", [cr.QInitialisation, cr.LookAheadAdvice])
@@ -80,7 +85,10 @@ def test_a_mapped_potential_of_a_large_task_in_other_ways():
     assert "not potential-based" in str(certify(LARGE, cr.RewardBonus(phi), steps=20_000))
     advice = certify(LARGE, cr.DecayingAdvice(phi))
     assert advice.holds is None
-    assert str(advice) == "Not proven: in the long run the policy acts on Q + phi."
+    assert str(advice) == (
+        "Not proven (tolerance 0, largest possible loss unknown). In the long run the policy acts "
+        "on Q + phi."
+    )
 
 
 def test_decaying_advice_needs_no_tables():
@@ -88,7 +96,11 @@ def test_decaying_advice_needs_no_tables():
     fading = cr.learning.exponential(1.0, half_life=9)
     found = certify(task, cr.DecayingAdvice(np.ones((task.states.size, 5)), weight=fading))
     assert found.holds
-    assert str(found) == "Safe: in the long run the policy acts on Q alone."
+    assert str(found) == (
+        "Safe: the optimal actions of the shaped task are those of the task, by theory (Behboudian "
+        "et al. 2020) (tolerance 0, largest possible loss 0). In the long run the policy acts on Q "
+        "alone."
+    )
 
 
 def test_phi_is_read_where_rollouts_go():
@@ -110,7 +122,7 @@ def test_phi_is_read_where_rollouts_go():
         steps=5_000,
     )
     assert whole.residual == pytest.approx(given.residual, abs=1e-12)
-    assert whole.findings == given.findings
+    assert whole.contradictions == given.contradictions
 
 
 def boat():
@@ -146,13 +158,15 @@ def test_a_computed_task_is_sampled():
         ),
     ):
         assert own.holds is None
-        assert own.method == "sampled"
+        assert isinstance(own, SampledCertificate)
         assert "Not proven: no contradiction in" in str(own)
         assert "(the task has no tables)" in str(own)
     for wrong in (
-        certify(task, cr.StateShaping(phi), steps=10_000),
+        certify(task, cr.StateShaping(phi), ends="given", steps=10_000),
         certify(task, cr.StateShaping(ended), shaping_discount=0.9, steps=10_000),
-        certify(task, cr.LookAheadAdvice(np.outer(phi, [1, 2, 3, 4, 5])), steps=10_000),
+        certify(
+            task, cr.LookAheadAdvice(np.outer(phi, [1, 2, 3, 4, 5])), ends="given", steps=10_000
+        ),
         certify(task, ShapingReward(difference(phi, 0.99)), steps=10_000),
         certify(task, ShapingReward(difference(ended, 0.9)), steps=10_000),
     ):
@@ -160,6 +174,31 @@ def test_a_computed_task_is_sampled():
         assert "does not telescope" in str(wrong) or "not potential-based" in str(wrong)
     with pytest.raises(TaskError, match="has no tables"):
         certify(task, cr.StateShaping(phi), method="exact")
+
+
+def test_a_live_task_is_sampled_from_its_starts():
+    class Line:
+        def reset(self, seed=None):
+            self.place = 3
+            return 3, {}
+
+        def step(self, action):
+            self.place += 2 * action - 1
+            return self.place, 0.0, self.place in (0, 7), False, {}
+
+        def close(self):
+            pass
+
+    live = cr.tasks.LiveMDP(
+        cr.Space([cr.Component("place", 8)]), cr.Space([cr.Component("move", 2)]), Line
+    )
+    phi = np.array([0.0, 5, 2, 8, 1, 9, 3, 0])
+    good = certify(live, ShapingReward(difference(phi, 0.99)), steps=3_000)
+    assert isinstance(good, SampledCertificate)
+    assert good.contradictions == ()
+    assert 100 < good.steps <= 3_000
+    bonus = certify(live, ShapingReward(lambda s, a, after: 1.0 * (after > s)), steps=3_000)
+    assert "not potential-based" in bonus.contradictions[0]
 
 
 def test_truncation_is_no_end():
@@ -174,9 +213,9 @@ def test_truncation_is_no_end():
 def test_rewards_over_loops_at_discount_1_must_add_up_to_0():
     endless = cr.GridWorld(["S..", "..T"], discount=1)
     paid = certify(endless, ShapingReward(lambda s, a, after: 1.0 * (after > s)), steps=4_000)
-    assert "not potential-based" in paid.findings[0]
+    assert "not potential-based" in paid.contradictions[0]
     assert any("over a loop through" in finding or "requires Phi" in finding
-               for finding in paid.findings)  # fmt: skip
+               for finding in paid.contradictions)  # fmt: skip
     assert paid.residual >= 1
     potential = certify(endless, ShapingReward(difference(np.array([4.0, 2, 7, 1, 3, 0]), 1.0)))
     assert "no contradiction" in str(potential)
@@ -186,7 +225,7 @@ def test_rewards_over_loops_at_discount_1_must_add_up_to_0():
         terminal=[False] * 3, start=0, discount=1.0, time_limit=50,
     )  # fmt: skip
     paid = certify(ring, ShapingReward(lambda s, a, after: 0.5), steps=400)
-    assert paid.findings[0].startswith(
+    assert paid.contradictions[0].startswith(
         "not potential-based: F adds up to 1.5 over a loop through state "
     )
     balanced = certify(

@@ -1,21 +1,36 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import IntArray
 from curricle.certificate import shaped_task
-from curricle.certificate.checked_shaping import CheckedShaping, ShapingReward, check_shaping
-from curricle.certificate.diagnosis import nonzero_ends, origin, other_discount, several_entries
+from curricle.certificate.action_comparison import (
+    ActionComparison,
+    compare_actions,
+    counterexample,
+    too_close,
+    total_loss,
+)
+from curricle.certificate.checked_shaping import CheckedShaping, Ends, ShapingReward, check_shaping
+from curricle.certificate.diagnosis import (
+    Origin,
+    ends_read_as_zero,
+    nonzero_ends,
+    origin,
+    other_discount,
+    several_entries,
+)
 from curricle.certificate.sampled import in_time, sampled
-from curricle.certificate.shaped_task import ActionComparison, Reachable, ShapedValues
-from curricle.certificate.verdict import Certificate, Counterexample
+from curricle.certificate.shaped_task import Reachable, ShapedValues
+from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.learning.shaping import Shaping
+from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import Solution
-from curricle.tasks.labels import action_name, state_name, values_of
+from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
@@ -23,17 +38,40 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
+HIDDEN = 1e-6
+"""Differences between actions that rounding may hide, as a part of the largest value.
+
+A theorem proves a shaping safe in exact arithmetic. In double precision a potential of 1e12 hides
+differences of 1e-4 all the same.
+"""
+THEOREMS: dict[Claim, str] = {
+    "telescoping": "Ng, Harada, Russell 1999",
+    "fixed_point": "Wiewiora 2003",
+    "one_way_in": "Wiewiora, Cottrell, Elkan 2003",
+    "added_values": "Behboudian et al. 2020",
+    "added_rewards": "Ng, Harada, Russell 1999",
+}
+"""What proves that a shaping is safe, where its conditions hold."""
+READ_AT_ENDS = {
+    "telescoping": "a tool is assumed that adds gamma Phi(end) to the reward there",
+    "fixed_point": (
+        "a learner is assumed that bootstraps from phi at the ends; one that masks terminated "
+        "steps, as Stable-Baselines3 does, never reads it"
+    ),
+}
+
 
 def certify(
     task: Task,
     shaping: Shaping | ShapingReward,
     *,
     shaping_discount: float | None = None,
-    tolerance: float | None = None,
+    ends: Ends = "zero",
+    tolerance: float = 0.0,
     method: Literal["auto", "exact", "sampled"] = "auto",
     steps: int = 100_000,
     seed: int = 0,
-) -> Certificate:
+) -> Certificate | SampledCertificate:
     """Return whether a shaping leaves the optimal actions of a task as they are.
 
     Both problems are solved, and the actions optimal in one or the other compared in every
@@ -57,21 +95,23 @@ def certify(
     Parameters
     ----------
     task : Task
+        Its episodes must be able to start in every state, unless ``method="sampled"``.
     shaping : Shaping or ShapingReward
         One of the above. Of a state potential that changes, the last values are compared, and its F
-        is checked over time (Devlin, Kudenko 2012). A potential of another tool is given as an
-        array: (S,) for :class:`StateShaping`, (S, A) for the rest. Unlike in :func:`learn` it is
-        *not* set to 0 at the ends: F contains its values there, as in that tool.
+        is checked over time (Devlin, Kudenko 2012).
     shaping_discount : float, optional
-        The discount of that tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
+        The discount of another tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
         default. For :class:`StateShaping`.
-    tolerance : float, optional
-        Actions that fall short of the best by no more count as optimal, in return units; 1e-6 of
-        the largest value by default.
+    ends : {"zero", "given"}
+        How an array, (S,) for :class:`StateShaping` and (S, A) for the rest, is read at the ends:
+        as 0, as :func:`learn` reads it, or as given. "given" assumes another tool that adds gamma
+        Phi(end) to the reward, or bootstraps from the values of an end.
+    tolerance : float
+        A loss that does not matter, in return units: actions may fall short of the best by no more.
     method : {"auto", "exact", "sampled"}
-        Every state, or steps of the uniform policy, which may refute a potential but prove
-        nothing. "auto" compares states where tables of up to 20 million outcomes (states x
-        actions x outcomes of a pair) can be solved.
+        Every state, or steps of the uniform policy, which prove nothing. "auto" compares states
+        where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
+        solved and F does not depend on the time.
     steps : int
         Steps to sample, about.
     seed : int
@@ -79,31 +119,38 @@ def certify(
 
     Returns
     -------
-    Certificate
+    Certificate or SampledCertificate
 
     Raises
     ------
     PotentialError
         If a potential has the wrong shape or a value that is not finite.
     SettingError
-        If a shaping does not take such a potential, the potential is another task's, or the
-        tolerance is below what can be proven.
+        If a shaping does not take such a potential, the potential is another task's, or a reward
+        that depends on the time is to be compared in every state.
     TaskError
-        If ``method="exact"`` is given for a task without tables.
+        If ``method="exact"`` is given for a task without tables, or the task has no numbered
+        states.
 
     Notes
     -----
-    An action is an exception only if it falls short in one problem by more than the tolerance and
-    both error bounds, and in the other by less than its error bound. So no rounding makes a shaping
-    unsafe, and each action under a safe one loses at most the tolerance and the bounds.
+    Both solutions have a proven error bound, rounding included. Two actions whose values differ by
+    less than twice the bound may both be optimal. The certificate holds if in every state one
+    action can be optimal in both problems and no other in either; with a tolerance, if all that can
+    be optimal fall short by no more. It fails if all actions that can be optimal in one problem
+    fall short by more in the other. Between the two it is undecided, unless a theorem proves the
+    shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
+    a bonus or reward up to rounding; or the last weight of advice is 0.
 
     Examples
     --------
     >>> from curricle import GridWorld, Rewards, StateShaping
     >>> maze = GridWorld("S..T", rewards=Rewards(treasure=20), discount=0.9)
     >>> print(certify(maze, StateShaping([0.0, 1.0, 2.0, 3.0])))
-    Safe: in all 3 reachable states the optimal actions of the shaped task are those of the task
-    (values proven to ...). Terminal state 3 (row 0, column 3) has Phi = 3, must be 0.
+    Safe: in all 3 reachable states the optimal actions of the shaped task are those of the task,
+    by theory (Ng, Harada, Russell 1999) (values proven to ..., tolerance 0, largest possible loss
+    0). Terminal state 3 (row 0, column 3) has Phi = 3, which learn() reads as 0; ends='given'
+    judges a tool that does not.
 
     With a reward for walking into a wall, the optimal policy does so for ever:
 
@@ -111,23 +158,30 @@ def certify(
     >>> bool(certificate), certificate.counterexample.place
     (False, 'state 2 (row 0, column 2)')
     """
-    checked = check_shaping(task, shaping, shaping_discount)
+    checked = check_shaping(task, shaping, shaping_discount, ends)
     one_of("method", method, ("auto", "exact", "sampled"), SettingError)
-    if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
-        raise SettingError(f"tolerance must be positive: got {tolerance:g}")
+    tolerance = number("tolerance", tolerance, SettingError, low=0)
     steps = whole_number("steps to sample", steps, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
+    if method == "exact" and checked.takes_time:
+        raise SettingError(
+            "method='exact' compares states and cannot follow a reward in time: F must be "
+            "F(s, a, s'), got F(s, a, s', t)"
+        )
     reason = "as asked for" if method == "sampled" else None
     if method == "auto":
-        reason = _reason_to_sample(task)
+        reason = _reason_to_sample(checked)
     if reason is None:
         return _exact_certificate(checked, tolerance, seed)
-    return _sampled_certificate(checked, steps, seed, reason)
+    return _sampled_certificate(checked, tolerance, steps, seed, reason)
 
 
-def _reason_to_sample(task: Task) -> str | None:
+def _reason_to_sample(shaping: CheckedShaping) -> str | None:
     """Return why not every state of a task can be compared; None if all can."""
+    task = shaping.task
     generative = generative_model(task)
+    if shaping.takes_time:
+        return "F depends on the time"
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
         return "the task has no tables"
     pairs = generative.states.size * generative.actions.size
@@ -148,10 +202,14 @@ def _findings(shaping: CheckedShaping, ends: IntArray) -> tuple[str, ...]:
     claim, own = shaping.shaping.claim, shaping.task_discount
     if shaping.discount != own:
         sentences.append(other_discount(shaping.discount, own))
+    if shaping.ignored.any():
+        nonzero = np.flatnonzero(shaping.ignored)
+        sentences.append(ends_read_as_zero(shaping.task, nonzero, shaping.ignored[nonzero]))
     if shaping.is_array and claim in ("telescoping", "fixed_point"):
         phi = shaping.end_values()[ends]
         if phi.any():
             sentences.append(nonzero_ends(shaping.task, ends[phi != 0], phi[phi != 0]))
+            sentences.append(READ_AT_ENDS[claim])
     if claim == "added_values":
         weight = shaping.last_weight
         acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
@@ -159,63 +217,83 @@ def _findings(shaping: CheckedShaping, ends: IntArray) -> tuple[str, ...]:
     return tuple(sentences)
 
 
+def _theorem(shaping: CheckedShaping, ends: IntArray, behind: Origin | None) -> str | None:
+    """Return the source of the theorem that proves a shaping safe; None if none applies."""
+    claim = shaping.shaping.claim
+    if claim in ("telescoping", "fixed_point"):
+        applies = shaping.discount == shaping.task_discount and not (
+            shaping.is_array and shaping.end_values()[ends].any()
+        )
+    elif claim == "added_values":  # the same for all actions changes no order
+        applies = shaping.last_weight == 0 or not np.ptp(shaping.last_values(), axis=1).any()
+    else:
+        applies = behind is None or behind.by_rounding
+    return THEOREMS[claim] if applies else None
+
+
 # -- every state ---------------------------------------------------------------------------------
 
 
-def _exact_certificate(shaping: CheckedShaping, tolerance: float | None, seed: int) -> Certificate:
+def _exact_certificate(shaping: CheckedShaping, tolerance: float, seed: int) -> Certificate:
     mdp, claim, name = tables(shaping.task), shaping.shaping.claim, shaping.shaping.name
     met = Reachable.of(mdp)
     findings = _findings(shaping, met.ends)
     if claim == "one_way_in" and (several := _several_entries(shaping, met)) is not None:
-        return Certificate(None, name, "exact", findings=(*findings, several))
+        return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     own = shaped_task.solve_closely(shaping.task, shaped_task.default_tolerance(mdp))
-    potential = None
+    behind = None
     if claim == "added_rewards":
         f = met.reward(shaping.reward())
         behind = origin(shaping.task, met, f)
         shaped = shaped_task.with_reward(own, met, f, np.zeros(len(met.states)))
-        shaped = ShapedValues(shaped.values, shaped.bound, behind.plain.worst)
-        potential = None if behind.found is None else behind.found.potential
+        shaped = replace(shaped, residual=behind.plain.worst)
         findings += behind.sentences
     else:
-        shaped = _with_potential(shaping, own, met)
-    found = shaped_task.compare_actions(
-        own.action_values[met.states], own.error_bound, shaped, tolerance
-    )
-    holds: bool | None = found.agrees
+        shaped = shaped_task.shaped_values(shaping, own, met)
+    found = compare_actions(own.action_values[met.states], own.error_bound, shaped, tolerance)
+    theorem = _theorem(shaping, met.ends, behind)
+    holds, undecided = _decided(met, own, shaped, found, theorem)
     if shaping.changing:
         findings += ("the potential changes while learning; its last values were compared",)
         contradictions = in_time(shaping, seed).contradictions
         findings, holds = findings + contradictions, holds and (None if contradictions else True)
+    loss = 0.0 if holds and theorem is not None and behind is None else found.loss
     return Certificate(
         holds,
         name,
-        "exact",
         states=len(met.states),
-        loss=found.loss,
-        total_loss=shaped_task.total_loss(own, met, found.chosen),
-        tolerance=found.tolerance,
+        theorem=theorem if holds else None,
+        tolerance=tolerance,
+        loss=loss,
+        total_loss=total_loss(own, met, found.chosen) if loss > 0 else 0.0,
         error_bound=max(own.error_bound, shaped.bound),
         residual=shaped.residual,
-        findings=findings,
-        counterexample=None if found.agrees else _counterexample(met, own, shaped, found),
-        potential=potential,
+        findings=undecided + findings,
+        counterexample=counterexample(met, own, shaped, found) if holds is False else None,
+        potential=None if behind is None or behind.found is None else behind.found.potential,
     )
 
 
-def _with_potential(shaping: CheckedShaping, own: Solution, met: Reachable) -> ShapedValues:
-    """Return the values that a policy acts on under a potential."""
-    phi, discount = shaping.last_values(), shaping.discount
-    match shaping.shaping.claim:
-        case "telescoping":
-            f = met.reward(lambda s, a, after: discount * phi[after] - phi[s])
-            return shaped_task.with_reward(own, met, f, phi[met.states])
-        case "added_values":
-            return shaped_task.with_advice(own, met, phi)
-        case "one_way_in":
-            return shaped_task.with_look_back(own, met, phi)
-        case _:
-            return shaped_task.with_look_ahead(own, met, phi)
+def _decided(
+    met: Reachable,
+    own: Solution,
+    shaped: ShapedValues,
+    found: ActionComparison,
+    theorem: str | None,
+) -> tuple[bool | None, tuple[str, ...]]:
+    """Return whether the optimal actions are the same, and where that is undecided."""
+    if found.lost.any() or found.given_up.any():
+        return False, ()
+    if theorem is None:
+        undecided = found.undecided.any()
+        return (None, (too_close(met, own, shaped, found),)) if undecided else (True, ())
+    hidden = found.short[found.chosen & ~found.optimal].max(initial=0.0)
+    if hidden <= HIDDEN * abs(own.values).max():
+        return True, ()
+    return None, (
+        f"by theory ({theorem}) the shaping is safe, but the potential is so large that in double "
+        f"precision it hides differences of up to {hidden:.2g} between actions",
+    )
 
 
 def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
@@ -226,58 +304,23 @@ def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
     return several_entries(shaping.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
 
 
-def _counterexample(
-    met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison
-) -> Counterexample:
-    """Return the state and actions in which most is lost, or else an optimal action given up."""
-    mdp, q = met.mdp, own.action_values[met.states]
-    if found.worse.any():
-        row, other = _largest_at(found.short, found.worse)
-        best, lost = int(q[row].argmax()), float(found.short[row, other])
-    else:
-        row, best = _largest_at(found.shaped_short, found.given_up)
-        other, lost = int(shaped.values[row].argmax()), 0.0
-    state = int(met.states[row])
-    return Counterexample(
-        state=state,
-        components=values_of(mdp.states, state),
-        place=state_name(mdp.states, state),
-        action=best,
-        shaped_action=other,
-        actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
-        lost=lost,
-        values=(float(q[row, best]), float(q[row, other])),
-        shaped_values=(float(shaped.values[row, best]), float(shaped.values[row, other])),
-    )
-
-
-def _largest_at(values: FloatArray, among: BoolArray) -> tuple[int, int]:
-    place = np.unravel_index(np.where(among, values, -np.inf).argmax(), values.shape)
-    return int(place[0]), int(place[1])
-
-
 # -- a sample of steps ---------------------------------------------------------------------------
 
 
 def _sampled_certificate(
-    shaping: CheckedShaping, steps: int, seed: int, reason: str
-) -> Certificate:
+    shaping: CheckedShaping, tolerance: float, steps: int, seed: int, reason: str
+) -> Certificate | SampledCertificate:
     terminal = generative_model(shaping.task).terminal
     ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
     name, findings = shaping.shaping.name, _findings(shaping, ends)
     if shaping.shaping.claim == "added_values":
-        holds = True if shaping.last_weight == 0 else None
-        return Certificate(holds, name, "sampled", findings=findings)
+        if shaping.last_weight != 0:
+            return Certificate(None, name, tolerance=tolerance, findings=findings)
+        theorem = THEOREMS["added_values"]
+        return Certificate(
+            True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
+        )
     found = sampled(shaping, steps, seed)
-    sample = f"{found.steps:,} sampled steps ({reason})"
-    results = (*found.contradictions, f"found in {sample}")
-    if not found.contradictions:
-        results = (f"no contradiction in {sample}",)
-    return Certificate(
-        None,
-        name,
-        "sampled",
-        steps=found.steps,
-        residual=found.residual,
-        findings=(*results, *findings),
+    return SampledCertificate(
+        name, found.steps, reason, found.contradictions, found.residual, findings
     )

@@ -1,13 +1,15 @@
 """A shaping to be certified, checked against its task."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from functools import cached_property
+from inspect import Parameter, signature
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import number
+from curricle.checks import number, one_of
 from curricle.errors import SettingError
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
@@ -15,21 +17,24 @@ from curricle.learning.shaping import Claim, Shaping
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
-RewardFunction = Callable[[IntArray, IntArray, IntArray], Any]
-"""F(s, a, s'), which shaping adds to the reward of each of E transitions, (E,) float."""
+RewardFunction = Callable[..., Any]
+"""F(s, a, s') or F(s, a, s', t), which shaping adds to the reward of E transitions, (E,) float."""
+Ends = Literal["zero", "given"]
+"""Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
 CHUNK = 10_000
 """States whose phi is read from the sources at a time."""
 
 
 @dataclass(frozen=True)
 class ShapingReward:
-    """A shaping reward of one's own, F(s, a, s'), for :func:`certify`.
+    """A shaping reward of one's own, F(s, a, s') or F(s, a, s', t), for :func:`certify`.
 
     Parameters
     ----------
     function : callable
         Takes three (E,) int64 arrays (states, actions, next states) of transitions that can happen
-        and returns (E,) floats.
+        and returns (E,) floats. With a fourth parameter it also takes t, (E,) int64, the steps of
+        learning before the transition.
 
     Examples
     --------
@@ -49,6 +54,16 @@ class ShapingReward:
                 f"ShapingReward takes a function F(s, a, s'): got a {type(self.function).__name__}"
             )
 
+    @cached_property
+    def takes_time(self) -> bool:
+        """Whether F depends on the time t: its function has four parameters without a default."""
+        try:
+            parameters = signature(self.function).parameters.values()
+        except (TypeError, ValueError):  # some functions written in C
+            return False
+        positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+        return sum(p.kind in positional and p.default is Parameter.empty for p in parameters) == 4
+
 
 @dataclass(frozen=True, eq=False)
 class CheckedShaping:
@@ -58,6 +73,9 @@ class CheckedShaping:
     shaping: Shaping | ShapingReward
     potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
     discount: float  # gamma of F: the task's, or another tool's
+    ignored: FloatArray = field(
+        repr=False
+    )  # Phi that an array gives ends and learn() ignores, (S,)
 
     @property
     def task_discount(self) -> float:
@@ -94,6 +112,11 @@ class CheckedShaping:
         values = self.last_values()
         return values if values.ndim == 1 else np.asarray(values.max(axis=1))
 
+    @property
+    def takes_time(self) -> bool:
+        """Whether it is a reward of one's own that depends on the time."""
+        return isinstance(self.shaping, ShapingReward) and self.shaping.takes_time
+
     def at_pairs(self, state: IntArray, action: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""
         if not isinstance(self.potential, MappedPotential):
@@ -114,7 +137,7 @@ class CheckedShaping:
 
 
 def check_shaping(
-    task: Task, shaping: Any, shaping_discount: float | None = None
+    task: Task, shaping: Any, shaping_discount: float | None = None, ends: Ends = "zero"
 ) -> CheckedShaping:
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
     if not isinstance(shaping, Shaping | ShapingReward):
@@ -126,7 +149,9 @@ def check_shaping(
         raise SettingError(
             f"a shaping to be certified must be for tables and have a potential: got {shaping!r}"
         )
-    discount = generative_model(task).discount
+    one_of("ends", ends, ("zero", "given"), SettingError)
+    generative = generative_model(task)
+    discount = generative.discount
     if shaping_discount is not None:
         if shaping.claim != "telescoping":
             raise SettingError(
@@ -134,12 +159,17 @@ def check_shaping(
                 f"StateShaping: got {shaping.name}"
             )
         discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
+    ignored = np.zeros(0)
     if isinstance(shaping, ShapingReward):
-        return CheckedShaping(task, shaping, None, discount)
+        return CheckedShaping(task, shaping, None, discount, ignored)
     potential: Any = shaping.for_task(task).potential
-    if not isinstance(shaping.potential, Potential):  # an array, whose values at the ends count
+    if not isinstance(shaping.potential, Potential):
         array = np.array(shaping.potential, dtype=np.float64)
         if isinstance(potential, StatePotential) and array.ndim == 2:
             array = array.max(axis=1)
-        potential = frozen(array)
-    return CheckedShaping(task, shaping, potential, discount)
+        if ends == "given":
+            potential = frozen(array)
+        elif generative.terminal is not None:
+            at_states = array if array.ndim == 1 else array.max(axis=1)
+            ignored = np.where(generative.terminal, at_states, 0.0)
+    return CheckedShaping(task, shaping, potential, discount, ignored)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit
+from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit, rounding
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.labels import action_name, state_name
 
@@ -25,6 +25,7 @@ class Origin:
     plain: Fit  # with the task's discount and Phi = 0 at the ends
     found: Fit | None  # without residual, maybe with another discount or ends that are not 0
     sentences: tuple[str, ...]
+    by_rounding: bool = False  # whether rounding alone keeps F from being gamma Phi(s') - Phi(s)
 
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
@@ -44,7 +45,8 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     plain = fit(met, f, discount)
     if plain.worst <= enough:
         form = f"F = {discount:g} Phi(s') - Phi(s)"
-        return Origin(plain, plain, (f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}",))
+        sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
+        return Origin(plain, plain, (sentence,), plain.worst <= rounding(met, f, plain))
     by_action = _depends_on_action(task, met, f)
     other = None if by_action else other_fit(met, f)
     if other is None:
@@ -65,10 +67,20 @@ def other_discount(discount: float, own: float) -> str:
     return f"shaped with a second discount: {form}, the task's discount is {own:.6g}"
 
 
+def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:
+    """Return the sentence about ends whose given potential is not 0 and that learning ignores."""
+    named = _ends(task, ends, phi, "has Phi = {:.4g}")
+    return f"{named}, which learn() reads as 0; ends='given' judges a tool that does not"
+
+
 def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray) -> str:
     """Return the sentence about ends whose potential is not 0."""
+    return _ends(task, ends, phi, "has Phi = {:.4g}, must be 0")
+
+
+def _ends(task: Any, ends: IntArray, phi: FloatArray, form: str) -> str:
     parts = [
-        f"terminal {state_name(task.states, int(end))} has Phi = {value:.4g}, must be 0"
+        f"terminal {state_name(task.states, int(end))} {form.format(value)}"
         for end, value in zip(ends[:NAMED], phi[:NAMED], strict=True)
     ]
     if len(ends) > NAMED:

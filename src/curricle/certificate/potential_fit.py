@@ -45,6 +45,19 @@ def negligible(f: FloatArray) -> float:
     return RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
 
 
+def rounding(met: Reachable, f: FloatArray, fitted: Fit) -> float:
+    """Return the residual that rounding leaves where F, (E,), is that of the fitted potential.
+
+    F itself has three roundings of Phi. Phi is a sum of F along a path, with two a step; a path has
+    at most as many steps as there are states, and later ones count less by the discount.
+    """
+    steps: float = len(met.states)
+    if fitted.discount < 1:
+        steps = min(steps, 1 / (1 - fitted.discount))
+    largest = abs(f).max(initial=0.0) + abs(fitted.potential).max()
+    return float((2 * steps + 3) * np.finfo(np.float64).eps * largest)
+
+
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
 

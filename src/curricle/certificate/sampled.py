@@ -15,6 +15,7 @@ from curricle.certificate.shaped_task import shaping_rewards
 from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.labels import state_name
+from curricle.tasks.live import is_live
 from curricle.tasks.task import generative_model
 
 LONGEST = 200
@@ -186,30 +187,49 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 
 def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
-    """Check that F may be that of a potential: along rollouts, and around states on them."""
-    task, half = shaping.task, max(1, steps // 2)
+    """Check that F may be that of a potential: along rollouts, and around states on them.
+
+    A live task cannot start in a chosen state; its rollouts from the start serve for both. Of a
+    reward that depends on the time, only paths that begin at one time are compared.
+    """
+    task, rng = shaping.task, np.random.default_rng(seed)
+    live = is_live(task)
+    half = steps if live else max(1, steps // 2)
     length = _length(shaping, half)
     rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
-    f = _rewards(shaping, rollouts)
-    begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
-    number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
-    chosen = np.random.default_rng(seed).choice(begun, number, replace=False)
-    starts = np.repeat(chosen, BRANCHES)
-    near = random_rollouts(task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts)
-    f_near = _rewards(shaping, near)
+    f = _rewards(shaping, rollouts, np.zeros(len(rollouts.length), np.int64))
+    if live:
+        near, f_near = rollouts, f
+    else:
+        begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
+        number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
+        starts = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
+        near = random_rollouts(
+            task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
+        )
+        f_near = _rewards(shaping, near, np.repeat(rng.integers(steps, size=number), BRANCHES))
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
-    found = [_meeting(shaping, near, f_near, enough), _returning(shaping, rollouts, f)]
+    found = [_meeting(shaping, near, f_near, enough)]
+    if not shaping.takes_time:
+        found.append(_returning(shaping, rollouts, f))
     return Sampled(
-        int(rollouts.length.sum() + near.length.sum()),
+        int(rollouts.length.sum() + (0 if live else near.length.sum())),
         max(apart for apart, _ in found),
         tuple(sentence for apart, sentence in found if apart > enough),
     )
 
 
-def _rewards(shaping: CheckedShaping, rollouts: RandomRollouts) -> FloatArray:
-    """Return F of each step, (E, L), 0 where none was taken."""
+def _rewards(shaping: CheckedShaping, rollouts: RandomRollouts, begin: IntArray) -> FloatArray:
+    """Return F of each step, (E, L), 0 where none was taken; rollouts begin at times `begin`."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    f[taken] = shaping_rewards(shaping.task, shaping.reward(), *_transitions(rollouts, taken))
+    time = (
+        [(begin[:, None] + np.arange(rollouts.actions.shape[1]))[taken]]
+        if shaping.takes_time
+        else []
+    )
+    f[taken] = shaping_rewards(
+        shaping.task, shaping.reward(), *_transitions(rollouts, taken), *time
+    )
     return f
 
 

@@ -1,7 +1,6 @@
-"""The shaped task beside the task itself: both solved, and their optimal actions compared.
+"""The shaped task, and the values that a policy acts on in it, with proven error bounds.
 
-All of it uses the tables of a :class:`FiniteMDP` and the error bounds of :func:`solve`. An action
-counts as better or worse than another only where no error within the bounds could make them equal.
+All of it uses the tables of a :class:`FiniteMDP` and the error bounds of :func:`solve`.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.certificate.checked_shaping import RewardFunction
+from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
 from curricle.errors import PotentialError, SettingError
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import action_name, state_name
@@ -25,6 +24,11 @@ CHUNK = 1_000_000
 """Transitions passed to a shaping reward at a time."""
 ATTEMPTS = 15
 """Tolerances that are tried, each ten times the one before."""
+ROUNDED = 1.25
+"""Factor of an error bound that covers the rounding of r + F.
+
+The bound allows for at least four roundings of the largest reward at every step.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +91,27 @@ class Reachable:
 
 
 def shaping_rewards(
-    task: Any, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
+    task: Any,
+    function: RewardFunction,
+    s: IntArray,
+    a: IntArray,
+    after: IntArray,
+    *time: IntArray,
 ) -> FloatArray:
-    """Return F(s, a, s') of E transitions, (E,), or raise PotentialError naming a bad one."""
-    given = function(s, a, after)
+    """Return F(s, a, s') or F(s, a, s', t) of E transitions, (E,).
+
+    Raises
+    ------
+    PotentialError
+        Naming a transition whose F is not finite, or the exception that the function raised.
+    """
+    try:
+        given = function(s, a, after, *time)
+    except Exception as error:
+        raise PotentialError(
+            f"a shaping reward must take arrays of states, actions and next states: it raised "
+            f"{type(error).__name__}: {error}"
+        ) from error
     try:
         values = np.broadcast_to(np.asarray(given, np.float64), (len(s),))
     except (TypeError, ValueError):
@@ -152,12 +173,27 @@ class ShapedValues:
     residual: float  # their largest distance from what theory derives from the task's own values
 
 
+def shaped_values(shaping: CheckedShaping, own: Solution, met: Reachable) -> ShapedValues:
+    """Return the values that a policy acts on under a potential."""
+    phi, discount = shaping.last_values(), shaping.discount
+    match shaping.shaping.claim:
+        case "telescoping":
+            f = met.reward(lambda s, a, after: discount * phi[after] - phi[s])
+            return with_reward(own, met, f, phi[met.states])
+        case "added_values":
+            return with_advice(own, met, phi)
+        case "one_way_in":
+            return with_look_back(own, met, phi)
+        case _:
+            return with_look_ahead(own, met, phi)
+
+
 def with_reward(own: Solution, met: Reachable, f: FloatArray, shift: FloatArray) -> ShapedValues:
     """Return the optimal values for rewards r + F, F (E,); by theory Q* - shift, shift (N,)."""
     solution = solve_closely(shaped_task(met, f), default_tolerance(met.mdp))
     q = solution.action_values[met.states]
     expected = own.action_values[met.states] - shift[:, None]
-    return ShapedValues(q, solution.error_bound, _largest(q - expected))
+    return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected))
 
 
 def with_look_ahead(own: Solution, met: Reachable, phi: FloatArray) -> ShapedValues:
@@ -223,68 +259,3 @@ def with_advice(own: Solution, met: Reachable, advice: FloatArray) -> ShapedValu
 
 def _largest(array: FloatArray) -> float:
     return float(abs(array).max(initial=0.0))
-
-
-# -- the comparison ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class ActionComparison:
-    """Where the optimal actions of a task and of its shaped version differ, N states."""
-
-    tolerance: float  # actions this close to the best count as optimal
-    chosen: BoolArray  # (N, A), may be optimal in the shaped task
-    worse: BoolArray  # (N, A), chosen, and worse than the best of the task
-    given_up: BoolArray  # (N, A), may be optimal in the task, and worse than the best when shaped
-    short: FloatArray  # (N, A), difference from the best in the task
-    shaped_short: FloatArray  # (N, A), difference from the best in the shaped task
-
-    @property
-    def loss(self) -> float:
-        """The most that one action that may be optimal in the shaped task loses."""
-        return float(self.short[self.chosen].max(initial=0.0))
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the optimal actions are the same."""
-        return not (self.worse.any() or self.given_up.any())
-
-
-def compare_actions(
-    q: FloatArray, bound: float, shaped: ShapedValues, tolerance: float | None = None
-) -> ActionComparison:
-    """Return where the optimal actions provably differ; tolerance by default 1e-6 of Q*'s size.
-
-    A difference of two values is known to twice their bound. A tolerance of four bounds keeps
-    rounding from making an exception: an action that falls short by more than the tolerance in
-    one problem, and by as much in truth in the other, cannot be optimal there.
-    """
-    least = 4 * max(bound, shaped.bound)
-    if tolerance is not None and tolerance < least:
-        raise SettingError(
-            f"tolerance must be at least {least:.1e}, four times the error of the values compared: "
-            f"got {tolerance:g}"
-        )
-    if tolerance is None:
-        tolerance = max(1e-6 * _largest(q), least)
-    short = q.max(axis=1, keepdims=True) - q
-    shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
-    chosen, optimal = shaped_short <= 2 * shaped.bound, short <= 2 * bound
-    worse = chosen & (short > tolerance + 2 * bound)
-    given_up = optimal & (shaped_short > tolerance + 2 * shaped.bound)
-    return ActionComparison(tolerance, chosen, worse, given_up, short, shaped_short)
-
-
-def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
-    """Return the most that a policy of `chosen` actions, (N, A), loses from a reachable state.
-
-    max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has.
-    """
-    mdp = met.mdp
-    row = mdp.outcome_row.copy()
-    rows = row[met.states]
-    first = np.take_along_axis(rows, chosen.argmax(axis=1)[:, None], axis=1)
-    row[met.states] = np.where(chosen, rows, first)
-    against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
-    worst = -solve_closely(against, default_tolerance(mdp)).values
-    return float((own.values - worst)[met.states].max(initial=0.0))

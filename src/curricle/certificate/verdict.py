@@ -1,7 +1,7 @@
-"""The certificate of a shaping, and the state that refutes it."""
+"""Certificates of a shaping, proven or sampled, and the state that refutes one."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar
 
 from curricle.array_types import FloatArray
 
@@ -63,32 +63,32 @@ class Counterexample:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """The result of :func:`certify`; true as a condition only if the shaping is proven safe.
+    """A proof, a refutation, or neither; true as a condition only if the shaping is proven safe.
 
     Attributes
     ----------
     holds : bool or None
         True: the optimal actions are proven to be the same in every reachable state. False: a
-        counterexample is known. None: neither.
+        counterexample is proven. None: neither, as two values lie closer to each other than they
+        are known, or as states could not be compared.
     shaping : str
         Name of its class.
-    method : {"exact", "sampled"}
     states : int
         Reachable states that were compared, without ends.
-    steps : int
-        Steps sampled.
-    loss : float
-        The most that one action, optimal in the shaped task, loses in one of the states. NaN if
-        states were not compared, like the next four.
-    total_loss : float
-        The most that a policy, optimal in the shaped task, loses from one of them on.
+    theorem : str or None
+        The source of the theorem that proves the shaping safe whatever the values are.
     tolerance : float
-        Actions that fall short of the best by no more count as optimal.
+        The loss that is allowed for, in return units; 0 if none is.
+    loss : float
+        The largest possible loss of one action that may be optimal in the shaped task. It contains
+        the errors of all values; NaN if states were not compared, like the next three.
+    total_loss : float
+        The largest possible loss of a policy that may be optimal in the shaped task.
     error_bound : float
         Largest possible error of the values compared.
     residual : float
         Largest distance from theory: of the values acted on, or for a bonus or reward of F from
-        gamma Phi(s') - Phi(s), or of sampled sums of F.
+        gamma Phi(s') - Phi(s).
     findings : tuple of str
         Other findings, a sentence each.
     counterexample : Counterexample or None
@@ -101,18 +101,17 @@ class Certificate:
     >>> from curricle import GridWorld, StateShaping, certify
     >>> maze = GridWorld("S.T")
     >>> certificate = certify(maze, StateShaping([0.0, 1.0, 0.0]))
-    >>> bool(certificate), certificate.states, certificate.loss
-    (True, 2, 0.0)
+    >>> bool(certificate), certificate.states, certificate.tolerance, certificate.loss
+    (True, 2, 0.0, 0.0)
     """
 
     holds: bool | None
     shaping: str
-    method: Literal["exact", "sampled"]
     states: int = 0
-    steps: int = 0
+    theorem: str | None = None
+    tolerance: float = 0.0
     loss: float = UNKNOWN
     total_loss: float = UNKNOWN
-    tolerance: float = UNKNOWN
     error_bound: float = UNKNOWN
     residual: float = UNKNOWN
     findings: tuple[str, ...] = ()
@@ -123,22 +122,82 @@ class Certificate:
         return self.holds is True
 
     def __str__(self) -> str:
-        sentences = [self._verdict(), *self.findings]
-        if sentences[0].endswith(":"):  # the findings are all there is
-            sentences[:2] = [" ".join(sentences[:2])]
+        sentences = [f"{self._verdict()} ({self._limits()})", *self.findings]
         return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
 
     def _verdict(self) -> str:
-        if self.holds and not self.states:
-            return "Safe:"
         if self.holds:
+            return self._safe()
+        if self.holds is False:
+            loss = f"a policy optimal in the shaped task can lose {self.total_loss:.4g} in all"
+            if self.counterexample is not None and self.counterexample.lost > 0:
+                return f"NOT safe: {self.counterexample}; {loss}"
+            return f"NOT the same, though no return is lost: {self.counterexample}"
+        if self.states:
+            return f"Undecided within {2 * self.error_bound:.0e}"
+        return "Not proven"
+
+    def _safe(self) -> str:
+        where = f"in all {self.states:,} reachable states " if self.states else ""
+        if self.tolerance > 0 and self.theorem is None:
             return (
-                f"Safe: in all {self.states:,} reachable states the optimal actions of the shaped "
-                f"task are those of the task (values proven to {self.error_bound:.0e})"
+                f"Safe within {self.tolerance:g}: {where}no action that is optimal in the task or "
+                "in the shaped task falls short in the other by more"
             )
-        if self.holds is None:
-            return "Not proven:"
-        loss = f"a policy optimal in the shaped task can lose {self.total_loss:.4g} in all"
-        if self.counterexample is not None and self.counterexample.lost > 0:
-            return f"NOT safe: {self.counterexample}; {loss}"
-        return f"NOT the same, though no return is lost: {self.counterexample}"
+        safe = f"Safe: {where}the optimal actions of the shaped task are those of the task"
+        return safe if self.theorem is None else f"{safe}, by theory ({self.theorem})"
+
+    def _limits(self) -> str:
+        loss = "unknown" if self.loss != self.loss else f"{self.loss:.2g}"
+        limits = f"tolerance {self.tolerance:g}, largest possible loss {loss}"
+        return f"values proven to {self.error_bound:.0e}, {limits}" if self.states else limits
+
+
+@dataclass(frozen=True, eq=False)
+class SampledCertificate:
+    """What sampled steps showed of a shaping; it proves nothing, so that it is never true.
+
+    Attributes
+    ----------
+    shaping : str
+        Name of its class.
+    steps : int
+        Steps sampled.
+    reason : str
+        Why states were not compared.
+    contradictions : tuple of str
+        Where F is not that of a potential, a sentence each.
+    residual : float
+        Largest distance of sampled sums of F from those of a potential.
+    findings : tuple of str
+        Other findings, a sentence each.
+    holds : None
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, StateShaping, certify
+    >>> shaping = StateShaping([0.0, 1.0, 0.0])
+    >>> sample = certify(GridWorld("S.T"), shaping, method="sampled")
+    >>> bool(sample), sample.contradictions
+    (False, ())
+    """
+
+    shaping: str
+    steps: int
+    reason: str
+    contradictions: tuple[str, ...]
+    residual: float
+    findings: tuple[str, ...] = ()
+
+    holds: ClassVar[None] = None
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __str__(self) -> str:
+        steps = f"{self.steps:,} sampled steps ({self.reason})"
+        seen = [*self.contradictions, f"found in {steps}"]
+        if not self.contradictions:
+            seen = [f"no contradiction in {steps}"]
+        sentences = [f"Not proven: {seen[0]}", *seen[1:], *self.findings]
+        return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
