@@ -19,6 +19,18 @@ BAD = {
         PotentialError, r"shape \(8,\) or \(M, 8\): got \(3,\)",
         lambda: certify(MAZE, cr.StateShaping([1, 2, 3])),
     ),
+    "an enormous potential": (
+        PotentialError, r"Phi must be at most 1e\+15 in size, .*: entry \(4,\) is -1e\+285",
+        lambda: certify(MAZE, cr.StateShaping(np.where(np.arange(8) == 4, -1e285, 0))),
+    ),
+    "an enormous start": (
+        PotentialError, r"phi must be at most 1e\+15 in size, .*: entry \(0, 0\) is 1e\+308",
+        lambda: cr.learn(MAZE, budget=10, shaping=cr.QInitialisation(np.full((8, 4), 1e308))),
+    ),
+    "an enormous reward": (
+        PotentialError, r"a shaping reward must be at most 1e\+15 in size: it is 2e\+285 from",
+        lambda: certify(MAZE, ShapingReward(lambda s, a, t: 2e285)),
+    ),
     "states for pairs": (
         PotentialError, r"shape \(8, 4\): got \(8,\)",
         lambda: certify(MAZE, cr.QInitialisation(np.zeros(8))),

@@ -110,7 +110,7 @@ def test_a_potential_hides_no_difference_that_is_more_than_rounding():
 
 
 def test_a_reward_that_raises_is_named():
-    with pytest.raises(PotentialError, match="it raised IndexError: index 99 is out of bounds"):
+    with pytest.raises(PotentialError, match=r"it raised IndexError: index \d+ is out of bounds"):
         certify(MAZE, ShapingReward(lambda s, a, after: PHI[after + 99]))
 
 

@@ -21,6 +21,13 @@ from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_t
 from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
+LARGEST = 1e15
+"""The largest size of a potential.
+
+Numbers of this size are stored in steps of 1/8, so that rewards of ordinary size no longer change
+them; near 1e308 learning overflows.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class StatePotential:
@@ -43,7 +50,7 @@ class StatePotential:
     Raises
     ------
     PotentialError
-        When the shape is wrong or a value is not finite.
+        When the shape is wrong, or a value is not finite or larger than 1e15 in size.
 
     Examples
     --------
@@ -128,7 +135,7 @@ class StateActionPotential:
     Raises
     ------
     PotentialError
-        When the shape is wrong or a value is not finite.
+        When the shape is wrong, or a value is not finite or larger than 1e15 in size.
 
     Examples
     --------
@@ -285,10 +292,21 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
 
 
 def finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a copy of values as float64, or raise PotentialError if one is not finite."""
+    """Return a copy of values as float64, or raise PotentialError naming one that is too large."""
     values = numbers(name, given, PotentialError)
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        place = tuple(int(i) for i in bad[0])
-        raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
+    check_size(values, name)
     return values
+
+
+def check_size(values: FloatArray, name: str) -> None:
+    """Raise PotentialError where a value is not finite or larger than ``LARGEST``."""
+    bad = np.argwhere(~(abs(values) <= LARGEST))
+    if not len(bad):
+        return
+    place = tuple(int(i) for i in bad[0])
+    if np.isfinite(values[place]):
+        raise PotentialError(
+            f"{name} must be at most {LARGEST:.0e} in size, as rewards vanish beside larger "
+            f"numbers: entry {place} is {values[place]:g}"
+        )
+    raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
