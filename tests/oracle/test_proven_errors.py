@@ -141,6 +141,6 @@ def test_a_target_is_solved_where_an_error_of_a_millionth_reward_is_out_of_reach
 def test_values_without_a_finite_bound_are_refused():
     many = scaled(tasks.random_mdp(3, discount=1 - 1e-9), 1.0, 9e-9)
     with pytest.raises(
-        SettingError, match="need a finite error bound: .* in episodes of inf expected"
+        SettingError, match=r"need a finite error bound: .* in episodes of inf expected"
     ):
         cr.solve(many)

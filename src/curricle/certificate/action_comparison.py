@@ -8,11 +8,9 @@ from curricle.array_types import BoolArray, FloatArray
 from curricle.certificate.shaped_task import (
     Reachable,
     ShapedValues,
-    default_tolerance,
-    solve_closely,
 )
 from curricle.certificate.verdict import Counterexample
-from curricle.planning.solution import Solution
+from curricle.planning.solution import Solution, solve
 from curricle.tasks.labels import action_name, state_name, values_of
 from curricle.tasks.spaces import frozen
 
@@ -93,7 +91,7 @@ def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
     first = np.take_along_axis(rows, chosen.argmax(axis=1)[:, None], axis=1)
     row[met.states] = np.where(chosen, rows, first)
     against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
-    worst = solve_closely(against, default_tolerance(mdp))
+    worst = solve(against)
     lost = (own.values + worst.values)[met.states].max(initial=0.0)
     return float(lost) + own.error_bound + worst.error_bound
 

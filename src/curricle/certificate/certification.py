@@ -29,7 +29,7 @@ from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Claim, Shaping
-from curricle.planning.solution import Solution
+from curricle.planning.solution import Solution, solve
 from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
@@ -240,7 +240,7 @@ def _exact_certificate(shaping: CheckedShaping, tolerance: float, seed: int) -> 
     findings = _findings(shaping, met.ends)
     if claim == "one_way_in" and (several := _several_entries(shaping, met)) is not None:
         return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
-    own = shaped_task.solve_closely(shaping.task, shaped_task.default_tolerance(mdp))
+    own = solve(shaping.task)
     behind = None
     if claim == "added_rewards":
         f = met.reward(shaping.reward())

@@ -11,20 +11,17 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
-from curricle.errors import PotentialError, SettingError
+from curricle.errors import PotentialError
 from curricle.learning.potential import LARGEST
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
 from curricle.tasks.spaces import frozen
-from curricle.tasks.task import Task
 
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000
 """Transitions passed to a shaping reward at a time."""
-ATTEMPTS = 15
-"""Tolerances that are tried, each ten times the one before."""
 ROUNDED = 1.25
 """Factor of an error bound that covers the rounding of r + F.
 
@@ -148,21 +145,6 @@ def shaped_task(met: Reachable, f: FloatArray) -> FiniteMDP:
     )
 
 
-def solve_closely(task: Task, tolerance: float) -> Solution:
-    """Return the solution to `tolerance`, or else as close as double precision gets."""
-    for _ in range(ATTEMPTS):
-        try:
-            return solve(task, tolerance=tolerance)
-        except SettingError:  # rounding alone exceeds the tolerance
-            tolerance *= 10
-    return solve(task, tolerance=tolerance)
-
-
-def default_tolerance(mdp: FiniteMDP) -> float:
-    """Return the tolerance for :func:`solve_closely`: 1e-8 of the largest reward."""
-    return 1e-8 * (_largest(mdp.reward[np.isfinite(mdp.reward)]) or 1.0)
-
-
 # -- the values that a policy acts on ------------------------------------------------------------
 
 
@@ -192,7 +174,7 @@ def shaped_values(shaping: CheckedShaping, own: Solution, met: Reachable) -> Sha
 
 def with_reward(own: Solution, met: Reachable, f: FloatArray, shift: FloatArray) -> ShapedValues:
     """Return the optimal values for rewards r + F, F (E,); by theory Q* - shift, shift (N,)."""
-    solution = solve_closely(shaped_task(met, f), default_tolerance(met.mdp))
+    solution = solve(shaped_task(met, f))
     q = solution.action_values[met.states]
     expected = own.action_values[met.states] - shift[:, None]
     return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected))
@@ -211,7 +193,7 @@ def with_look_ahead(own: Solution, met: Reachable, phi: FloatArray) -> ShapedVal
     if phi[met.ends].any():
         ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
         f = met.reward(lambda s, a, after: ending[after])
-        solution = solve_closely(shaped_task(met, f), default_tolerance(mdp))
+        solution = solve(shaped_task(met, f))
     q = look_ahead_sweep(mdp, phi, solution.action_values - phi)
     acted = (q + phi)[met.states]
     rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))

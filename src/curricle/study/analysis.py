@@ -10,7 +10,7 @@ from hashlib import blake2b
 import numpy as np
 
 from curricle.certificate.certification import certify
-from curricle.certificate.verdict import Certificate
+from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.curriculum.sources import calibrated
@@ -161,7 +161,7 @@ def _section(
     else:
         seeds, certified, left_out = _extent(arms, results, target, n_groups)
     found: Forecast | None = None
-    certificates: dict[str, tuple[tuple[str, ...], Certificate]] = {}
+    certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
     try:
         found = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
@@ -267,7 +267,7 @@ def _forecast(
     )
 
 
-def _certified(result: CurriculumResult, target: str) -> Certificate:
+def _certified(result: CurriculumResult, target: str) -> Certificate | SampledCertificate:
     shaping = result.curriculum.setting("shaping", target)
     task = result.curriculum.tasks[target]
     return certify(task, shaping.with_potential(_entering(result, target)))
