@@ -95,7 +95,6 @@ def certify(
     Parameters
     ----------
     task : Task
-        Its episodes must be able to start in every state, unless ``method="sampled"``.
     shaping : Shaping or ShapingReward
         One of the above. Of a state potential that changes, the last values are compared, and its F
         is checked over time (Devlin, Kudenko 2012).
@@ -124,7 +123,8 @@ def certify(
     Raises
     ------
     PotentialError
-        If a potential has the wrong shape or a value that is not finite.
+        If a potential has the wrong shape, or it or a reward has a value that is not finite or
+        larger than 1e15 in size.
     SettingError
         If a shaping does not take such a potential, the potential is another task's, or a reward
         that depends on the time is to be compared in every state.
@@ -140,7 +140,7 @@ def certify(
     be optimal fall short by no more. It fails if all actions that can be optimal in one problem
     fall short by more in the other. Between the two it is undecided, unless a theorem proves the
     shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
-    a bonus or reward up to rounding; or the last weight of advice is 0.
+    a bonus or reward up to rounding; or advice has a last weight of 0 or one value for all actions.
 
     Examples
     --------
