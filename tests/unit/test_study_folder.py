@@ -12,6 +12,7 @@ import pytest
 
 from curricle.errors import StoreError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
+from curricle.study.failures import without_folders
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 UNIT_FILES = (
@@ -153,6 +154,18 @@ def test_an_arm_or_a_task_that_is_not_there_is_said_so(finished):
             study.result(arm, node)
         with pytest.raises(StoreError, match=r"mace|chian|corner"):
             study.decisions(arm, node)
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("[Errno 2] No such file: '/home/a b/maze.txt'", "[Errno 2] No such file: 'maze.txt'"),
+        ("cannot read /srv/lab/maze.txt: 1/2 of it", "cannot read maze.txt: 1/2 of it"),
+        (r"no C:\\Users\\me\\maze.txt here", "no maze.txt here"),
+    ],
+)
+def test_stored_errors_name_files_without_their_folders(text, kept):
+    assert without_folders(text) == kept
 
 
 # -- damage ------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Units that failed: the arms that need them are left out, the others are trained and compared."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
@@ -60,7 +61,7 @@ class Failures:
             {
                 "key": unit.key,
                 "seeds": list(unit.seeds),
-                "error": f"{unit.label}: {in_words(error)}",
+                "error": f"{unit.label}: {without_folders(in_words(error))}",
             }
             for unit, error in self.each
         ]
@@ -75,6 +76,18 @@ class Failures:
         foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
         found.__cause__ = foreign[0] if foreign else None
         return found
+
+
+def without_folders(text: str) -> str:
+    """Return an error's text with the names of files only: folders are those of one machine.
+
+    Examples
+    --------
+    >>> without_folders("cannot read '/home/me/thesis 2/maze.txt': 1/2 is there")
+    "cannot read 'maze.txt': 1/2 is there"
+    """
+    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
+    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
 def arms_of(keys: Keys, some: Sequence[str]) -> set[str]:

@@ -1,0 +1,400 @@
+"""A results folder is data: reading one from anywhere runs no code of it, and waits for nothing."""
+
+import io
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import zipfile
+from getpass import getuser
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import curricle as cr
+from curricle.errors import StoreError
+from curricle.report.study_report import write_report
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.sealed_json import digest_of, sealed, unsealed
+from curricle.study.serialization import as_parquet
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+RULES = """
+import curricle as cr
+
+def corner(rows):
+    return maze().crop(rows=(0, rows), columns=(2, 5))
+
+def maze():
+    return cr.GridWorld(["....T", ".PPP.", "S...."], time_limit=30)
+
+def same(target, source):
+    return cr.same_position(target, source)
+"""
+STUDY = """
+name = "own"
+seeds = 2
+seeds_per_unit = 2
+budget = 400
+[tasks.corner]
+type = "factory"
+factory = "rules:corner"
+arguments = { rows = 2 }
+[tasks.maze]
+type = "factory"
+factory = "rules:maze"
+[[transfers]]
+source = "corner"
+target = "maze"
+factory = "rules:same"
+"""
+EVIL = """
+from pathlib import Path
+Path("ran").touch()
+def corner(*_, **__): ...
+maze = same = corner
+"""
+LISTENING = """
+import sys
+import sysconfig
+from pathlib import Path
+
+own = {Path(p).resolve() for p in (sys.prefix, sys.base_prefix, sys.argv[1])}
+own |= {Path(sysconfig.get_path(kind)).resolve() for kind in ("stdlib", "platstdlib", "purelib")}
+heard = []
+
+def foreign(file):
+    return not file.startswith("<") and not own & set(Path(file).resolve().parents)
+
+def hook(event, arguments):
+    if event == "exec" and foreign(arguments[0].co_filename):
+        heard.append((event, arguments[0].co_filename))
+    elif event in ("pickle.find_class", "os.system", "os.exec", "os.posix_spawn", "os.fork"):
+        heard.append((event, *map(str, arguments[:2])))
+    elif event in ("subprocess.Popen", "socket.connect", "shutil.copyfile"):
+        heard.append((event, str(arguments[0])))
+
+sys.path.insert(0, "")
+sys.addaudithook(hook)
+from curricle.cli import main
+from curricle.study import StudyResults
+
+for command in (["show"], ["show", "--decisions"], ["compare"], ["report"]):
+    sys.argv = ["curricle", command[0], "out", *command[1:]]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code, end
+study = StudyResults("out")
+for arm, task in study.record.keys:
+    study.result(arm, task, values=True)
+assert len(study.runs) == 1
+print("HEARD", heard)
+print("MODULES", [m for m in sys.modules if m in ("rules", "conftest") or "curricle_study_" in m])
+"""
+
+
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory):
+    """A folder of results whose study and whose own module are gone."""
+    home = tmp_path_factory.mktemp("a_distinctive_home") / "of_somebody"
+    home.mkdir()
+    (home / "rules.py").write_text(RULES)
+    (home / "own.toml").write_text(STUDY)
+    run_study(read_study(home / "own.toml"), home / "out", workers=1)
+    folder = tmp_path_factory.mktemp("sent") / "out"
+    shutil.move(home / "out", folder)
+    shutil.rmtree(home)
+    return folder
+
+
+@pytest.fixture
+def folder(sent, tmp_path):
+    """A copy of that folder, to be changed."""
+    return shutil.copytree(sent, tmp_path / "out")
+
+
+def change(path, edit):
+    """Change a file of JSON with a checksum, as somebody would who wants it to be read."""
+    found = unsealed(path.read_bytes())
+    edit(found)
+    path.write_bytes(sealed(found))
+
+
+def a_unit(folder):
+    """The unit that has snapshots and sources."""
+    return next((folder / "units").glob("maze-*/*/snapshots.npz")).parent
+
+
+def put(unit, name, content):
+    """Put a file into a unit, and its size and checksum into the unit's description."""
+    (unit / name).write_bytes(content)
+    row = [len(content), digest_of(content)]
+    change(unit / "unit.json", lambda found: found["files"].update({name: row}))
+
+
+def read_all(folder):
+    """Read all that the commands read."""
+    study = StudyResults(folder)
+    for arm, task in study.record.keys:
+        study.result(arm, task, values=True)
+        study.decisions(arm, task)
+        study.source_steps(arm, task)
+    study.table("curves.parquet")
+    str(study.comparison)
+    write_report(folder)
+
+
+def refuses(folder, words):
+    """Reading is refused at once, in one sentence."""
+    began = time.perf_counter()
+    with pytest.raises(StoreError, match=words) as caught:
+        read_all(folder)
+    assert time.perf_counter() - began < 5
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert str(folder) in str(caught.value)
+
+
+# -- what is read, and what is not -------------------------------------------------------------
+
+
+def test_reading_imports_and_runs_nothing_of_a_study(folder, tmp_path):
+    def hostile(study):
+        for arm in study["configuration"]["arms"].values():
+            arm["tasks"]["corner"]["factory"] = "subprocess:getoutput"
+            arm["tasks"]["corner"]["arguments"] = {"cmd": "touch ran"}
+            arm["transfers"][0]["factory"] = "rules:same"
+
+    change(folder / "study.json", hostile)
+    for place in (tmp_path, folder, a_unit(folder)):
+        (place / "rules.py").write_text(EVIL)
+        (place / "conftest.py").write_text(EVIL)
+    (folder / ".checkpoints").mkdir()
+    (folder / ".checkpoints" / "one.checkpoint").write_bytes(b"cos\nsystem\n(S'touch ran'\ntR.")
+    source = os.path.dirname(os.path.dirname(cr.__file__))
+    done = subprocess.run(
+        [sys.executable, "-c", LISTENING, source], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "HEARD []" in done.stdout
+    assert "MODULES []" in done.stdout
+    assert not list(tmp_path.rglob("ran"))
+    assert "2 of 2 seeds finished" in done.stdout
+
+
+def test_nothing_in_a_folder_names_the_machine_or_its_user(sent):
+    words = ["a_distinctive_home", "of_somebody", str(sent.parent), sys.prefix, sys.executable]
+    words += [rf"\b{one}\b" for one in (socket.gethostname(), getuser()) if len(one) > 1]
+    files = [path for path in sent.rglob("*") if path.is_file()]
+    assert len(files) > 10
+    for path in files:
+        assert not [word for word in words if re.search(word.encode(), path.read_bytes())], path
+
+
+def test_a_report_has_all_that_the_tasks_themselves_could_say(folder):
+    page = write_report(folder).read_text()
+    for words in ("predicted start", "Is the shaping safe?", "One episode, before and after"):
+        assert words in page
+    assert "is left out" not in page
+    assert str(folder.parent) not in page
+
+
+# -- what is refused ---------------------------------------------------------------------------
+
+
+class Pickled:
+    def __reduce__(self):
+        return (open, ("ran", "w"))
+
+
+def test_pickles_in_an_archive_of_arrays_are_refused(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    buffer = io.BytesIO()
+    np.savez(buffer, steps=np.array([Pickled()], dtype=object))
+    put(a_unit(folder), "run.npz", buffer.getvalue())
+    refuses(folder, r"run\.npz is not as .*must not hold Python objects, which are pickles")
+    assert not (tmp_path / "ran").exists()
+
+
+def packed(name, *arrays):
+    """An archive of one compressed array whose file is `arrays`, one after the other."""
+    buffer = io.BytesIO()
+    with (
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(f"{name}.npy", "w", force_zip64=True) as file,
+    ):
+        for each in arrays:
+            file.write(each)
+    return buffer.getvalue()
+
+
+def header(shape):
+    buffer = io.BytesIO()
+    described = {"descr": "<f4", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(buffer, described)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("name", ["snapshots.npz", "run.npz", "values.npz"])
+def test_a_small_archive_of_much_is_refused(folder, name):
+    megabytes = 64
+    bomb = packed(
+        "snapshot_values", header((megabytes, 2**18)), *[b"\0" * 2**20 for _ in range(megabytes)]
+    )
+    assert len(bomb) < 2**18
+    put(a_unit(folder), name, bomb)
+    refuses(folder, rf"{name} is not as .*(at most [\d,]+ bytes|must not be compressed)")
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ((10**6, 10**6), "does not fill its file"),
+        ((10**30,), "does not fill its file"),
+        ((-1,), r"snapshots\.npz"),
+    ],
+)
+def test_an_array_larger_than_its_file_is_refused(folder, shape, words):
+    put(a_unit(folder), "snapshots.npz", packed("snapshot_values", header(shape), b"\0" * 8))
+    refuses(folder, words)
+
+
+def test_arrays_of_other_shapes_are_refused(folder):
+    unit = a_unit(folder)
+    with np.load(unit / "run.npz") as arrays:
+        found = dict(arrays)
+    for name, array in (("greedy_return", found["steps"]), ("steps_used", found["steps"][:1])):
+        buffer = io.BytesIO()
+        np.savez(buffer, **{**found, name: array})
+        put(unit, "run.npz", buffer.getvalue())
+        refuses(folder, f"{name} must be an array of shape")
+
+
+@pytest.mark.parametrize("name", ["curves.parquet", "decisions.parquet"])
+def test_tables_that_are_none_or_too_long_are_refused(folder, name):
+    unit = a_unit(folder)
+    put(unit, name, b"PAR1 not at all PAR1")
+    refuses(folder, rf"{name} is not as .*no table")
+    put(unit, name, as_parquet(pa.table({"seed": [0]})))
+    refuses(folder, f"{name}.*must have the columns")
+    put(unit, name, as_parquet(pa.table({"seed": np.zeros(10**7, np.int64)})))
+    refuses(folder, f"{name}.*must have at most .* rows")
+
+
+FILES = ["study.json", "analysis.json", "runs.json", "unit.json", "run.npz", "curves.parquet"]
+
+
+def place_of(folder, name):
+    return folder / name if (folder / name).exists() else a_unit(folder) / name
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
+def test_what_is_no_file_is_not_waited_for(folder, name, kind):
+    path = place_of(folder, name)
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("/dev/zero")
+    refuses(folder, name.replace(".", r"\."))
+
+
+@pytest.mark.parametrize("name", ["study.json", "analysis.json", "runs.json", "unit.json"])
+@pytest.mark.parametrize("text", ["[" * 10**5, '{"a":' * 10**5, "[]", "{}", "null", "[1]", "\xff"])
+def test_other_json_is_refused(folder, name, text):
+    path = place_of(folder, name)
+    path.write_text(text, encoding="latin-1")
+    if (name, text) == ("runs.json", "[]"):
+        read_all(folder)
+    else:
+        refuses(folder, name.replace(".", r"\."))
+
+
+def nested(depth):
+    found = []
+    for _ in range(depth):
+        found = [found]
+    return found
+
+
+CHANGES = {
+    "a name that is a number": ("name", 3),
+    "seeds that are words": ("seeds", ["a"]),
+    "an unknown key": ("more", 1),
+    "a target that is not there": ("target", "mace"),
+    "no arms": ("arms", None),
+    "a deep value": ("tasks", nested(400)),
+    "a task that is not there": ("tasks", []),
+    "a checkpoint every 0 steps": ("eval_freq", 0),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_record_of_another_form_is_refused(folder, what):
+    key, value = CHANGES[what]
+    change(folder / "study.json", lambda study: study["record"].update({key: value}))
+    refuses(folder, r"study\.json is not as Curricle writes it: ")
+
+
+VIEWS = {
+    "shape": [10**9, 10**9],
+    "cells": [10**6],
+    "states": [-1],
+    "ended": [99],
+    "directions": [7, 7, 7, 7],
+    "actions": ["only"],
+    "markers": [["A", "red;}</style>"]],
+    "objects": [["treasure chest", 0, 0, True]],
+}
+
+
+@pytest.mark.parametrize("key", VIEWS)
+def test_a_view_that_does_not_fit_is_refused(folder, key):
+    def edit(study):
+        for task in study["record"]["tasks"]:
+            task["view"][key] = VIEWS[key]
+
+    change(folder / "study.json", edit)
+    refuses(folder, r"study\.json is not as Curricle writes it: tasks\.0")
+
+
+def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
+    def other_arms(analysis):
+        analysis["sections"][0]["arms"] = ["nobody"]
+        analysis["episodes"]["transfer"]["maze"]["after"]["cells"][0] = [2000]
+
+    change(folder / "analysis.json", other_arms)
+    assert "predicted start" not in write_report(folder).read_text()
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
+    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
+
+
+def test_a_missing_list_of_runs_is_no_mistake(folder):
+    (folder / "runs.json").unlink()
+    read_all(folder)
+
+
+def test_names_are_text_in_a_page(folder):
+    bad = "</script><script>alert(1)</script>"
+
+    def edit(study):
+        study["record"]["name"] = bad
+        study["record"]["tasks"][0]["text"] = bad
+        study["record"]["arms"]["transfer"]["transfers"][0]["words"] = bad
+
+    change(folder / "study.json", edit)
+    assert bad not in write_report(folder).read_text()
+
+
+def test_another_version_is_refused_in_one_sentence(folder):
+    change(folder / "study.json", lambda study: study.update(schema_version=1))
+    refuses(folder, r"has schema version 1 and this Curricle reads 2: run the study again")
