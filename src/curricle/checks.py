@@ -1,6 +1,7 @@
 """Checks of single arguments: each returns the value made plain, or says rule, value and place."""
 
 import math
+import os
 from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any
@@ -120,6 +121,37 @@ def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> N
     """Raise `error` unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
         raise error(f"{name} must be a {kind.__name__}: got {value!r}")
+
+
+def text(name: str, value: Any, error: type[CurricleError]) -> None:
+    """Raise `error` unless `value` is text with something in it."""
+    if not isinstance(value, str) or not value:
+        raise error(f"{name} must be text, not empty: got {value!r}")
+
+
+def physical_memory() -> int:
+    """Return the machine's memory in bytes, 8 GiB where it is unknown."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return 8 * 2**30
+
+
+def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
+    """Raise `error` unless `needed` bytes are at most half of the machine's memory.
+
+    Without it an allocation fails with an exception of NumPy's, or succeeds and ends the process.
+    """
+    limit = physical_memory() // 2
+    if needed > limit:
+        raise error(
+            f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes "
+            f"{_size(needed)}"
+        )
+
+
+def _size(n_bytes: int) -> str:
+    return f"{n_bytes / 1e9:.3g} GB" if n_bytes < 2**64 else "more than 2^64 bytes"
 
 
 def _is_real(value: Any) -> bool:

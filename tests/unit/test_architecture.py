@@ -15,7 +15,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "array_types", "checks", "files"],
+    *["errors", "array_types", "frozen_arrays", "checks", "files"],
     *["tasks", "statistics", "planning", "learning", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "study"],
     *["plotting", "report", "paper", "cli"],

@@ -384,11 +384,12 @@ def test_single_precision_is_close_to_double(kind):
 @pytest.mark.parametrize("exploration", [{"epsilon": 0.3}, {"inverse_temperature": 1.0}])
 @pytest.mark.parametrize("kind", ["dense", "sparse"])
 def test_learning_that_diverges_ends_all_the_same(kind, exploration):
-    # Two such rewards add up to infinity, and what follows is no number.
-    pay = [[(0.5, 0, 1.5e308, False), (0.5, 1, -1.5e308, False)] for _ in range(70)]
+    # Such rewards are infinite in single precision, and two of them add up to no number.
+    pay = [[(0.5, 0, 1e100, False), (0.5, 1, -1e100, False)] for _ in range(70)]
     wild = cr.FiniteMDP.from_outcomes([pay, pay], start=0, discount=0.9, time_limit=10)
     learner = QLearning(learning_rate=0.5, **exploration)
-    found = cr.learn(wild, learner, 5000, storage=Storage(kind), evaluation=ROLLED)
+    storage = Storage(kind, dtype="float32")
+    found = cr.learn(wild, learner, 5000, storage=storage, evaluation=ROLLED)
     values = found.values[0].values if kind == "sparse" else found.values
     assert found.steps_used[0] == 5000
     assert np.isnan(values).any()

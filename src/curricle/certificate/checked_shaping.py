@@ -11,10 +11,10 @@ import numpy as np
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import number, one_of
 from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
 from curricle.learning.shaping import Claim, Shaping
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
 RewardFunction = Callable[..., Any]

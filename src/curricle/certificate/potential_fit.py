@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.shaped_task import Reachable
-from curricle.tasks.spaces import frozen
+from curricle.frozen_arrays import Frozen, frozen
 
 RELATIVE_RESIDUAL = 1e-5
 """Residual, relative to the largest F, up to which a potential fits."""
@@ -26,7 +26,7 @@ VALLEYS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Frozen):
     """F as ``discount`` Phi(s') - Phi(s)."""
 
     discount: float

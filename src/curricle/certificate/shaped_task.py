@@ -12,12 +12,12 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
 from curricle.errors import PotentialError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential import LARGEST
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
-from curricle.tasks.spaces import frozen
 
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000

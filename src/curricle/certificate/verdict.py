@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from curricle.array_types import FloatArray
+from curricle.frozen_arrays import Frozen
 
 UNKNOWN = float("nan")
 
@@ -62,7 +63,7 @@ class Counterexample:
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Frozen):
     """A proof, a refutation, or neither; true as a condition only if the shaping is proven safe.
 
     Attributes

@@ -12,6 +12,7 @@ from curricle.checks import number, whole_number
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import Progress, SourceValues
 from curricle.errors import CurriculumError, SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.record import Snapshots, WarmUp
@@ -19,7 +20,6 @@ from curricle.learning.result import LearningResult, joined_results, one_seed
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import Decision, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.tasks.spaces import frozen
 
 Potentials = Callable[[Mapping[str, FloatArray]], Sequence[PairPotential]]
 """The values of K seeds of the sources, (K, S', A') each -> the target's K potentials."""

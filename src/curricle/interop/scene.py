@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from curricle.frozen_arrays import frozen
 from curricle.tasks.gridworld import MOVES, GridWorld
 from curricle.tasks.labels import values_of
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.spaces import Space, frozen
+from curricle.tasks.spaces import Space
 from curricle.tasks.task import generative_model
 
 FINER = 4

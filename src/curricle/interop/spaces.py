@@ -13,7 +13,8 @@ from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
 from curricle.array_types import IntArray
 from curricle.errors import SettingError, TaskError
-from curricle.tasks.spaces import Component, Space, frozen
+from curricle.frozen_arrays import frozen
+from curricle.tasks.spaces import Component, Space
 
 Flatten = Callable[[Any], tuple[Any, ...]]
 Form = Literal["index", "components"]

@@ -11,11 +11,12 @@ from gymnasium.spaces import Box
 from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
 from curricle.errors import MappingError, SettingError, TaskError
+from curricle.frozen_arrays import frozen
 from curricle.interop.environment import RenderMode, TaskEnvironment
 from curricle.interop.spaces import Coding
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.spaces import Space, frozen
+from curricle.tasks.spaces import Space
 from curricle.transfer.component_mapping import (
     ComponentMapping,
     describe_renaming,

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray
 from curricle.checks import numbers
 from curricle.errors import PotentialError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_table
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model
 
 LARGEST = 1e15
@@ -30,7 +30,7 @@ them; near 1e308 learning overflows.
 
 
 @dataclass(frozen=True, eq=False)
-class StatePotential:
+class StatePotential(Frozen):
     """Phi(s), possibly changing with time; shapes with F = gamma Phi(s', t') - Phi(s, t).
 
     Paper E2; Ng, Harada, Russell 1999; for a changing potential Devlin, Kudenko 2012.
@@ -122,7 +122,7 @@ class StatePotential:
 
 
 @dataclass(frozen=True, eq=False)
-class StateActionPotential:
+class StateActionPotential(Frozen):
     """phi(s, a), for Q-initialisation and advice (paper E5; Wiewiora 2003).
 
     Parameters
@@ -196,7 +196,7 @@ class StateActionPotential:
 
 
 @dataclass(frozen=True, eq=False)
-class MappedPotential:
+class MappedPotential(Frozen):
     """phi(s, a) computed from the sources' values one state at a time, without an array.
 
     :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an

@@ -11,6 +11,7 @@ import numpy as np
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import Values, acting_row, acting_rows, best_of, greedy_actions
@@ -19,7 +20,6 @@ from curricle.planning.simulator import GreedyPolicy, simulate
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.overloads import compiled
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import generative_model
 
 PairPotential = StateActionPotential | MappedPotential
@@ -49,7 +49,7 @@ def _greedy_looked_up(view, state, bits):
 
 
 @dataclass(frozen=True, eq=False)
-class GreedyRollouts:
+class GreedyRollouts(Frozen):
     """E greedy episodes with n steps in all, and what the potential predicts at each step.
 
     Attributes

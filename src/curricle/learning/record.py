@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
 
@@ -15,7 +16,7 @@ MAX_SNAPSHOT_BYTES = 128_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshots:
+class Snapshots(Frozen):
     """The values that one seed acted on at M checkpoints of its learning, from before it began.
 
     Attributes

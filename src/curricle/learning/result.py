@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
 from curricle.learning.run import Outcome
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
 HELD = ("greedy_return", "guard_share", "episodes")
@@ -22,7 +22,7 @@ TOTALS = ("steps_used", "episodes_used", "out_of_memory", "own_rewards")
 
 
 @dataclass(frozen=True, eq=False)
-class LearningResult:
+class LearningResult(Frozen):
     """What :func:`learn` found, for K seeds and T checkpoints.
 
     Attributes

@@ -25,7 +25,6 @@ from curricle.tasks.generative_models import Functions
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.overloads import compiled
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel
 
 NEAR = 32_768

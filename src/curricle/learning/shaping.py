@@ -16,12 +16,12 @@ import numpy as np
 
 from curricle.checks import instance
 from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, QLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task, generative_model, same_task
 
 Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]

@@ -1,6 +1,5 @@
 """Storage of values: precision, dense or sparse tables, memory limit."""
 
-import os
 import re
 from dataclasses import dataclass
 from typing import Literal
@@ -9,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatTable, IntArray
-from curricle.checks import instance, one_of, whole_number
+from curricle.checks import instance, one_of, physical_memory, whole_number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen
 from curricle.tasks.task import GenerativeModel
 
 UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
@@ -69,7 +69,7 @@ class Storage:
     def limit(self) -> int:
         """The memory limit in bytes."""
         if self.memory_limit is None:
-            return _physical_memory() // 2
+            return physical_memory() // 2
         if not isinstance(self.memory_limit, str):
             return whole_number("memory_limit in bytes", self.memory_limit, 1, SettingError)
         match = re.fullmatch(r"\s*([0-9]{1,18}(?:\.[0-9]*)?)\s*([A-Za-z]+)\s*", self.memory_limit)
@@ -116,7 +116,7 @@ def rows_allowed(
 
 
 @dataclass(frozen=True, eq=False)
-class SparseValues:
+class SparseValues(Frozen):
     """Values of the R states that learning visited.
 
     Attributes
@@ -143,11 +143,3 @@ class SparseValues:
             missing = wanted[self.states[row] != wanted].flat[0]
             raise SettingError(f"sparse values hold visited states only: {missing} is not one")
         return self.values[row]
-
-
-def _physical_memory() -> int:
-    """Return the machine's memory in bytes, 8 GiB where it is unknown."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return 8 * 2**30

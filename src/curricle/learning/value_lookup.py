@@ -12,9 +12,9 @@ import numpy.typing as npt
 from numba import njit
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.frozen_arrays import frozen
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import quotient
-from curricle.tasks.spaces import frozen
 
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
@@ -23,7 +24,7 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class TabularPlanningModel:
+class TabularPlanningModel(Frozen):
     """A model read from the tables of a FiniteMDP.
 
     Examples
@@ -123,7 +124,7 @@ class TabularPlanningModel:
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredPlanningModel:
+class FactoredPlanningModel(Frozen):
     """A model computed from a factored model; its discount is below 1.
 
     Examples

@@ -9,11 +9,11 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.simulator import StepRecord, UniformPolicy, simulate, table_policy
 from curricle.planning.solution import checked_policy
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import GenerativeModel, Task, generative_model
 
 CHUNK = 65_536
@@ -21,7 +21,7 @@ CHUNK = 65_536
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Frozen):
     """One episode of n steps.
 
     Attributes
@@ -132,7 +132,7 @@ def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class RandomRollouts:
+class RandomRollouts(Frozen):
     """E episodes of the uniformly random policy, of up to L steps.
 
     Attributes

@@ -9,11 +9,11 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, FloatTable
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
-from curricle.tasks.spaces import frozen
 from curricle.tasks.task import Task
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -25,7 +25,7 @@ Rounding alone is about 1e-15 / (1 - gamma) of it, so this is reached up to a di
 
 
 @dataclass(frozen=True, eq=False)
-class PolicyValues:
+class PolicyValues(Frozen):
     """The exact values of a policy.
 
     Attributes

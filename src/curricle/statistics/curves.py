@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 
 SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch; all others are compared with it."""
@@ -34,7 +35,7 @@ class GreedyReturns(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Frozen):
     """The learning curves of one arm, one row per seed.
 
     Attributes
@@ -96,8 +97,7 @@ class Curve:
             raise SettingError(f"source_steps must be at least 0: got {source.min()}")
         source = np.array(np.broadcast_to(source, values.shape[:1]))
         for name, array in (("steps", steps), ("values", values), ("source_steps", source)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, frozen(array))
 
     @classmethod
     def of(cls, result: GreedyReturns, source_steps: npt.ArrayLike = 0) -> Curve:

@@ -18,9 +18,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t, trim_mean
 
+from curricle import frozen_arrays
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen
 
 CONFIDENCE = 0.95
 """Nominal coverage of an interval, unless told otherwise."""
@@ -31,7 +33,7 @@ DIGITS = 9
 
 
 @dataclass(frozen=True, eq=False)
-class Interval:
+class Interval(Frozen):
     """An estimate over seeds and its confidence bounds.
 
     Attributes
@@ -250,9 +252,7 @@ def frozen(array: FloatArray) -> float | FloatArray:
     """Return a read-only copy of `array`, or a float if it holds a single number."""
     if array.ndim == 0:
         return float(array)
-    copy = array.copy()
-    copy.setflags(write=False)
-    return copy
+    return frozen_arrays.frozen(array.copy())
 
 
 def _seeds(values: npt.ArrayLike) -> FloatArray:

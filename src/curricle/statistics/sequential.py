@@ -27,6 +27,7 @@ from scipy.stats import norm
 from curricle.array_types import FloatArray
 from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.hypothesis_tests import sign_flip_test
 from curricle.statistics.intervals import CONFIDENCE, Interval, check_confidence, mean_interval
 
@@ -121,7 +122,7 @@ def _within(seeds: Sequence[int], bound: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class AddedSeeds:
+class AddedSeeds(Frozen):
     """The values that :func:`add_seeds` measured, and why it stopped.
 
     Attributes
@@ -236,10 +237,9 @@ def add_seeds(
         enough = p < 1 - confidence if precision is None else half <= precision
         if enough:
             break
-    values.setflags(write=False)
     goal: Literal["precision", "difference"] = "difference" if precision is None else "precision"
     interval = Interval(found.estimate, found.low, found.high, confidence, values.size)
-    return AddedSeeds(values, interval, p, goal if enough else "most", planned)
+    return AddedSeeds(frozen(values), interval, p, goal if enough else "most", planned)
 
 
 def _measured(measure: Measure, seeds: range) -> FloatArray:

@@ -15,6 +15,7 @@ from scipy.stats import CensoredData, ecdf, quantile_test
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.curves import Curve, require_pair, smooth
 from curricle.statistics.intervals import (
     CONFIDENCE,
@@ -29,7 +30,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Times:
+class Times(Frozen):
     """The steps each seed took to a threshold, censored seeds included.
 
     Attributes
@@ -65,8 +66,7 @@ class Times:
         valid = np.isfinite(steps) & (steps >= 0)
         check_each("steps must be finite and at least 0", valid, steps, "seed")
         for name, array in (("steps", steps), ("reached", reached)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, frozen(array))
 
     def survival(self) -> Any:
         """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.

@@ -14,10 +14,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from curricle.frozen_arrays import frozen
 from curricle.learning.record import Snapshots
 from curricle.learning.result import HELD, TOTALS, LearningResult
 from curricle.learning.storage import SparseValues
-from curricle.tasks.spaces import frozen
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 OTHERS = ("task", "learner", "seeds", "values", "visits", "snapshots")

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray
-from curricle.tasks.spaces import frozen
+from curricle.frozen_arrays import frozen
 
 CellArray = npt.NDArray[np.int32]
 

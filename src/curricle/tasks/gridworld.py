@@ -18,9 +18,10 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD
-from curricle.tasks.spaces import MISSING, Component, Space, frozen, whole
+from curricle.tasks.spaces import MISSING, Component, Space, whole
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
@@ -67,7 +68,7 @@ class Rewards:
 
 
 @dataclass(frozen=True)
-class GridWorld:
+class GridWorld(Frozen):
     """A maze drawn as a text map.
 
     Parameters

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.generative_models import (
     DeterministicTables,
     Tables,
@@ -30,7 +31,7 @@ from curricle.tasks.outcomes import (
     terminal_states,
 )
 from curricle.tasks.reachability import improper_states
-from curricle.tasks.spaces import Component, Space, adopted, frozen, whole_by_type
+from curricle.tasks.spaces import Component, Space, whole_by_type
 
 LONGEST = 10**12
 """Steps that a time limit may have at most."""
@@ -39,7 +40,7 @@ NO_LIMIT = np.int64(2**62)
 
 
 @dataclass(frozen=True, eq=False)
-class FiniteMDP:
+class FiniteMDP(Frozen):
     """A finite MDP with a start distribution, a discount and a time limit; validated and frozen.
 
     Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form.

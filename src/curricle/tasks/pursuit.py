@@ -10,13 +10,14 @@ import numpy as np
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers, one_of, whole_number
 from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD, PROBABILITY_TOLERANCE
 from curricle.tasks.pursuit_model import PursuitModel, padded_moves
 from curricle.tasks.simd import inverse_of
-from curricle.tasks.spaces import Component, Decoded, Space, adopted, frozen
+from curricle.tasks.spaces import Component, Decoded, Space
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 LARGEST_TABLE = 500_000_000
@@ -30,7 +31,7 @@ Capture = Literal["all", "any", "as_published"] | int
 
 
 @dataclass(frozen=True)
-class Pursuit:
+class Pursuit(Frozen):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
     A state is the cell of the prey and of each predator, who are ordered and may share a cell. An

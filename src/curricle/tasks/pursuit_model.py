@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray
+from curricle.frozen_arrays import frozen
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.generative_models import first_states, transitions
 from curricle.tasks.simd import quotient
-from curricle.tasks.spaces import frozen
 
 MOVES = 5
 """Entries for moves in each row of a table, used or not: a constant avoids a multiplication."""

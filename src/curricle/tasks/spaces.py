@@ -11,16 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import index
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import IntArray
-from curricle.checks import whole_number
+from curricle.checks import BEYOND_64_BITS, check_memory, text, whole_number
 from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, adopted
 
-Array = TypeVar("Array", bound=npt.NDArray[Any])
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
 
@@ -28,33 +28,12 @@ MISSING = -1
 """What :meth:`Space.encode` gives for values that are no point of the space."""
 
 
-def frozen(array: Array) -> Array:
-    """Return the array itself, made read-only, so that it cannot be changed in place."""
-    array.flags.writeable = False
-    return array
-
-
-def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return `values` as a frozen array of this type: itself if nothing can write to it any more.
-
-    Examples
-    --------
-    >>> mine = np.arange(3.0)
-    >>> adopted(mine, np.float64) is mine, adopted(frozen(mine), np.float64) is mine
-    (False, True)
-    """
-    if type(values) is np.ndarray and values.dtype == dtype and values.flags.c_contiguous:
-        owner: Any = values
-        while type(owner) is np.ndarray and not owner.flags.writeable:
-            owner = owner.base
-        if owner is None:
-            return values
-    return frozen(np.array(values, dtype=dtype, order="C"))
-
-
 def whole(values: npt.ArrayLike, what: str) -> IntArray:
     """Return values as int64, or raise TaskError where they are not whole numbers by type."""
-    return whole_by_type(values, what).astype(np.int64)
+    array = whole_by_type(values, what)
+    if array.dtype == np.uint64 and array.size and array.max() >= BEYOND_64_BITS:
+        raise TaskError(f"{what} must be below 2^63: got {array.max()}")
+    return array.astype(np.int64)
 
 
 def whole_by_type(values: npt.ArrayLike, what: str) -> npt.NDArray[Any]:
@@ -78,7 +57,7 @@ class Component:
     size : int
         Number of values, at least 1.
     low : int
-        Smallest value.
+        Smallest value; all of them fit 64 bits.
     labels : tuple of str, optional
         How each value prints, `size` of them.
 
@@ -94,22 +73,44 @@ class Component:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        whole_number(f"the number of values of component {self.name!r}", self.size, 1, TaskError)
-        whole_number(f"the lowest value of component {self.name!r}", self.low, -(2**62), TaskError)
-        if self.labels is not None and len(self.labels) != self.size:
+        text("the name of a component", self.name, TaskError)
+        of = f"of component {self.name!r}"
+        size = whole_number(f"the number of values {of}", self.size, 1, TaskError)
+        low = whole_number(f"the lowest value {of}", self.low, -BEYOND_64_BITS, TaskError)
+        whole_number(f"the highest value {of}", low + size - 1, low, TaskError)
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "low", low)
+        if self.labels is not None:
+            object.__setattr__(self, "labels", self._checked_labels())
+
+    def _checked_labels(self) -> tuple[str, ...]:
+        if isinstance(self.labels, str) or not isinstance(self.labels, Sequence):
+            raise TaskError(
+                f"labels of component {self.name!r} must be a list of text: got {self.labels!r}"
+            )
+        for label in self.labels:
+            text(f"a label of component {self.name!r}", label, TaskError)
+        if len(self.labels) != self.size:
             raise TaskError(
                 f"a component needs one label per value: {self.name!r} has {self.size} values "
                 f"and {len(self.labels)} labels"
             )
-        if self.labels is not None and len(set(self.labels)) != self.size:
+        if len(set(self.labels)) != self.size:
             raise TaskError(f"a component's labels must differ: {self.name!r} has {self.labels}")
+        return tuple(self.labels)
+
+    @property
+    def high(self) -> int:
+        """The largest value."""
+        return self.low + self.size - 1
 
     def label(self, value: int) -> str:
         """Return how `value` prints."""
         return str(value) if self.labels is None else self.labels[value - self.low]
 
 
-class Space:
+@dataclass(frozen=True, eq=False, repr=False)
+class Space(Frozen):
     """A finite set of points with named integer components.
 
     Without `points` the space is the whole box (every combination, last component fastest);
@@ -140,47 +141,51 @@ class Space:
     'row=1 column=2'
     """
 
-    def __init__(self, components: Sequence[Component], points: npt.ArrayLike | None = None):
-        self.components = tuple(components)
+    components: Sequence[Component]
+    points: Any = None
+
+    def __post_init__(self) -> None:
+        given = self.components
+        if not isinstance(given, Sequence) or not all(isinstance(c, Component) for c in given):
+            raise TaskError(f"components must be a list of Component: got {given!r}")
+        object.__setattr__(self, "components", tuple(given))
         names = [c.name for c in self.components]
         if not names or len(set(names)) != len(names):
             raise TaskError(f"components need different names, at least one: got {names}")
-        self._points: IntArray | None = None
-        if points is not None:
-            self._points = frozen(whole(points, "points").copy())
-            if self._points.ndim != 2 or self._points.shape[1] != len(self.components):
+        if self.points is not None:
+            points = whole(self.points, "points")
+            if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
                 raise TaskError(
-                    f"points must have shape (S, {len(self.components)}): got {self._points.shape}"
+                    f"points must have shape (S, {len(names)}), S at least 1: got {points.shape}"
                 )
+            object.__setattr__(self, "points", adopted(points, np.int64))
             self._check_points()
 
     def _check_points(self) -> None:
-        assert self._points is not None
         for axis, component in enumerate(self.components):
-            values = self._points[:, axis] - component.low
-            bad = np.flatnonzero((values < 0) | (values >= component.size))
+            values = self.points[:, axis]
+            bad = np.flatnonzero((values < component.low) | (values > component.high))
             if bad.size:
                 raise TaskError(
                     f"component {component.name!r} runs from {component.low} to "
-                    f"{component.low + component.size - 1}: point {bad[0]} has "
-                    f"{self._points[bad[0], axis]}"
+                    f"{component.high}: point {bad[0]} has {values[bad[0]]}"
                 )
-        if len(self._sorted[0]) != len(self._points):
+        if len(self._sorted[0]) != len(self.points):
             raise TaskError(
-                f"the points of a space must differ: {len(self._points)} given, "
+                f"the points of a space must differ: {len(self.points)} given, "
                 f"{len(self._sorted[0])} distinct"
             )
 
     @cached_property
     def _sorted(self) -> tuple[npt.NDArray[np.void], IntArray]:
         """The points as sortable records, sorted, with the number of each."""
-        records, numbers = np.unique(_records(self._points), return_index=True)
+        records, numbers = np.unique(_records(self.points), return_index=True)
         return records, numbers.astype(np.int64)
 
     @property
     def is_box(self) -> bool:
         """Whether every combination of component values is a point."""
-        return self._points is None
+        return self.points is None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,12 +206,21 @@ class Space:
     @cached_property
     def size(self) -> int:
         """The number of points."""
-        if self._points is not None:
-            return len(self._points)
+        if self.points is not None:
+            return len(self.points)
         return math.prod(self.shape)
 
     def __len__(self) -> int:
+        self._check_numbered()
         return self.size
+
+    def _check_numbered(self) -> None:
+        """Raise TaskError if points have numbers that do not fit 64 bits."""
+        if self.size >= BEYOND_64_BITS:
+            raise TaskError(
+                "points can be numbered in spaces of fewer than 2^63: this one has "
+                f"2^{math.log2(self.size):.0f}"
+            )
 
     def component(self, name: str) -> Component:
         """Return the component called `name`; TaskError lists the valid names otherwise."""
@@ -229,14 +243,17 @@ class Space:
         dict
             Name -> int64 array of the shape of `index`.
         """
+        self._check_numbered()
+        if index is None:
+            check_memory("all points of a space", 8 * self.size * len(self.names), TaskError)
         numbers = np.arange(self.size) if index is None else whole(index, "points' numbers")
         if numbers.size and (numbers.min() < 0 or numbers.max() >= self.size):
             raise TaskError(
                 f"a point's number must lie in 0..{self.size - 1}: got "
                 f"{numbers.min()}..{numbers.max()}"
             )
-        if self._points is not None:
-            return {n: self._points[numbers, i] for i, n in enumerate(self.names)}
+        if self.points is not None:
+            return {n: self.points[numbers, i] for i, n in enumerate(self.names)}
         values = np.unravel_index(numbers, self.shape)
         return {c.name: v + c.low for c, v in zip(self.components, values, strict=True)}
 
@@ -251,8 +268,9 @@ class Space:
         Raises
         ------
         TaskError
-            When a component is missing or unknown.
+            When a component is missing or unknown, or the space has 2^63 points or more.
         """
+        self._check_numbered()
         if set(values) != set(self.names):
             raise TaskError(
                 f"encode needs exactly the components {', '.join(self.names)}: got "
@@ -264,14 +282,14 @@ class Space:
         except ValueError:
             shapes = ", ".join(str(column.shape) for column in given)
             raise TaskError(f"components' shapes must broadcast together: got {shapes}") from None
-        if self._points is not None:
+        if self.points is not None:
             return self._look_up(np.stack(columns, axis=-1))
         number = np.zeros(columns[0].shape, dtype=np.int64)
         inside = np.ones(columns[0].shape, dtype=bool)
         for component, column, stride in zip(self.components, columns, self.strides, strict=True):
-            offset = column - component.low
-            inside &= (offset >= 0) & (offset < component.size)
-            number += offset * stride
+            within = (column >= component.low) & (column <= component.high)
+            number += np.where(within, column - component.low, 0) * stride
+            inside &= within
         return np.where(inside, number, MISSING)
 
     def encode_one(self, values: tuple[Any, ...]) -> int:
@@ -283,7 +301,7 @@ class Space:
         >>> space.encode_one((1, 2)), space.encode_one((2, 0))
         (5, -1)
         """
-        if self._points is not None:
+        if self.points is not None:
             return self._numbers.get(values, MISSING)
         if len(values) != len(self.components):
             return MISSING
@@ -298,8 +316,7 @@ class Space:
     @cached_property
     def _numbers(self) -> dict[tuple[int, ...], int]:
         """The number of each point that is listed."""
-        assert self._points is not None
-        return {values: i for i, values in enumerate(map(tuple, self._points.tolist()))}
+        return {values: i for i, values in enumerate(map(tuple, self.points.tolist()))}
 
     def _look_up(self, rows: IntArray) -> IntArray:
         records, numbers = self._sorted
@@ -318,9 +335,9 @@ class Space:
             return NotImplemented
         if self.components != other.components:
             return False
-        if self._points is None or other._points is None:
-            return self._points is other._points
-        return np.array_equal(self._points, other._points)
+        if self.points is None or other.points is None:
+            return self.points is other.points
+        return np.array_equal(self.points, other.points)
 
     def __hash__(self) -> int:
         return hash((self.components, self.size))

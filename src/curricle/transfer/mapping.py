@@ -9,8 +9,9 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, numbers
 from curricle.errors import MappingError
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.spaces import MISSING, Decoded, frozen
+from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
@@ -66,7 +67,7 @@ class Coverage:
 
 
 @dataclass(frozen=True, eq=False)
-class StateActionMapping:
+class StateActionMapping(Frozen):
     """A mapping of target pairs (s, a) to source pairs, as an index array.
 
     Made by :func:`identity`, :func:`same_position`, :func:`project`, :func:`relative_objects` or

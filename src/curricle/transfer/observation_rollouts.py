@@ -11,12 +11,12 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
-from curricle.tasks.spaces import frozen
 from curricle.transfer.potentials import ObservationPotential
 
 Policy = Callable[[Any], tuple[Any, Any]]

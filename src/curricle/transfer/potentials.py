@@ -11,11 +11,12 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import PotentialError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, ValueLookup
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.simd import inverse_of
-from curricle.tasks.spaces import MISSING, frozen
+from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.aggregation import (
     UNCHANGED_ALONE,

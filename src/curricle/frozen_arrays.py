@@ -1,0 +1,88 @@
+"""Arrays that nobody can write to, and values whose copies keep them so.
+
+Compiled loops read successors and strides without looking whether they lie in the table: an array
+that could be changed after it was checked would let them read and write anywhere.
+"""
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Array = TypeVar("Array", bound=npt.NDArray[Any])
+
+
+class _ReadOnly:
+    """The memory of an array as NumPy may see it: it cannot be made writable again."""
+
+    def __init__(self, array: npt.NDArray[Any]):
+        self._array = array
+        shown = array.__array_interface__
+        self.__array_interface__ = {**shown, "data": (shown["data"][0], True)}
+
+
+def frozen(array: Array) -> Array:
+    """Return a new array, which nobody else writes to, as one that nobody can write to.
+
+    Nothing is copied.
+
+    Examples
+    --------
+    >>> three = frozen(np.arange(3))
+    >>> three.flags.writeable = True
+    Traceback (most recent call last):
+    ValueError: cannot set WRITEABLE flag to True of this array
+    """
+    if _for_good(array):
+        return array
+    array.flags.writeable = False
+    shown: Any = np.asarray(_ReadOnly(array))
+    return shown  # type: ignore[no-any-return]
+
+
+def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return `values` as a frozen array of this type: itself if it is one, else a copy.
+
+    Examples
+    --------
+    >>> mine = frozen(np.arange(3.0))
+    >>> adopted(mine, np.float64) is mine
+    True
+    """
+    given: Any = values
+    right = type(given) is np.ndarray and given.dtype == dtype and given.flags.c_contiguous
+    if right and _for_good(given):
+        return given  # type: ignore[no-any-return]
+    return frozen(np.array(values, dtype=dtype, order="C"))
+
+
+def _for_good(array: npt.NDArray[Any]) -> bool:
+    """Return whether nobody can write to an array: it shows memory that is read-only for all."""
+    owner: Any = array
+    while type(owner) is np.ndarray:
+        owner = owner.base
+    return isinstance(owner, _ReadOnly | bytes)
+
+
+class Frozen:
+    """A frozen dataclass whose copies, pickled ones too, have frozen arrays as it has.
+
+    NumPy makes the copy of a frozen array writable. Copies have the fields alone; what was computed
+    from them and kept is computed anew.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            object.__setattr__(self, name, _refrozen(value))
+
+
+def _refrozen(value: Any) -> Any:
+    if type(value) is np.ndarray:
+        return adopted(value, value.dtype)
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(_refrozen, value))
+    return value
