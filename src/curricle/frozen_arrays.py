@@ -58,11 +58,14 @@ def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
 
 
 def _for_good(array: npt.NDArray[Any]) -> bool:
-    """Return whether nobody can write to an array: it shows memory that is read-only for all."""
+    """Return whether nobody can write to an array.
+
+    Memory of `bytes` does not suffice: NumPy makes such arrays writable if asked to.
+    """
     owner: Any = array
     while type(owner) is np.ndarray:
         owner = owner.base
-    return isinstance(owner, _ReadOnly | bytes)
+    return isinstance(owner, _ReadOnly)
 
 
 class Frozen:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.array_types import FloatTable, IntArray
+from curricle.frozen_arrays import frozen
 from curricle.learning import general_loop
 from curricle.learning.guard import Guard, train_guarded
 from curricle.learning.learners import Learner

@@ -1,0 +1,135 @@
+"""Nobody can write to what was checked: neither to arrays handed out, nor to those of copies."""
+
+import copy
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.frozen_arrays import adopted, frozen
+from curricle.tasks.spaces import Component, Space
+from tests.tasks import random_mdp
+
+MAZE = cr.GridWorld(["S..", ".FT"])
+NEAR = MAZE.crop(rows=(0, 2), columns=(1, 3))
+HUNT, CHASE = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
+COPIES = {
+    "itself": lambda one: one,
+    "copied": copy.copy,
+    "deeply copied": copy.deepcopy,
+    "pickled": lambda one: pickle.loads(pickle.dumps(one)),
+    "pickled by protocol 5": lambda one: pickle.loads(pickle.dumps(one, protocol=5)),
+}
+
+
+def mapped():
+    edge = cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"))
+    return cr.Curriculum({"chase": CHASE, "hunt": HUNT}, [edge], budget=50).train()
+
+
+OWNERS = {
+    "tables": lambda: random_mdp(1),
+    "maze": lambda: MAZE.mdp,
+    "pursuit": lambda: HUNT.mdp,
+    "rules of a pursuit": lambda: HUNT,
+    "space": lambda: Space([Component("a", 5)], points=[[0], [3]]),
+    "state potential": lambda: cr.StatePotential(MAZE, np.ones((2, 6)), frame_steps=[0, 9]),
+    "potential": lambda: cr.StateActionPotential(MAZE, np.ones((6, 4))),
+    "mapped potential": lambda: mapped().potentials["hunt"][0],
+    "mapping": lambda: cr.same_position(MAZE, NEAR),
+    "solution": lambda: cr.solve(MAZE),
+    "result": lambda: cr.learn(MAZE, budget=50, snapshots=3),
+    "sparse result": lambda: cr.learn(HUNT, budget=50, storage=cr.Storage("sparse")).values[0],
+    "rollout": lambda: cr.planning.rollout(MAZE, np.ones(6, int)),
+    "curve": lambda: cr.statistics.Curve([0, 1], [[1.0, 2.0]]),
+    "interval": lambda: cr.statistics.mean_interval([[1.0, 2.0], [2.0, 4.0]]),
+}
+
+
+def arrays_in(value):
+    """Return the arrays in a value's fields and public cached properties, at any depth."""
+    if isinstance(value, np.ndarray):
+        return [value]
+    if isinstance(value, tuple | list):
+        return [array for each in value for array in arrays_in(each)]
+    if dataclasses.is_dataclass(value):
+        return arrays_in([each for name, each in vars(value).items() if name[0] != "_"])
+    return []
+
+
+@pytest.mark.parametrize("owner", OWNERS)
+@pytest.mark.parametrize("way", COPIES)
+def test_arrays_cannot_be_made_writable(owner, way):
+    made = OWNERS[owner]()
+    if hasattr(made, "model"):
+        _ = made.model  # also what is computed and kept
+    found = COPIES[way](made)
+    if hasattr(found, "model"):
+        _ = found.model
+    arrays = arrays_in(found)
+    assert arrays
+    for array in arrays:
+        for shown in (array, array.base, array[...], array.view()):
+            if isinstance(shown, np.ndarray):
+                assert not shown.flags.writeable
+                with pytest.raises(ValueError, match="WRITEABLE"):
+                    shown.flags.writeable = True
+                with pytest.raises(ValueError, match="read-only"):
+                    shown[...] = 0
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_learns_what_the_task_does(way):
+    task = COPIES[way](MAZE.mdp)
+    one, other = (cr.learn(each, budget=500).values for each in (MAZE.mdp, task))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_copy_leaves_out_what_is_computed():
+    _ = HUNT.mdp
+    assert len(pickle.dumps(HUNT)) < 1000
+
+
+def test_the_array_of_a_caller_is_copied_even_where_it_is_read_only():
+    """Its owner can make it writable again."""
+    mdp = random_mdp(1)
+    mine = mdp.next_state.copy()
+    mine.flags.writeable = False
+    shown = np.asarray(memoryview(mine))
+    of_bytes = pickle.loads(pickle.dumps(mine, protocol=4))
+    of_bytes.flags.writeable = False
+    changed = [dataclasses.replace(mdp, next_state=given) for given in (mine, shown, of_bytes)]
+    mine.flags.writeable = True
+    of_bytes.flags.writeable = True  # NumPy allows it
+    mine[:] = of_bytes[:] = 10**9
+    for each in changed:
+        np.testing.assert_array_equal(each.next_state, mdp.next_state)
+
+
+def test_frozen_arrays_are_taken_as_they_are():
+    one = frozen(np.arange(6.0).reshape(2, 3))
+    assert frozen(one) is one
+    assert adopted(one, np.float64) is one
+    assert adopted(one, np.float32) is not one
+    assert adopted(one[1:], np.float64).base is not None
+    assert adopted(one.T, np.float64).flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    "array",
+    [np.zeros((0, 3)), np.array(2.5), np.arange(6)[::2], np.zeros(3, bool), np.ones(2, np.uint64)],
+)
+def test_every_array_can_be_frozen(array):
+    before = array.copy()
+    shown = frozen(array)
+    assert (shown.dtype, shown.shape) == (array.dtype, array.shape)
+    np.testing.assert_array_equal(shown, before)
+
+
+def test_a_space_cannot_be_changed():
+    """Tables have as many rows as their space says when learning begins."""
+    for name, value in (("size", 2), ("components", ()), ("points", None)):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(MAZE.states, name, value)
