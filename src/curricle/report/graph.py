@@ -1,7 +1,8 @@
 """The curriculum graph of a study: a card for each task, an arrow for each pair that transfers."""
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -21,8 +22,10 @@ Reasons = Mapping[tuple[str, str], Sequence[str]]
 
 CARD, GAP, FALL = 156, 14, 64
 """Width of a card, and the space between cards, across and down, in CSS pixels."""
-SIDE = 44
-"""Space at the sides for arrows that go round other cards."""
+SIDE, LANE = 44, 26
+"""Space at the sides for an arrow that goes round other cards, and for each further one."""
+BADGE = 24
+"""Space between the middles of two arrows' numbers, which are circles 20 wide."""
 CARD_HEIGHT, LINE = 156, 17
 """Height of a card without its returns, and of a line."""
 CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
@@ -129,15 +132,8 @@ def _graph(
         )
         for name in arm.nodes
     )
-    edges = []
-    for source, target in dict.fromkeys((t.source, t.target) for t in arm.transfers):
-        left, top = corners[source]
-        start, end = (left, top + heights[source]), corners[target]
-        between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
-        words = [t.words for t in arm.in_edges(target) if t.source == source]
-        edges.append(Edge(source, target, *_arrow(start, end, between), tuple(words)))
     notes = _notes({one: curricula.arms[one] for one in arms})
-    return Graph(tuple(arms), cards, tuple(edges), notes, width, height)
+    return Graph(tuple(arms), cards, tuple(_edges(arm, corners, heights)), notes, width, height)
 
 
 def _layout(
@@ -150,7 +146,8 @@ def _layout(
     rows: dict[int, list[str]] = {}
     for name, row in sorted(depth.items(), key=lambda one: one[1]):
         rows.setdefault(row, []).append(name)
-    side = SIDE if any(depth[t.target] - depth[t.source] > 1 for t in arm.transfers) else 0
+    around = {(t.source, t.target) for t in arm.transfers if depth[t.target] - depth[t.source] > 1}
+    side = SIDE + (len(around) - 1) * LANE if around else 0
     width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
     corners, top = {}, 0
     for names in rows.values():
@@ -161,21 +158,46 @@ def _layout(
     return corners, width, top - FALL
 
 
-def _arrow(
-    start: tuple[int, int], end: tuple[int, int], between: Sequence[int]
-) -> tuple[str, tuple[float, float]]:
-    """Return the path from below one card to above another, and its middle.
+def _edges(
+    arm: ArmRecord, corners: Mapping[str, tuple[int, int]], heights: Mapping[str, int]
+) -> Iterator[Edge]:
+    """Yield an arrow for each pair of tasks; none on another, and no number on another."""
+    places, around = list[tuple[float, float]](), 0
+    for source, target in dict.fromkeys((t.source, t.target) for t in arm.transfers):
+        left, top = corners[source]
+        start, end = (left, top + heights[source]), corners[target]
+        between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
+        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
+        around += bool(between)
+        places.append(_free(curve, places))
+        words = tuple(t.words for t in arm.in_edges(target) if t.source == source)
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
+        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        yield Edge(source, target, path, places[-1], words)
 
-    It goes round the cards in `between`, given by their right edges.
+
+def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
+    """Return the curve from below one card to above another: the points of a cubic, (4, 2).
+
+    Its middle is at the horizontal position `beside`, right of the cards that it goes round.
     """
     (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
-    half, middle, inner = (y1 - y0) / 2, (x0 + x1) / 2, (x0, x1)
-    if between:
+    middle, inner = (y0 + y1) / 2, (x0, x1)
+    if beside is not None:
         # A cubic's middle is an eighth of each end and three eighths of each inner point.
-        middle = max(between) + SIDE / 2
-        inner = ((middle - (x0 + x1) / 8) * 4 / 3,) * 2
-    path = f"M{x0:g} {y0}C{inner[0]:g} {y0 + half:g} {inner[1]:g} {y1 - half:g} {x1:g} {y1}"
-    return path, (middle, y0 + half)
+        inner = ((beside - (x0 + x1) / 8) * 4 / 3,) * 2
+    return np.array([(x0, y0), (inner[0], middle), (inner[1], middle), (x1, y1)])
+
+
+def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the place of a number on a curve: near its middle, but apart from those taken."""
+    along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
+    rest = 1 - along
+    weights = np.stack([rest**3, 3 * rest**2 * along, 3 * rest * along**2, along**3])
+    spots = [(float(x), float(y)) for x, y in weights.T @ curve]
+    room = [min((math.dist(spot, one) for one in taken), default=math.inf) for spot in spots]
+    first = next((n for n, free in enumerate(room) if free >= BADGE), int(np.argmax(room)))
+    return spots[first]
 
 
 def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
-ODD = "a <b>&\"' $x^2$ </script>"
+ODD = "a <b>&\"' $\\frac{a$ </script>"
 """A name with special characters of HTML, of scripts and of Matplotlib's mathematics."""
 
 

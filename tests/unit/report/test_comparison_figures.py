@@ -1,5 +1,6 @@
 """Figures of comparisons and forecasts: lines, marks, limits, words. No pixels are compared."""
 
+import io
 import os
 
 import numpy as np
@@ -7,11 +8,13 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
 from curricle.plotting.comparison import draw_comparison
 from curricle.plotting.forecast import draw_forecast
+from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.picture import plot, save
 from curricle.plotting.scales import return_scale, steps_scale
 from curricle.plotting.styles import COLOURS
@@ -294,3 +297,15 @@ def test_a_failure_leaves_the_picture_that_was_there(tmp_path, monkeypatch):
         plot(comparison(), place)
     assert os.listdir(tmp_path) == ["hunt.png"]
     assert place.read_bytes() == b"before"
+
+
+def test_a_dollar_in_a_name_begins_no_formula():
+    maze = cr.GridWorld(["..T", "S.."])
+    name = r"$\frac{a$"
+    edge = cr.Transfer(f"{name}b", f"{name}c", cr.transfer.identity(maze))
+    plan = cr.Curriculum({f"{name}b": maze, f"{name}c": maze}, [edge], budget=100)
+    for subject in (cr.compare({name: plan}, seeds=2), cr.forecast(plan, seeds=1)):
+        figure = cr.plot(subject)
+        figure.savefig(io.BytesIO(), format="png")  # by the user, without our settings
+    for figure in draw_learning_curves(cr.compare({name: plan}, seeds=2)):
+        figure.savefig(io.BytesIO(), format="svg")
