@@ -183,7 +183,7 @@ def test_rows_are_a_table():
 
 def test_a_comparison_prints_as_a_table():
     lines = str(BY_HAND).split("\n")
-    assert lines[0] == "'maze' in 40 steps, sources charged; 2 seeds; threshold 2"
+    assert lines[0] == "'maze' in 40 steps, sources charged, evaluations free; 2 seeds; threshold 2"
     assert [line.split()[0] for line in lines[2:5]] == ["scratch", "helped", "misled"]
     assert lines[5].startswith("helped gains more than its misled: too few seeds for a verdict (2")
     assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12"]

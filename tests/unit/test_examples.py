@@ -37,7 +37,7 @@ def test_a_task_of_ones_own_runs(capsys):
 def test_example_runs_and_compares(name, capsys):
     example(name).main(seeds=2, **COMPARISONS[name])
     printed = capsys.readouterr().out
-    assert "sources charged; 2 seeds" in printed
+    assert "sources charged, evaluations free; 2 seeds" in printed
     assert "scratch" in printed
 
 

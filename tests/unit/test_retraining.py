@@ -15,6 +15,7 @@ from curricle import (
     QInitialisation,
     QLearning,
     StateShaping,
+    StoppingRule,
     Storage,
     Transfer,
     project,
@@ -24,6 +25,7 @@ from curricle.curriculum.retraining import _Source
 from curricle.curriculum.sources import Progress
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning import harmonic, linear
+from curricle.planning.target import Target
 
 HUNT = Pursuit(size=3, predators=2, time_limit=50)
 CHASE = Pursuit(size=3, predators=1, time_limit=50)
@@ -205,6 +207,17 @@ def test_sources_that_cannot_be_trained_further_are_refused():
     for storage in (Storage("sparse"), Storage(save_values=False)):
         with pytest.raises(CurriculumError, match="those of 'hunt' are not; see Storage"):
             plan(ALWAYS, storage={"hunt": storage}).train()
+
+
+def test_a_target_is_solved_once_however_often_it_is_retrained(monkeypatch):
+    calls, solve = list[int](), Target.of.__func__
+    monkeypatch.setattr(
+        Target, "of", classmethod(lambda cls, *given: (calls.append(1), solve(cls, *given))[1])
+    )
+    rule = StoppingRule(9000, fraction=1.0)
+    found = plan(ALWAYS, budget={"chase": 1500, "hunt": rule}).train(seeds=2)
+    assert (found.retrained["hunt"].extra > 0).any()
+    assert len(calls) == 1
 
 
 def test_other_learners_retrain_too():

@@ -7,6 +7,7 @@ from hypothesis import example, given, strategies as st
 from curricle import (
     SARSA,
     Curriculum,
+    GreedyEvaluation,
     GridWorld,
     Guard,
     QInitialisation,
@@ -191,3 +192,34 @@ def test_an_unknown_return_among_the_last_neither_reaches_a_level_nor_drops(plac
         last = rule.decisions([0, 1, 2, 3], greedy)[-1]
         assert not last.ends
         assert np.isnan([last.lowest, last.highest]).all()
+
+
+def test_the_steps_of_evaluations_are_counted_and_said_to_be_free():
+    rule = StoppingRule(max_steps=500, threshold=1e9)
+    exact, rolled = (
+        Curriculum(
+            {"maze": MAZE},
+            budget=rule,
+            eval_freq=100,
+            evaluation=GreedyEvaluation(method, episodes=7),
+        ).train(seeds=2)
+        for method in ("exact", "rollouts")
+    )
+    assert exact["maze"].evaluation_steps.tolist() == [0, 0]
+    assert str(exact.decisions("maze")[0][-1]).endswith("500 of at most 500 steps used")
+    steps = int(rolled["maze"].evaluation_steps[1])
+    assert 6 * 7 <= steps <= 6 * 7 * MAZE.mdp.time_limit
+    words = f"500 steps used, and {steps:,} steps of evaluations, which are free"
+    assert str(rolled.decisions("maze")[1][-1]).endswith(words)
+    assert rolled["maze"].steps_used.tolist() == [500, 500]
+
+
+def test_evaluation_steps_are_those_of_the_episodes():
+    """Each of the two actions ends the episode after one step, or the limit does after three."""
+    line = GridWorld("S..T", time_limit=3)
+    learner = QLearning(learning_rate=0.0)
+    evaluation = GreedyEvaluation("rollouts", episodes=10)
+    east = np.tile([0.0, 1.0, 0.0, 0.0], (4, 1))
+    shaping = QInitialisation(east)
+    found = learn(line, learner, 50, shaping=shaping, eval_freq=25, evaluation=evaluation)
+    assert found.evaluation_steps.tolist() == [3 * 10 * 3]

@@ -28,7 +28,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
                     _mean_and_deviation(learnt.greedy_return[:, -1]),
                 )
     print_table(rows)
-    print("(means over seeds; the greedy return with its standard deviation)")
+    print("(means over seeds; evaluations are free; the greedy return with its standard deviation)")
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
     if compared and results.seeds:
         print(f"\n{results.comparison}")

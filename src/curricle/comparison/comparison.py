@@ -246,7 +246,7 @@ class Comparison:
     def __str__(self) -> str:
         width = max(len(name) for name in self.arms) + 2
         lines = [
-            f"{self.target!r} in {self.total:,} steps, sources charged; "
+            f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{self.seeds} seed{'s' * (self.seeds > 1)}{self.stopped and f' ({self.stopped})'}; "
             f"threshold {self.threshold:.4g}",
             f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"

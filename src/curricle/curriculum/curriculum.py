@@ -245,6 +245,7 @@ class Curriculum(TaskGraph):
             spent = self._spent(name, sources) if name == paying else None
             node, retrain = self.node(name), self.setting("retrain", name)
             retraining = retrain is not None and len(potentials[name]) > 0
+            node = node.solved() if retraining else node
             results[name] = (retrain.watched(node) if retraining else node).train(
                 numbers,
                 potentials[name],
@@ -256,7 +257,7 @@ class Curriculum(TaskGraph):
             )
             extra: IntArray | int = 0
             if retraining:
-                retrained[name] = self._retrained(name, results[name], sources, spent, snapshots)
+                retrained[name] = self._retrained(node, results[name], sources, spent, snapshots)
                 results[name], extra = retrained[name].result, retrained[name].extra
             sources[name] = SourceValues.of(results[name], extra)
             if progress is not None:
@@ -265,18 +266,17 @@ class Curriculum(TaskGraph):
 
     def _retrained(
         self,
-        name: str,
+        node: Node,
         first: LearningResult,
         sources: Mapping[str, SourceValues],
         spent: IntArray | None,
         snapshots: int,
     ) -> RetrainedResult:
         """Return a task's training, its sources retrained as often as needed."""
-        edges, aggregate = self.in_edges(name), self.setting("aggregate", name)
+        name, edges, aggregate = node.name, self.in_edges(node.name), node.aggregate
         potentials_of = partial(source_potentials, self.tasks[name], edges, aggregate=aggregate)
         direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
         retrain: RetrainSources = self.setting("retrain", name)
-        node = self.node(name)
         return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:

@@ -15,7 +15,7 @@ from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import Decision, StoppingRule, stopping_level
+from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_level
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -82,6 +82,12 @@ class Node:
     def replace(self, **settings: Any) -> Self:
         """Return the node with other settings."""
         return replace(self, **settings)
+
+    def solved(self) -> Self:
+        """Return the node with a stopping rule for which its task is not solved again."""
+        if not isinstance(self.budget, StoppingRule):
+            return self
+        return self.replace(budget=solved(self.budget, self.task, self.evaluation))
 
     @property
     def most_steps(self) -> int:
@@ -155,7 +161,9 @@ class Node:
         if not isinstance(self.budget, StoppingRule):
             return [[] for _ in result.seeds]
         level = stopping_level(self.budget, self.task, self.evaluation)
-        return [
-            self.budget.decisions(result.steps, greedy, level=level, used=int(used))
-            for greedy, used in zip(result.greedy_return, result.steps_used, strict=True)
-        ]
+        totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
+        found = list[list[Decision]]()
+        for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
+            each = self.budget.decisions(result.steps, greedy, level=level, used=used)
+            found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
+        return found

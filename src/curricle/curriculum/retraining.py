@@ -43,7 +43,8 @@ class RetrainSources:
         Sources are retrained when each of the last evaluations lies more than this return below
         the one at which the target started (or started again).
     steps : int
-        Further steps of each source; they are source steps like those before.
+        Further steps of each source; they are source steps like those before. The evaluations that
+        decide are free (:class:`GreedyEvaluation`).
     times : int
         How often at most.
     patience : int
@@ -295,5 +296,6 @@ def _spliced(first: LearningResult, second: LearningResult) -> LearningResult:
         guard_share=curve(first.guard_share, second.guard_share),
         episodes=curve(first.episodes, second.episodes + earlier),
         episodes_used=second.episodes_used + earlier,
+        evaluation_steps=first.evaluation_steps + second.evaluation_steps,
         snapshots=snapshots,
     )

@@ -67,7 +67,15 @@ class DeepRun(NamedTuple):
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
-        return Outcome(progress.record, values, progress.steps, progress.episodes, False, None)  # type: ignore[arg-type]
+        return Outcome(
+            progress.record,
+            values,  # type: ignore[arg-type]
+            progress.steps,
+            progress.episodes,
+            out_of_memory=False,
+            evaluation_steps=progress.evaluation_steps,
+            visits=None,
+        )
 
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
         rollout = getattr(model, "n_steps", 1) * model.n_envs
@@ -101,6 +109,7 @@ class Progress:
     """Of the episodes ended since the last checkpoint."""
     begun_learning: bool = False
     over: bool = False
+    evaluation_steps: int = 0
 
     @classmethod
     def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
@@ -170,6 +179,7 @@ class Recorder(BaseCallback):
             return float("nan")
         seed = splitmix64(self.start ^ (number + 1))
         episodes = self._environments.rollouts(self._greedy, seed)
+        self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task.discount))
 
     def _greedy(self, observations: Any) -> tuple[Any, Any]:

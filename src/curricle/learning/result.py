@@ -17,7 +17,7 @@ from curricle.tasks.task import Task
 
 HELD = ("greedy_return", "guard_share", "episodes")
 """Curves whose last value is repeated after a seed's end."""
-TOTALS = ("steps_used", "episodes_used", "out_of_memory", "own_rewards")
+TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
 """What there is one of for each seed."""
 
 
@@ -50,6 +50,9 @@ class LearningResult(Frozen):
         Episodes ended by each checkpoint.
     steps_used, episodes_used : (K,) int64
         Totals of each seed.
+    evaluation_steps : (K,) int64
+        Steps of the rollouts by which the greedy policy was evaluated, 0 where that is exact. No
+        budget is charged for them.
     out_of_memory : (K,) bool
         Whether a sparse table was full before the budget was used up. The run then ended at the
         step that needed another row.
@@ -79,6 +82,7 @@ class LearningResult(Frozen):
     episodes: IntArray
     steps_used: IntArray
     episodes_used: IntArray
+    evaluation_steps: IntArray
     out_of_memory: BoolArray
     guard_share: FloatArray
     own_rewards: BoolArray
@@ -121,6 +125,7 @@ def learning_result(
         steps=frozen(np.arange(n) * eval_freq),
         steps_used=frozen(np.array([outcome.steps for outcome in outcomes])),
         episodes_used=frozen(np.array([outcome.episodes for outcome in outcomes])),
+        evaluation_steps=frozen(np.array([outcome.evaluation_steps for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
         own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
         visits=frozen(np.stack(visits)) if visits else None,

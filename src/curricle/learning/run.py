@@ -38,8 +38,8 @@ UNROLLED = 64
 class Outcome:
     """What one seed leaves: its record, its values if saved, its totals.
 
-    `visits` and `own_rewards` are as in :class:`LearningResult`, `advice` is what the policy acts
-    on besides values.
+    `evaluation_steps`, `visits` and `own_rewards` are as in :class:`LearningResult`, `advice` is
+    what the policy acts on besides values.
     """
 
     record: Record
@@ -47,6 +47,7 @@ class Outcome:
     steps: int
     episodes: int
     out_of_memory: bool
+    evaluation_steps: int
     visits: IntArray | None
     own_rewards: bool = True
     advice: Any = 0.0
@@ -61,6 +62,7 @@ class _Seed(NamedTuple):
     record: Record
     used: Used
     visits: IntArray | None  # (rows of all tables, A), counted while learning
+    evaluation: EvaluationKernel
 
     @property
     def initial(self) -> Any:
@@ -98,7 +100,7 @@ class Run:
         record = Record.empty(self.longest // self.eval_freq + 1, *kept)
         used = settings.warm_up.write(record, self.eval_freq)
         visits, shaping = self._visits(settings.warm_up), settings.shaping
-        seed = _Seed(start, settings, out, record, used, visits)
+        seed = _Seed(start, settings, out, record, used, visits, self.evaluation.for_run(start))
         if shaping is not None and shaping.guard is not None:
             return self._train_guarded(seed, shaping.guard)
         return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
@@ -120,14 +122,15 @@ class Run:
         values = _visited(table) if self.storage.save_values else None
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
         full = early and not self._stopped(seed.record, steps)
-        return Outcome(seed.record, values, steps, episodes, full, None)
+        return Outcome(seed.record, values, steps, episodes, full, seed.evaluation.steps, None)
 
     def _outcome(self, seed: _Seed, steps: int, episodes: int, **more: Any) -> Outcome:
         """Return what a seed with dense tables leaves."""
         visits = None
         if seed.visits is not None and seed.out is not None:
             visits = seed.visits.reshape(-1, *self.shape)
-        return Outcome(seed.record, seed.out, steps, episodes, False, visits, **more)
+        spent = seed.evaluation.steps
+        return Outcome(seed.record, seed.out, steps, episodes, False, spent, visits, **more)
 
     def _stopped(self, record: Record, steps: int) -> bool:
         """Return whether a run that ended at so many steps ended by its stopping rule."""
@@ -178,7 +181,7 @@ class Run:
                 (self.task.discount, np.int64(NO_LIMIT if limit is None else limit)),
                 self.learner.kernel(seed.visits),
                 *tables,
-                self.evaluation.for_run(seed.start),
+                seed.evaluation,
                 np.array([seed.start], dtype=np.uint64),
                 seed.used,
                 Bounds(steps - seed.settings.charged, episodes, self.stopping),

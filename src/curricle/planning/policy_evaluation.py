@@ -45,11 +45,17 @@ class RolloutEvaluation(NamedTuple):
     horizon: int  # steps of an episode
     stream: npt.NDArray[np.uint64]  # (1,)
     total: FloatArray  # (2,) work space
+    taken: IntArray  # (1,) steps of all episodes so far
+
+    @property
+    def steps(self) -> int:
+        """Steps of all episodes so far."""
+        return int(self.taken[0])
 
     def for_run(self, start: int) -> "RolloutEvaluation":
         """Return this for a run whose random stream starts at `start`."""
         stream = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64)
-        return self._replace(stream=stream, total=np.zeros(2))
+        return self._replace(stream=stream, total=np.zeros(2), taken=np.zeros(1, np.int64))
 
 
 class ExactEvaluation(NamedTuple):
@@ -64,6 +70,11 @@ class ExactEvaluation(NamedTuple):
     greedy: IntArray  # (S,) work space
     values: FloatArray  # (1, A) work space
 
+    @property
+    def steps(self) -> int:
+        """None of the task: the tables are read."""
+        return 0
+
     def for_run(self, start: int) -> "ExactEvaluation":
         """Return this with work space of its own for a run."""
         return ExactEvaluation(*self[:4], *_work_space(*self.tables.outcome_row.shape))
@@ -71,6 +82,11 @@ class ExactEvaluation(NamedTuple):
 
 class NoEvaluation(NamedTuple):
     """No evaluation: every return is NaN."""
+
+    @property
+    def steps(self) -> int:
+        """None."""
+        return 0
 
     def for_run(self, start: int) -> "NoEvaluation":
         """Return this."""
@@ -91,7 +107,10 @@ class GreedyEvaluation:
     """How the greedy policy is evaluated at each checkpoint.
 
     Estimated is the expected return of one episode from the start distribution, cut at the time
-    limit, ties broken uniformly, in the task's own (unshaped) rewards.
+    limit, ties broken uniformly, in the task's own (unshaped) rewards. No budget is charged for it:
+    an exact evaluation takes a model of the task and no steps, and the steps that rollouts take are
+    counted in ``LearningResult.evaluation_steps``, also where a :class:`StoppingRule` or
+    :class:`RetrainSources` decides on them.
 
     Parameters
     ----------
@@ -129,7 +148,7 @@ class GreedyEvaluation:
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
             return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0))
-        none = np.zeros(0, np.uint64), np.zeros(0)
+        none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64)
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 
     def discount(self, discount: float) -> float:
@@ -212,7 +231,8 @@ def _rollout_return(evaluation, model, view):
     total[0] = 0.0
     for _ in range(evaluation.episodes):
         state, total[1] = first_state(own, draw(stream)), 1.0
-        simulate_episode(own, policy, state, stream, evaluation.horizon, record, 0)
+        n, state, _ = simulate_episode(own, policy, state, stream, evaluation.horizon, record, 0)
+        evaluation.taken[0] += n
     return total[0] / evaluation.episodes
 
 

@@ -67,6 +67,7 @@ def some_result(seeds=(0, 7), n=5, guarded=False):
         episodes=rng.integers(0, 100, shape).cumsum(axis=1),
         steps_used=used,
         episodes_used=np.ones(len(seeds), np.int64),
+        evaluation_steps=np.zeros(len(seeds), np.int64),
         out_of_memory=np.zeros(len(seeds), np.bool_),
         own_rewards=np.ones(len(seeds), np.bool_),
         guard_share=rng.random(shape) if guarded else np.full(shape, np.nan),
