@@ -165,14 +165,14 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
     assert code == 1
-    assert "curricle: chain-results already holds this study, 16 units of it: go on" in complaint
+    assert "curricle: chain-results already holds results, 16 units: go on" in complaint
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
     assert "seeds 3\n" in progress
     assert "seeds 0" not in progress
-    code, _, complaint = curricle("run", study_file, "--resume")
-    assert code == 1
-    assert "holds results of other settings: " in complaint
+    code, told, _ = curricle("run", study_file, "--resume", "--dry-run")
+    assert code == 0
+    assert told.startswith("scratch: maze, seeds 0-3, is stale and trained again: budget was 300")
 
 
 def test_run_in_processes_is_the_same(curricle, study_file, finished, tmp_path, contents):

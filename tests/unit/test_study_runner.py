@@ -279,7 +279,7 @@ def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
         for name in unit.sources
         for known in [done.result("chain", name, values=True)]
     }
-    given = UnitInput(json.dumps(study.to_data()), str(study.folder), unit, sources)
+    given = UnitInput(json.dumps(study.to_data()), str(study.folder), "{}", unit, sources)
     once, again = train_unit(given), train_unit(pickle.loads(pickle.dumps(given)))
     assert repr(once.decisions) == repr(again.decisions)  # NaN is not equal to itself
     assert once.arrays.keys() == again.arrays.keys()

@@ -67,6 +67,9 @@ def run(
         list[str] | None, typer.Option(help="Also send curves to tensorboard, wandb or mlflow.")
     ] = None,
     resume: Annotated[bool, typer.Option(help="Go on with what the folder holds.")] = False,
+    keep_stale: Annotated[
+        bool, typer.Option(help="Use units that were trained before code changed.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
@@ -79,13 +82,14 @@ def run(
     study = _read(file, seeds, changes)
     folder = out or Path(f"{file.stem}-results")
     if dry_run:
-        for line in units_left(study, folder, _part(shard)):
+        for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
             typer.echo(line)
         return
     run_with_bars(
         study,
         folder,
         resume=resume,
+        keep_stale=keep_stale,
         workers=workers,
         processes=processes,
         shard=_part(shard),

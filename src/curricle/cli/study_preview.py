@@ -15,7 +15,9 @@ from curricle.planning.target import Target
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, costs
-from curricle.study.store import STUDY, StudyStore
+from curricle.study.folders import STUDY
+from curricle.study.resuming import Done, arms_in, usable_units
+from curricle.study.store import StudyStore
 from curricle.study.units import units_of
 from curricle.transfer.descriptions import mapping_words
 from curricle.transfer.edges import transfer_names
@@ -112,12 +114,18 @@ def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
     return found
 
 
-def units_left(study: StudyConfig, path: Path, shard: tuple[int, int]) -> Iterator[str]:
-    """Yield the units that a run into a folder would train, and how many it holds already."""
-    arms = Arms.of(study)
-    store = StudyStore(path) if (path / STUDY).exists() else None
-    left = units_of(study, arms, store.finished() if store else {}, shard)
+def units_left(
+    study: StudyConfig, path: Path, shard: tuple[int, int], *, keep_stale: bool
+) -> Iterator[str]:
+    """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
+    arms = arms_in(study, path, keep_stale=keep_stale)
+    done: Done = {}
+    if (path / STUDY).exists():
+        done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
+        yield from remarks
+    left = units_of(study, arms, done, shard)
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
-    yield f"{len(left)} units to do, {len(store.units()) if store else 0} done, in {path}"
+    used = {unit for key in arms.keys.values() for unit in done.get(key, {}).values()}
+    yield f"{len(left)} units to do, {len(used)} done, in {path}"

@@ -90,7 +90,7 @@ class Trackers:
         self, trackers: Iterable[Tracker], report: Callable[[str], Any] | None = None
     ) -> None:
         self._working = list(trackers)
-        self._report = _to_stderr if report is None else report
+        self._report = to_stderr if report is None else report
         self._recorded = False
         self.failures: list[str] = []
 
@@ -179,7 +179,8 @@ def tracker_of(given: str | Tracker) -> Tracker:
     return made
 
 
-def _to_stderr(sentence: str) -> None:
+def to_stderr(sentence: str) -> None:
+    """Print a sentence to stderr."""
     print(sentence, file=sys.stderr)
 
 

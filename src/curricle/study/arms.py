@@ -1,8 +1,7 @@
 """A study's arms as they are trained: with one total of steps, learning from scratch first."""
 
-import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,14 +9,12 @@ from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
-from curricle.errors import SettingError
+from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.task_names import NameGraph
+from curricle.study.dependencies import Dependencies, dependencies_of, key_of
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-
-KEY_BYTES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +36,8 @@ class Arms:
     keys : dict of (str, str) to str
         For each arm and task a short hash of all that its result depends on, except the seed: arms
         that share a source train it once.
+    dependencies : dict of (str, str) to dict
+        All that: settings, sources, Curricle's version, and the digests of the user's own modules.
     """
 
     curricula: Mapping[str, Curriculum]
@@ -47,6 +46,7 @@ class Arms:
     total: int | None
     eval_freq: int
     keys: Mapping[tuple[str, str], str]
+    dependencies: Mapping[tuple[str, str], Dependencies]
 
     @property
     def live(self) -> bool:
@@ -58,9 +58,26 @@ class Arms:
         tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
         return any(is_live(task) or is_observation_task(task) for task in tasks)
 
+    @property
+    def keys_by_arm(self) -> dict[str, dict[str, str]]:
+        """The keys of each arm's tasks."""
+        found: dict[str, dict[str, str]] = {}
+        for (arm, task), key in self.keys.items():
+            found.setdefault(arm, {})[task] = key
+        return found
+
+    @property
+    def code(self) -> dict[str, str]:
+        """The digest of each of the user's own modules that any arm uses, by file."""
+        each = [depends["code"] for depends in self.dependencies.values()]
+        return {file: code[file] for code in each for file in code}
+
     @classmethod
-    def of(cls, study: StudyConfig) -> "Arms":
-        """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
+    def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> "Arms":
+        """Return a study's arms; SettingError or CurriculumError if they are not comparable.
+
+        `choose` gives what depends on something its key.
+        """
         given = study.curricula
         check_comparable(given)
         first = next(iter(given.values()))
@@ -91,12 +108,13 @@ class Arms:
         data = study.to_data()["arms"]
         if study.scratch:
             data = {SCRATCH: _scratch_data(next(iter(data.values())), target), **data}
-        keys = {
-            (arm, name): key
-            for arm, curriculum in given.items()
-            for name, key in _keys(data[arm], curriculum, total).items()
-        }
-        return cls(given, target, budget, total, node.eval_freq, keys)
+        keys: dict[tuple[str, str], str] = {}
+        dependencies: dict[tuple[str, str], Dependencies] = {}
+        for arm, curriculum in given.items():
+            found = dependencies_of(data[arm], curriculum, total, study.folder, choose)
+            for name, key, depends in found:
+                keys[arm, name], dependencies[arm, name] = key, depends
+        return cls(given, target, budget, total, node.eval_freq, keys, dependencies)
 
 
 def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
@@ -107,25 +125,21 @@ def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
     return {"tasks": tasks, "transfers": []}
 
 
-def _keys(arm: dict[str, Any], curriculum: Curriculum, total: int | None) -> dict[str, str]:
-    """Return the key of each task of an arm, sources first."""
-    keys: dict[str, str] = {}
-    graph = NameGraph.of(arm)
-    for name in curriculum.order:
-        transfers = [
-            {**transfer, "source": keys[transfer["source"]]}
-            for transfer in arm["transfers"]
-            if transfer["target"] == name
-        ]
-        task, *others = (arm["tasks"][drawing] for drawing in graph.drawings(name))
-        mazes = [{k: v for k, v in other.items() if k not in SETTINGS} for other in others]
-        budget = total if name == curriculum.target else None
-        data = json.dumps([name, task, mazes, transfers, budget], sort_keys=True)
-        keys[name] = hashlib.blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
-    return keys
-
-
 @lru_cache(maxsize=4)
-def arms_from_json(config: str, folder: str) -> Arms:
-    """Return the arms of the study that a JSON text describes; cached, as many units ask."""
-    return Arms.of(StudyConfig.from_data(json.loads(config), Path(folder)))
+def arms_from_json(config: str, folder: str, code: str) -> Arms:
+    """Return the arms of the study that a JSON text describes; cached, as many units ask.
+
+    Raises
+    ------
+    ConfigError
+        When the user's own modules are not, or no longer, those of `code`, the JSON of
+        :attr:`Arms.code`.
+    """
+    arms = Arms.of(StudyConfig.from_data(json.loads(config), Path(folder)))
+    here, there = arms.code, json.loads(code)
+    for file in sorted({*here, *there}):
+        if here.get(file) != there.get(file):
+            raise ConfigError(
+                f"{file} is not as it was when the run began: run it again with --resume"
+            )
+    return arms

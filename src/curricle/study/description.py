@@ -10,6 +10,8 @@ MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window", "snapsho
 
 def differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
     """Yield the keys, with both values, in which two descriptions differ and results may too."""
+    if isinstance(mine, list) and isinstance(yours, list) and len(mine) == len(yours):
+        mine, yours = (dict(enumerate(each)) for each in (mine, yours))
     if not (isinstance(mine, dict) and isinstance(yours, dict)):
         if mine != yours:
             yield name, (mine, yours)

@@ -20,6 +20,7 @@ from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
+from curricle.study.folders import RUNS, STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
 from curricle.study.serialization import (
     CURVES,
@@ -31,7 +32,8 @@ from curricle.study.serialization import (
     result_of,
 )
 from curricle.study.source_values import source_values, sources_read
-from curricle.study.store import RUNS, STUDY, StoredUnit, StudyStore
+from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.stored_values import stored_values
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
@@ -154,7 +156,7 @@ class StudyResults:
                     f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
                     f"{missing[0]} yet"
                 )
-            found[name] = self.store.source_values(units, seeds, read=name in read)
+            found[name] = stored_values(self.store, units, seeds, read=name in read)
         return source_values(curriculum, seeds, found)
 
     def _units(self, arm: str, task: str) -> list[StoredUnit]:

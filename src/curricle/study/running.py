@@ -18,7 +18,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -26,18 +26,21 @@ from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.errors import SettingError, StoreError
-from curricle.interop.trackers import Tracker, open_trackers, tracker_of
+from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.failures import FAILURES, Failures, read_failures
+from curricle.study.folders import CHECKPOINTS
 from curricle.study.record import plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
+from curricle.study.resuming import Done, arms_in, different_versions, usable_units
 from curricle.study.serialization import UnitResult, result_of, without_snapshots
 from curricle.study.source_values import sources_read
-from curricle.study.store import CHECKPOINTS, StoredUnit, StudyStore
+from curricle.study.store import StudyStore
+from curricle.study.stored_values import stored_values
 from curricle.study.units import Unit, UnitInput, train_unit, units_of
 
 AHEAD = 2
@@ -71,6 +74,7 @@ def run_study(
     workers: int | None = None,
     executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
+    keep_stale: bool = False,
     trackers: Sequence[str | Tracker] = (),
     report: Callable[[str], Any] | None = None,
     progress: Callable[[Progress], Any] | None = None,
@@ -83,8 +87,9 @@ def run_study(
     path : path
         The folder; made if need be.
     resume : bool
-        Whether to go on with what the folder holds of this study. More seeds may be asked for than
-        before.
+        Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
+        of it is damaged, or if it is stale: there is one of its task, but that depended on other
+        settings, sources or code of the user's own, or on another version of Curricle.
     workers : int, optional
         Threads; as many as there are processors by default, one where a task runs in Python or is
         learnt by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
@@ -94,11 +99,14 @@ def run_study(
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
         together.
+    keep_stale : bool
+        Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
         They get each unit's curves too: "tensorboard", "wandb", "mlflow", or one's own. One that
         fails is reported and switched off; it never stops the run.
     report : callable, optional
-        Called with a sentence for each failure of a tracker; printed to stderr by default.
+        Called with a sentence for each failure of a tracker, and for each task with units that are
+        damaged or stale; printed to stderr by default.
     progress : callable, optional
         Called with a :class:`Progress` at the beginning and whenever a unit is stored.
 
@@ -131,7 +139,7 @@ def run_study(
     part, parts = shard
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
-    arms = Arms.of(study)
+    arms = arms_in(study, path, keep_stale=keep_stale)
     try:
         study.check_networks()
     except ImportError as error:
@@ -141,11 +149,14 @@ def run_study(
     description = {
         "curricle": metadata.version("curricle"),
         "configuration": configuration,
+        "code": arms.code,
     }
     described = {**description, "record": plain(study_record(study, arms))}
-    with StudyStore.opened(path, described, resume=resume) as store, ExitStack() as ending:
-        store.add_run(_provenance(study))
-        done = store.finished()
+    report = report or to_stderr
+    with ExitStack() as ending:
+        opened = StudyStore.opened(path, described, resume=resume, check=False)
+        store = ending.enter_context(opened)
+        done = _begun(store, study, arms, report)
         units = units_of(study, arms, done, shard)
         tracking = open_trackers(trackers, study.name, description, store.path, report)
         ending.callback(tracking.close)
@@ -154,9 +165,9 @@ def run_study(
         pool = executor or ThreadPoolExecutor(1 if arms.live else workers)
         if executor is None:  # do not wait for units whose results would be thrown away
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        config = json.dumps(configuration)
+        given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures = Failures(arms.keys)
-        scheduler = _Scheduler(config, folder, arms, store, done, pool, workers * AHEAD, failures)
+        scheduler = _Scheduler(given, arms, store, done, pool, workers * AHEAD, failures)
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
             report_progress(Progress(tuple(units), unit))
@@ -171,6 +182,16 @@ def run_study(
     return found
 
 
+def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
+    """Note a run in its folder, and return the units there that it uses."""
+    done, remarks = usable_units(store, arms, remove_damaged=True)
+    run = _provenance(study)
+    for sentence in (*remarks, *different_versions(store.runs(), run)):
+        report(sentence)
+    store.add_run(run)
+    return done
+
+
 def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
     """Write the failures of a run in the place of those of an earlier one."""
     if rows:
@@ -183,11 +204,11 @@ def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
 class _Scheduler:
     """Sends units through an executor, each after its sources, and stores their results."""
 
-    config: str
-    folder: str
+    study: tuple[str, str, str]
+    """The first fields of :class:`UnitInput`."""
     arms: Arms
     store: StudyStore
-    done: dict[str, dict[int, StoredUnit]]
+    done: Done
     pool: Executor
     ahead: int
     failures: Failures
@@ -242,12 +263,12 @@ class _Scheduler:
         curriculum = self.arms.curricula[unit.arm]
         read = sources_read(curriculum, unit.task)
         sources = {
-            name: self.store.source_values(self.done[key], unit.seeds, read=name in read)
+            name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
             for name, key in unit.sources.items()
         }
         deep = curriculum.node(unit.task).deep
         checkpoints = str(self.store.checkpoints(unit)) if deep else None
-        return UnitInput(self.config, self.folder, unit, sources, checkpoints)
+        return UnitInput(*self.study, unit, sources, checkpoints)
 
     def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
         stored = self.store.write_unit(unit, result)
@@ -327,6 +348,11 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
     found = [store.units() for store in stores]
     for study, units in zip(studies, found, strict=True):
         stores[0].check(study.store.description)
+        if study.record.keys != studies[0].record.keys:
+            raise StoreError(
+                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
+                "are merged must be of the same"
+            )
         for unit in units:  # damage is found before anything is written
             study.store.result(unit, unit.seeds, study.most_bytes)
     analysis = next(
@@ -345,7 +371,7 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
                     result = store.result(unit, new)
                     if first not in new:  # a study keeps the snapshots of its first seed alone
                         result = without_snapshots(result)
-                    taken = target.write_unit(unit._replace(seeds=new), result)
+                    taken = target.write_unit(replace(unit, seeds=new), result)
                     there |= dict.fromkeys(new, taken)
             merged = StudyResults(path)
             merged.write_tables()

@@ -4,21 +4,31 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 from filelock import FileLock, Timeout
 
-from curricle.curriculum.sources import Progress
 from curricle.errors import StoreError
 from curricle.files import PART, part_in, read_bounded, write_whole
+from curricle.study.dependencies import Dependencies
 from curricle.study.description import differences, shown
+from curricle.study.folders import (
+    CHECKPOINTS,
+    LOCK,
+    MANIFEST,
+    RUNS,
+    STUDY,
+    UNITS,
+    check_ours,
+    write_errors,
+)
 from curricle.study.record import UnitRecord, read_record
 from curricle.study.sealed_json import as_json, digest_of, sealed, unsealed
 from curricle.study.serialization import (
@@ -35,33 +45,29 @@ from curricle.study.serialization import (
     of_seeds,
     read_npz,
     read_parquet,
-    values_of,
 )
-from curricle.study.source_values import StoredValues
 from curricle.study.units import Unit, seed_ranges
 
-STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 SCHEMA_VERSION = 2
 """Of the folder's layout; a folder of another version is refused."""
 LARGEST_JSON = 2**26
 """Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
 Result = TypeVar("Result")
-CHECKPOINTS = ".checkpoints"
-"""Where networks in training are saved, to go on from."""
-UNITS, MANIFEST = "units", "unit.json"
 
 
-class StoredUnit(NamedTuple):
-    """A unit in the store: its folder, its key and its seeds."""
+@dataclass(frozen=True)
+class StoredUnit:
+    """A unit in the store: its folder, its key, what that is a hash of, and its seeds."""
 
     path: Path
     key: str
+    dependencies: Dependencies = field(hash=False, repr=False)
     task: str
     seeds: tuple[int, ...]
 
 
 class StudyStore:
-    """A folder of results that all depend on one description; results of others are refused.
+    """A folder of results and their description.
 
     Every file is written beside its place and moved there when it is complete and on disk, so that
     a run killed at any moment leaves whole files and whole units only.
@@ -105,7 +111,12 @@ class StudyStore:
     @classmethod
     @contextmanager
     def opened(
-        cls, path: str | Path, description: Mapping[str, Any], *, resume: bool
+        cls,
+        path: str | Path,
+        description: Mapping[str, Any],
+        *,
+        resume: bool,
+        check: bool = True,
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
@@ -117,7 +128,10 @@ class StudyStore:
         description : dict
             What the results depend on.
         resume : bool
-            Whether the folder may hold units of this description already.
+            Whether the folder may hold units already.
+        check : bool
+            Whether to refuse results of another description. A study needs no such check, since
+            each unit says what it depends on: its description replaces that of an earlier one.
 
         Raises
         ------
@@ -125,8 +139,8 @@ class StudyStore:
             When the folder is in use, or holds results of another description or other files.
         """
         path = Path(path)
-        with _write_errors(path):
-            _check_ours(path, resume)
+        with write_errors(path):
+            check_ours(path, resume)
             path.mkdir(parents=True, exist_ok=True)
             lock = FileLock(path / LOCK)
             try:
@@ -136,19 +150,22 @@ class StudyStore:
                     f"only one run at a time can write to a folder: another is at work on {path}"
                 ) from None
         try:
-            yield cls._claimed(path, json.loads(json.dumps(description)), resume)
+            yield cls._claimed(path, json.loads(json.dumps(description)), resume, check)
         finally:
             lock.release()
 
     @classmethod
-    def _claimed(cls, path: Path, description: dict[str, Any], resume: bool) -> "StudyStore":
+    def _claimed(
+        cls, path: Path, description: dict[str, Any], resume: bool, check: bool
+    ) -> "StudyStore":
         if (path / STUDY).exists():
             store = cls(path)
-            store.check(description)
+            if check or "configuration" not in store.description:
+                store.check(description)
             if not resume and (units := store.units()):
                 raise StoreError(
-                    f"{path} already holds this study, {len(units)} units of it: go on "
-                    "with --resume, or choose another folder"
+                    f"{path} already holds results, {len(units)} units: go on with --resume, or "
+                    "choose another folder"
                 )
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))
@@ -157,7 +174,7 @@ class StudyStore:
         for part in [*path.rglob(f".*{PART}")]:
             # A killed run left it; it is not complete.
             shutil.rmtree(part) if part.is_dir() else part.unlink(missing_ok=True)
-        with _write_errors(path):
+        with write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
 
@@ -178,7 +195,7 @@ class StudyStore:
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
         path = self.path / name
-        with _write_errors(self.path):
+        with write_errors(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, content)
 
@@ -239,16 +256,33 @@ class StudyStore:
 
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path; StoreError names one that is damaged."""
-        manifests = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
-        found = [path for path in manifests if not path.parent.name.endswith(PART)]
-        return [self._stored(path) for path in sorted(found)]
+        return [self._stored(manifest) for manifest in self._manifests()]
 
-    def finished(self) -> dict[str, dict[int, StoredUnit]]:
-        """Return the unit that holds each seed: key -> seed -> unit."""
+    def finished(self, without: Collection[Path] = ()) -> dict[str, dict[int, StoredUnit]]:
+        """Return the unit that holds each seed, key -> seed -> unit, `without` some folders."""
         found: dict[str, dict[int, StoredUnit]] = {}
-        for stored in self.units():
-            found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        for manifest in self._manifests():
+            if manifest.parent not in without:
+                stored = self._stored(manifest)
+                found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
         return found
+
+    def damaged_units(self) -> dict[Path, Path]:
+        """Return the folders of units that are damaged, each with a file that is; all are read."""
+        found = dict[Path, Path]()
+        for manifest in self._manifests():
+            file = manifest
+            try:
+                for name in self._manifest(manifest).files:
+                    file = manifest.parent / name
+                    self._content(file)
+            except StoreError:
+                found[manifest.parent] = file
+        return found
+
+    def _manifests(self) -> list[Path]:
+        found = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
+        return sorted(path for path in found if not path.parent.name.endswith(PART))
 
     def _stored(self, manifest: Path) -> StoredUnit:
         found = self._manifest(manifest)
@@ -256,7 +290,7 @@ class StudyStore:
             file = manifest.parent / name
             if not file.is_file() or file.stat().st_size != size:
                 raise self._damage(file)
-        return StoredUnit(manifest.parent, found.key, found.task, found.seeds)
+        return StoredUnit(manifest.parent, found.key, found.dependencies, found.task, found.seeds)
 
     def _manifest(self, path: Path) -> UnitRecord:
         found = self.read_sealed(self._name(path))
@@ -268,10 +302,10 @@ class StudyStore:
                 f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
                 "delete it and run the study again with --resume"
             )
-        what = "it" if file.parent == self.path else f"the folder {file.parent}"
+        how = "delete it and run" if file.parent == self.path else "run"
         return StoreError(
-            f"{file} is damaged: its checksum does not fit; delete {what} and "
-            "run the study again with --resume, which does only what is missing"
+            f"{file} is damaged: its checksum does not fit; {how} the study again with --resume, "
+            "which trains only what is missing or damaged"
         )
 
     def write_unit(self, unit: Unit | StoredUnit, result: UnitResult) -> StoredUnit:
@@ -280,8 +314,14 @@ class StudyStore:
         place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
         files = files_of(unit.task, result)
         sizes = {file: [len(content), digest_of(content)] for file, content in files.items()}
-        about = {"key": unit.key, "task": unit.task, "seeds": unit.seeds, "files": sizes}
-        with _write_errors(self.path):
+        about = {
+            "key": unit.key,
+            "task": unit.task,
+            "seeds": unit.seeds,
+            "files": sizes,
+            "dependencies": unit.dependencies,
+        }
+        with write_errors(self.path):
             place.parent.mkdir(parents=True, exist_ok=True)
             part = part_in(place.parent)
             part.mkdir()
@@ -294,7 +334,7 @@ class StudyStore:
             except BaseException:
                 shutil.rmtree(part, ignore_errors=True)
                 raise
-        return StoredUnit(place, unit.key, unit.task, unit.seeds)
+        return StoredUnit(place, unit.key, unit.dependencies, unit.task, unit.seeds)
 
     def checkpoints(self, unit: Unit | StoredUnit) -> Path:
         """Return the folder for checkpoints of a unit's training until it is stored."""
@@ -346,56 +386,6 @@ class StudyStore:
         arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS, most=most)
         rows = self.table(stored, DECISIONS).to_pylist()
         return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
-
-    def source_values(
-        self, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
-    ) -> StoredValues:
-        """Return what seeds learnt in a task, its values only if they are to be `read`.
-
-        `done` has the unit that holds each seed.
-        """
-        units = {done[seed].path: done[seed] for seed in seeds}
-        names = (RUN, VALUES) if read else (RUN,)
-        arrays = {path: self.arrays(stored, *names) for path, stored in units.items()}
-        rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-        each = [values_of(found, k) for found, k in rows]
-        values: Any = None  # not needed, or not saved: training raises an error then
-        if all(one is not None for one in each):
-            values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-        own = np.array([found["steps_used"][k] for found, k in rows])
-        steps = own + [found["retraining_steps"][k] for found, k in rows]
-        visits = [found["visits"][k] for found, k in rows if "visits" in found]
-        scales = [
-            (float(found["scale"][k]), float(found["shift"][k]))
-            for found, k in rows
-            if "scale" in found
-        ]
-        return StoredValues(
-            values, steps, scales, Progress(own, np.stack(visits) if visits else None)
-        )
-
-
-def _check_ours(path: Path, resume: bool) -> None:
-    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
-    if path.exists() and not path.is_dir():
-        raise StoreError(f"results need a folder: {path} is a file")
-    ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-    if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
-        raise StoreError(
-            f"results need an empty folder or one of earlier results: {path} holds other files"
-        )
-
-
-@contextmanager
-def _write_errors(path: Path) -> Iterator[None]:
-    """Turn a failure to write into a StoreError that says what is safe."""
-    try:
-        yield
-    except OSError as error:
-        raise StoreError(
-            f"results cannot be written to {path} ({error.strerror}): what was stored before is "
-            "whole, and a run with --resume goes on from there"
-        ) from error
 
 
 def _short(seeds: tuple[int, ...]) -> str:

@@ -11,6 +11,7 @@ from curricle.learning.budget import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.dependencies import Dependencies
 from curricle.study.serialization import UnitResult, arrays_of
 from curricle.study.source_values import StoredValues, source_values
 
@@ -29,12 +30,14 @@ class Unit:
         Ascending.
     sources : dict of str to str
         The tasks that must have been trained for these seeds before, with their keys.
+    dependencies : dict
+        What the key is a hash of, as plain data.
     snapshots : int
         Value tables of the first seed that are kept during training.
 
     Examples
     --------
-    >>> Unit("0f", "scratch", "maze", (0, 1, 4), {}, 0).label
+    >>> Unit("0f", "scratch", "maze", (0, 1, 4), {}, {}, 0).label
     'scratch: maze, seeds 0-1+4'
     """
 
@@ -43,6 +46,7 @@ class Unit:
     task: str
     seeds: tuple[int, ...]
     sources: Mapping[str, str] = field(hash=False)
+    dependencies: Dependencies = field(hash=False, repr=False)
     snapshots: int
 
     @property
@@ -92,7 +96,8 @@ def units_of(
             sources = {name: arms.keys[arm, name] for name in curriculum.ancestors(task)}
             for members in groups.values():
                 snapshots = study.snapshots if members[0] == first else 0
-                unit = Unit(key, arm, task, tuple(members), sources, snapshots)
+                depends = arms.dependencies[arm, task]
+                unit = Unit(key, arm, task, tuple(members), sources, depends, snapshots)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
 
@@ -104,6 +109,8 @@ class UnitInput(NamedTuple):
     """JSON of :meth:`StudyConfig.to_data`."""
     folder: str
     """Of the study's own modules."""
+    code: str
+    """JSON of :attr:`Arms.code`: the modules must be as they were when the run began."""
     unit: Unit
     sources: Mapping[str, StoredValues]
     checkpoints: str | None = None
@@ -112,7 +119,7 @@ class UnitInput(NamedTuple):
 
 def train_unit(given: UnitInput) -> UnitResult:
     """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
-    arms = arms_from_json(given.config, given.folder)
+    arms = arms_from_json(given.config, given.folder, given.code)
     unit = given.unit
     curriculum = _with_memory_for_all(arms.curricula[unit.arm], unit)
     found = curriculum.train(

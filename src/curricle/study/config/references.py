@@ -12,6 +12,9 @@ from typing import Any
 
 from curricle.errors import ConfigError, CurricleError
 
+IMPORTED = dict[str, tuple[int, int] | None]()
+"""The time and size of each module's file when it was imported."""
+
 
 def load(reference: str, folder: Path) -> Callable[..., Any]:
     """Return the function that ``module:function`` names.
@@ -56,8 +59,12 @@ def users_code(reference: str) -> Iterator[None]:
 
 def _module(name: str, folder: Path) -> ModuleType | None:
     """Return a module beside the study file or on ``sys.path``; None if there is none."""
-    paths = (f"{_package(folder)}.{name}", name)
-    return next((importlib.import_module(path) for path in paths if _exists(path)), None)
+    package = _package(folder)
+    paths = (f"{package}.{name}", name)
+    found = next((importlib.import_module(path) for path in paths if _exists(path)), None)
+    for module in _modules_in(package):
+        IMPORTED.setdefault(module, _stamp(module))
+    return found
 
 
 def _exists(path: str) -> bool:
@@ -69,11 +76,32 @@ def _exists(path: str) -> bool:
 def _package(folder: Path) -> str:
     """Return the name of a package whose modules are those in a folder.
 
-    As its submodules they are found without changing ``sys.path``, and keep apart from others.
+    As its submodules they are found without changing ``sys.path``, and keep apart from others. When
+    a file of them has changed since it was imported, they are imported again.
     """
     path = str(folder.resolve())
     name = f"curricle_study_{hashlib.sha256(path.encode()).hexdigest()[:16]}"
+    imported = _modules_in(name)
+    if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
+        for module in imported:  # all, since they import each other
+            del sys.modules[module]
+            IMPORTED.pop(module, None)
+        importlib.invalidate_caches()
     package = ModuleType(name, f"The modules in {path}.")
     package.__path__ = [path]
     sys.modules.setdefault(name, package)
     return name
+
+
+def _modules_in(package: str) -> list[str]:
+    return [name for name in list(sys.modules) if name.startswith(f"{package}.")]
+
+
+def _stamp(module: str) -> tuple[int, int] | None:
+    """Return the time and size of a module's file now; None if it has none."""
+    file = getattr(sys.modules[module], "__file__", None)
+    try:
+        found = Path(file or "").stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

@@ -1,0 +1,66 @@
+"""What a run finds in its folder: the units that it uses, and why it does not use others."""
+
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
+from curricle.study.folders import STUDY
+from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.units import seed_ranges
+
+Done = dict[str, dict[int, StoredUnit]]
+"""Key -> seed -> unit."""
+
+
+def arms_in(study: StudyConfig, path: str | Path, *, keep_stale: bool) -> Arms:
+    """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
+    if not keep_stale or not (Path(path) / STUDY).exists():
+        return Arms.of(study)
+    store = StudyStore(path)
+    return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
+
+
+def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
+    """Return the units that are whole, and a sentence about each task with others.
+
+    Damaged units are deleted if asked for; stale ones stay, and are found again if what they depend
+    on is as it was.
+    """
+    damaged = store.damaged_units()
+    remarks = [f"{file} is damaged: its unit is trained again" for file in damaged.values()]
+    if remove_damaged:
+        for folder in damaged:
+            shutil.rmtree(folder)
+    done = store.finished(without=damaged)
+    return done, [*remarks, *_stale(arms, done)]
+
+
+def _stale(arms: Arms, done: Done) -> Iterator[str]:
+    places: dict[str, tuple[str, str]] = {}
+    for place, key in arms.keys.items():
+        places.setdefault(key, place)  # of arms that share units, the first
+    depends = {key: arms.dependencies[place] for key, place in places.items()}
+    kept = {key: key for key in places if key in done and key != key_of(depends[key])}
+    stale = replaced_keys(depends, done) | kept
+    for key, place in places.items():
+        if key in stale:
+            units = done[stale[key]]
+            fate = "kept" if key in kept else "trained again"
+            why = "; ".join(changes_of(units, depends[key]))
+            label = f"{': '.join(place)}, seeds {seed_ranges(sorted(units))}"
+            yield f"{label}, is stale and {fate}: {why}"
+
+
+def different_versions(runs: Iterable[Mapping[str, Any]], run: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each library that had another version in earlier runs into a folder."""
+    for library, version in run["versions"].items():
+        others = {one["versions"].get(library) for one in runs} - {version, None}
+        if others and library != "curricle":
+            yield (
+                f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
+                "their units are used, and may differ from today's in the last bits"
+            )

@@ -1,0 +1,37 @@
+"""What seeds learnt in a task, read from a store for the tasks that it is a source of."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from curricle.curriculum.sources import Progress
+from curricle.study.serialization import RUN, VALUES, values_of
+from curricle.study.source_values import StoredValues
+from curricle.study.store import StoredUnit, StudyStore
+
+
+def stored_values(
+    store: StudyStore, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
+) -> StoredValues:
+    """Return what seeds learnt in a task, its values only if they are to be `read`.
+
+    `done` has the unit that holds each seed.
+    """
+    units = {done[seed].path: done[seed] for seed in seeds}
+    names = (RUN, VALUES) if read else (RUN,)
+    arrays = {path: store.arrays(stored, *names) for path, stored in units.items()}
+    rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
+    each = [values_of(found, k) for found, k in rows]
+    values: Any = None  # not needed, or not saved: training raises an error then
+    if all(one is not None for one in each):
+        values = np.stack(each) if isinstance(each[0], np.ndarray) else each
+    own = np.array([found["steps_used"][k] for found, k in rows])
+    steps = own + [found["retraining_steps"][k] for found, k in rows]
+    visits = [found["visits"][k] for found, k in rows if "visits" in found]
+    scales = [
+        (float(found["scale"][k]), float(found["shift"][k]))
+        for found, k in rows
+        if "scale" in found
+    ]
+    return StoredValues(values, steps, scales, Progress(own, np.stack(visits) if visits else None))

@@ -1,0 +1,338 @@
+"""A folder that is run into again: what fits is used, what does not is trained again and told."""
+
+import shutil
+from importlib import metadata
+
+import numpy as np
+import pytest
+
+from curricle.cli.study_preview import units_left
+from curricle.errors import StudyError
+from curricle.study import StudyResults, StudyStore, read_study, run_study
+from curricle.study.arms import arms_from_json
+from curricle.study.results import ALL_DECISIONS, RESULTS
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+# The source has an own task, the target an own mapping and an own aggregate. Scratch has neither.
+STUDY = """
+name = "own"
+seeds = 2
+eval_freq = 100
+budget = 300
+[tasks.short]
+type = "factory"
+factory = "tasks:line"
+arguments = { length = 4 }
+[tasks.long]
+type = "maze"
+map = "S......T"
+[[transfers]]
+source = "short"
+target = "long"
+function = "mappings.places:halves"
+[arms.one]
+[arms.own]
+aggregate = "aggregates:second"
+"""
+CODE = {
+    "tasks.py": "from .rules import REWARDS\n"
+    "import curricle as cr\n"
+    "def line(length):\n"
+    "    return cr.GridWorld('S' + '.' * (length - 2) + 'T', rewards=REWARDS)\n",
+    "rules.py": "import curricle as cr\nREWARDS = cr.Rewards(treasure=20)\n",
+    "mappings/__init__.py": "",
+    "mappings/places.py": "def halves(state, action):\n"
+    "    from ..numbers import half\n"
+    "    return {'row': state['row'], 'column': half(state['column'])}, action\n",
+    "numbers.py": "def half(n):\n    return n // 2\n",
+    "aggregates.py": "def second(potentials):\n    return potentials[-1]\n",
+    "unused.py": "",
+}
+SCRATCH, SHORT, ONE, OWN = "scratch: long", "one: short", "one: long", "own: long"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A study with modules of its own, as a folder."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "own.toml").write_text(STUDY)
+    (folder / "mappings").mkdir()
+    for name, text in CODE.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(written):
+    """The folder of its results."""
+    run_study(read_study(written / "own.toml"), written / "out", workers=1)
+    return written / "out"
+
+
+@pytest.fixture
+def own(written, trained, tmp_path):
+    """A copy of both; results are in out/."""
+    return shutil.copytree(written, tmp_path / "own")
+
+
+def again(folder, *, set=(), out="out", **settings):
+    """Resume the study; return what was trained, as "arm: task", and what was told."""
+    units, told = [], []
+    run_study(
+        read_study(folder / "own.toml", set=set),
+        folder / out,
+        resume=True,
+        workers=1,
+        report=told.append,
+        progress=lambda one: units.append(one.stored),
+        **settings,
+    )
+    return sorted(f"{unit.arm}: {unit.task}" for unit in units[1:]), sorted(told)
+
+
+def change(file):
+    file.write_text(file.read_text() + "\nCHANGED = True\n")
+
+
+def assert_as_from_scratch(folder, *, set=()):
+    """The tables in out/ are those of a run into a new folder."""
+    run_study(read_study(folder / "own.toml", set=set), folder / "fresh", workers=1)
+    for name in (RESULTS, ALL_DECISIONS):
+        assert (folder / "out" / name).read_bytes() == (folder / "fresh" / name).read_bytes(), name
+    shutil.rmtree(folder / "fresh")
+
+
+def stale(unit, why, seeds="0-1"):
+    return f"{unit}, seeds {seeds}, is stale and trained again: {why}"
+
+
+# -- code --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("module", "of_source", "units"),
+    [
+        ("tasks.py", True, [ONE, SHORT, OWN]),
+        ("rules.py", True, [ONE, SHORT, OWN]),
+        ("mappings/places.py", False, [ONE, OWN]),
+        ("mappings/__init__.py", False, [ONE, OWN]),
+        ("numbers.py", False, [ONE, OWN]),
+        ("aggregates.py", False, [OWN]),
+        ("unused.py", False, []),
+    ],
+)
+def test_what_used_changed_code_is_named_and_trained_again(own, module, of_source, units):
+    change(own / module)
+    trained, told = again(own)
+    assert trained == units
+    reasons = dict.fromkeys(units, f"{module} changed")
+    if of_source:
+        reasons |= dict.fromkeys([ONE, OWN], "its source short changed")
+    assert told == [stale(unit, why) for unit, why in reasons.items()]
+    assert_as_from_scratch(own)
+    assert again(own) == ([], [])
+
+
+def test_changed_code_gives_the_results_of_a_new_run_in_the_same_session(own):
+    before = StudyResults(own / "out").result("one", "long", values=True).values
+    (own / "rules.py").write_text("import curricle as cr\nREWARDS = cr.Rewards(treasure=2000)\n")
+    again(own)
+    found = StudyResults(own / "out").result("one", "short", values=True)
+    assert found.values.max() > 500
+    assert not np.array_equal(
+        StudyResults(own / "out").result("one", "long", values=True).values, before
+    )
+
+
+def test_code_that_is_as_it_was_finds_its_units_again(own):
+    text = (own / "numbers.py").read_text()
+    change(own / "numbers.py")
+    again(own)
+    (own / "numbers.py").write_text(text)
+    assert again(own) == ([], [])
+    assert_as_from_scratch(own)
+
+
+def test_line_ends_and_places_are_no_change(own, tmp_path):
+    for file in own.rglob("*.py"):
+        file.write_bytes(file.read_bytes().replace(b"\n", b"\r\n"))
+    assert again(own.rename(tmp_path / "elsewhere")) == ([], [])
+
+
+def test_stale_units_are_kept_if_asked_for(own, contents):
+    before = contents(own / "out" / "units")
+    change(own / "rules.py")
+    change(own / "aggregates.py")
+    kept = [f"{OWN}, seeds 0-1, is stale and kept: aggregates.py changed"]
+    kept += [f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"]
+    assert again(own, keep_stale=True) == ([], sorted(kept))
+    assert contents(own / "out" / "units") == before
+    assert StudyResults(own / "out").seeds == (0, 1)
+    assert again(own, keep_stale=True) == ([], sorted(kept))
+
+
+def test_stale_units_can_be_kept_after_training_them_again_was_begun(own):
+    def interrupt(progress):
+        if progress.stored is not None:
+            raise KeyboardInterrupt
+
+    change(own / "rules.py")
+    with pytest.raises(KeyboardInterrupt):
+        run_study(
+            read_study(own / "own.toml", set=["seeds_per_unit=1"]),
+            own / "out",
+            resume=True,
+            progress=interrupt,
+        )
+    assert len(StudyStore(own / "out").finished()) == 5  # one more, of a single seed
+    trained, (told,) = again(own, keep_stale=True)
+    assert trained == []
+    assert told == f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"
+
+
+def test_only_code_is_kept_when_stale(own):
+    change(own / "rules.py")
+    trained, _ = again(own, keep_stale=True, set=["tasks.long.learner.epsilon=0.5"])
+    assert trained == [ONE, OWN, SCRATCH]
+
+
+@pytest.fixture
+def upgraded(monkeypatch):
+    """A function: library -> its version before; from then on it is 9.0."""
+    version = metadata.version
+
+    def upgrade(library):
+        known = {library: "9.0"}
+        monkeypatch.setattr(metadata, "version", lambda name: known.get(name) or version(name))
+        return version(library)
+
+    return upgrade
+
+
+def test_another_version_of_curricle_makes_units_stale(own, upgraded):
+    why = f"Curricle was {upgraded('curricle')} and is 9.0"
+    assert again(own, keep_stale=True)[0] == []
+    trained, told = again(own)
+    assert trained == [ONE, SHORT, OWN, SCRATCH]
+    assert told[-1] == stale(SCRATCH, why)
+    assert all(why in sentence for sentence in told)
+
+
+def test_another_version_of_a_library_is_told(own, upgraded):
+    before = upgraded("numba")
+    trained, (told,) = again(own)
+    assert trained == []
+    assert told.startswith(f"numba was {before} in earlier runs and is 9.0: ")
+
+
+def test_code_that_changes_during_a_run_ends_it(own):
+    study = read_study(own / "own.toml")
+    _ = study.curricula
+
+    def edit(progress):
+        if progress.stored is not None and progress.stored.task == "short":
+            change(own / "aggregates.py")
+            arms_from_json.cache_clear()  # as in a worker that starts only now
+
+    with pytest.raises(StudyError, match=r"long, .* aggregates.py is not as it was when the run"):
+        run_study(study, own / "new", workers=1, progress=edit)
+    assert {unit.task for unit in StudyStore(own / "new").units()} <= {"short", "long"}
+    again(own, out="new")
+    shutil.rmtree(own / "out")
+    (own / "new").rename(own / "out")
+    assert_as_from_scratch(own)
+
+
+# -- arms, seeds, settings ---------------------------------------------------------------------
+
+MORE = """
+[arms.state]
+shaping = "StateShaping"
+"""
+COSTLIER = """
+[arms.long_source]
+tasks.short.budget = 500
+"""
+
+
+def test_an_added_arm_is_all_that_is_trained(own, contents):
+    before = contents(own / "out" / "units")
+    with (own / "own.toml").open("a") as file:
+        file.write(MORE)
+    assert again(own) == (["state: long"], [])
+    assert before.items() <= contents(own / "out" / "units").items()
+    assert list(StudyResults(own / "out").results) == ["scratch", "one", "own", "state"]
+    assert_as_from_scratch(own)
+
+
+def test_an_added_arm_with_costlier_sources_lengthens_all_targets(own):
+    with (own / "own.toml").open("a") as file:
+        file.write(COSTLIER)
+    trained, told = again(own)
+    assert trained == ["long_source: long", "long_source: short", ONE, OWN, SCRATCH]
+    assert told == [stale(unit, "total was 600 and is 800") for unit in (ONE, OWN, SCRATCH)]
+    assert_as_from_scratch(own)
+
+
+def test_a_removed_arm_is_not_in_the_results_and_comes_back_untrained(own, contents):
+    text, before = (own / "own.toml").read_text(), contents(own / "out" / "units")
+    (own / "own.toml").write_text(text.partition("[arms.own]")[0])
+    assert again(own) == ([], [])
+    assert list(StudyResults(own / "out").results) == ["scratch", "one"]
+    assert contents(own / "out" / "units") == before
+    assert_as_from_scratch(own)
+    (own / "own.toml").write_text(text)
+    assert again(own) == ([], [])
+    assert list(StudyResults(own / "out").results) == ["scratch", "one", "own"]
+    assert_as_from_scratch(own)
+
+
+@pytest.mark.parametrize("seeds", ["seeds=3", "seeds=[0, 1, 5]"])
+def test_added_seeds_are_all_that_is_trained(own, contents, seeds):
+    before = contents(own / "out" / "units")
+    assert again(own, set=[seeds]) == ([ONE, SHORT, OWN, SCRATCH], [])
+    assert before.items() <= contents(own / "out" / "units").items()
+    assert_as_from_scratch(own, set=[seeds])
+
+
+def test_a_longer_budget_keeps_the_sources(own):
+    longer = ["tasks.long.budget=500"]
+    trained, told = again(own, set=longer)
+    assert trained == [ONE, OWN, SCRATCH]
+    why = "budget was 300 and is 500; total was 600 and is 800"
+    assert told == [stale(unit, why) for unit in trained]
+    assert_as_from_scratch(own, set=longer)
+
+
+def test_all_at_once_gives_what_a_run_from_scratch_gives(own):
+    with (own / "own.toml").open("a") as file:
+        file.write(MORE + COSTLIER)
+    changes = ["seeds=[1, 2, 3]", "tasks.long.budget=400", "eval_freq=50"]
+    again(own, set=["seeds=3"])
+    again(own, set=["seeds=4"])
+    again(own, set=changes)
+    assert_as_from_scratch(own, set=changes)
+
+
+def test_a_dry_run_tells_the_same_and_changes_nothing(own, contents):
+    change(own / "aggregates.py")
+    damaged = next((own / "out" / "units").glob("short-*/*/values.npz"))
+    damaged.write_bytes(damaged.read_bytes()[::-1])
+    before, study = contents(own), read_study(own / "own.toml")
+    lines = [*units_left(study, own / "out", (1, 1), keep_stale=False)]
+    assert lines == [
+        f"{damaged} is damaged: its unit is trained again",
+        stale(OWN, "aggregates.py changed"),
+        f"{SHORT}, seeds 0-1: 300 steps at most",
+        f"{OWN}, seeds 0-1: 600 steps at most",
+        f"2 units to do, 2 done, in {own / 'out'}",
+    ]
+    kept = [*units_left(study, own / "out", (1, 1), keep_stale=True)]
+    assert kept[1:] == [
+        lines[1].replace("trained again", "kept"),
+        lines[2],
+        f"1 units to do, 3 done, in {own / 'out'}",
+    ]
+    assert contents(own) == before
+    assert again(own) == ([SHORT, OWN], sorted(lines[:2]))
