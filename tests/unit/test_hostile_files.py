@@ -2,6 +2,7 @@
 
 import os
 import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 import curricle as cr
 from curricle.checks import unfit_name
 from curricle.cli.app import main
-from curricle.errors import ConfigError, CurriculumError, SettingError
+from curricle.cli.study_preview import graph
+from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.report.templates import render
 from curricle.study import StudyStore, read_study
@@ -147,3 +149,17 @@ def test_what_a_killed_run_left_is_swept_in_every_folder(tmp_path):
         with StudyStore.opened(tmp_path / "out", {"seeds": 2}, resume=True) as store:
             store.write_json("claims.json", [])
         assert not list((tmp_path / "out").rglob("*.part")), resume
+
+
+def test_a_preview_of_a_target_too_large_to_count():
+    text = textwrap.dedent("""
+        name = "many"
+        tasks.one = { type = "pursuit", size = 10, predators = 1, budget = 10 }
+        tasks.all = { type = "pursuit", size = 10, predators = 5, budget = 10 }
+        transfers = [{ source = "one", target = "all", project = { predator = "predator_1" } }]
+    """)
+    Path("study.toml").write_text(text)
+    curriculum = read_study("study.toml").curriculum("transfer")
+    assert not any("pairs mapped" in line for line in graph(curriculum))
+    with pytest.raises(MappingError, match="index array for up to 500,000,000 target pairs: got"):
+        curriculum.transfers[0].mapping.coverage()

@@ -19,7 +19,7 @@ from curricle.study.folders import STUDY
 from curricle.study.resuming import Done, arms_in, usable_units
 from curricle.study.store import StudyStore
 from curricle.study.units import units_of
-from curricle.transfer.descriptions import mapping_words
+from curricle.transfer.descriptions import countable, mapping_words
 from curricle.transfer.edges import transfer_names
 
 
@@ -56,7 +56,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         yield _wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
-            cover = "" if node.deep else f"; {edge.mapping.coverage()}"
+            cover = f"; {edge.mapping.coverage()}" if countable(edge.mapping) else ""
             yield _wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
 
 

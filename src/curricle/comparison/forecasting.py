@@ -18,6 +18,7 @@ from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
+from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, numbered, transfer_names
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
@@ -264,11 +265,12 @@ def _aggregate_rows(
 def _coverage(
     edges: Mapping[str, Transfer], any_target: AnyTarget, potential: AnyPotential
 ) -> dict[str, Coverage | ObservationCoverage]:
-    """Return the coverage of each transfer's mapping."""
+    """Return the coverage of each transfer's mapping, where its pairs are few enough to count."""
     if isinstance(any_target, ObservationTarget):
         sample = any_target.observations(potential)
         return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
-    return {label: edge.mapping.coverage() for label, edge in edges.items()}
+    counted = {label: edge for label, edge in edges.items() if countable(edge.mapping)}
+    return {label: edge.mapping.coverage() for label, edge in counted.items()}
 
 
 def _row(

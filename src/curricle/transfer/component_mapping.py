@@ -12,6 +12,9 @@ from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
+LARGEST_INDEX = 500_000_000
+"""Target pairs for which an index array is made (4 GB)."""
+
 
 class ComponentMapping(StateActionMapping):
     """A mapping given by names of components; made by :func:`project`.
@@ -57,7 +60,13 @@ class ComponentMapping(StateActionMapping):
 
     @cached_property
     def index(self) -> IntArray:
-        """The index array, (S, A) int64."""
+        """The index array, (S, A) int64; MappingError for a target with too many pairs."""
+        pairs = self.target.states.size * self.target.actions.size
+        if pairs > LARGEST_INDEX:
+            raise MappingError(
+                f"a mapping has an index array for up to {LARGEST_INDEX:,} target pairs: got "
+                f"{pairs:,}, which learners read one by one"
+            )
         state = source_points(self.target.states, self.source.states, self.renaming)[:, None]
         target, source, unmapped_value = self.target, self.source, self.unmapped_value
         return pair_mapping(target, source, state, self.actions, unmapped_value).index

@@ -33,7 +33,7 @@ def mapping_words(transfer: Transfer) -> str:
 def transfer_words(transfer: Transfer) -> str:
     """Return a transfer in words: its mapping, coverage, scale and shift."""
     words = [mapping_words(transfer)]
-    if _countable(transfer.mapping):
+    if countable(transfer.mapping):
         cover = transfer.mapping.coverage()
         words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
         if cover.ended:
@@ -50,7 +50,7 @@ def transfer_words(transfer: Transfer) -> str:
     return "; ".join(words)
 
 
-def _countable(mapping: Any) -> bool:
+def countable(mapping: Any) -> bool:
     """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
     if isinstance(mapping, ObservationMapping):
         return False

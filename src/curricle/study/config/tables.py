@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from curricle.checks import BEYOND_64_BITS, unfit_name
+from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 
 SHOWN = 60
 """Characters of a value that a message repeats."""
@@ -185,7 +185,11 @@ Whole = Annotated[int, BeforeValidator(whole_number)]
 Count = Annotated[Whole, Field(ge=1)]
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Flag = Annotated[bool, Strict()]
-Name = Annotated[str, AfterValidator(_fit_name)]
+Name = Annotated[
+    str,
+    AfterValidator(_fit_name),
+    Field(json_schema_extra={"minLength": 1, "maxLength": LONGEST_NAME}),
+]
 Reference = Annotated[str, word("name a function as module:function", function=True)]
 """A function as ``module:function``."""
 
