@@ -118,6 +118,12 @@ def td_target(rule, reward, discount, q, next_state, next_action, values, table,
     return q_learning_target(reward, discount, q, next_state)
 
 
+@inlined
+def counted_row(q, table, state):
+    """Return the row in which the updates of a state are counted; each table counts its own."""
+    return np.uint64(table) * np.uint64(q.shape[1]) + state
+
+
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
 
 
@@ -260,9 +266,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
-        # Each table counts its own updates: its rows of counts follow those of the table before.
-        counted = np.uint64(table) * np.uint64(q.shape[1]) + state
-        rate = rate_of(rule.learning_rate, counted, action, step - 1)
+        rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 
