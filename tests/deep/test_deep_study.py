@@ -18,6 +18,7 @@ from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
+from curricle.study.arms import Arms
 from curricle.study.serialization import RUN, VALUES
 
 # A table, then a calibrated network, then two others: the last potential needs the network before
@@ -101,18 +102,21 @@ def says(values, observations, n_actions):
 
 @pytest.mark.parametrize("arm", ["residual", "state"])
 def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm):
-    curriculum = StudyResults(whole).arms.curricula[arm]
+    arms, stored = Arms.of(study), StudyResults(whole)
+    curriculum = arms.curricula[arm]
     trained = curriculum.train(study.seeds, charge=True)
-    for node in ("alone", "hunt"):
-        task = curriculum.tasks[node]
-        again = StudyResults(whole).result(arm, node, values=True)
-        assert again.seeds == (0, 1)
-        assert np.array_equal(again.greedy_return, trained[node].greedy_return)
-        for mine, yours in zip(again.values, trained[node].values, strict=True):
-            observations = seen(task)
-            assert np.array_equal(
-                says(mine, observations, task.n_actions), says(yours, observations, task.n_actions)
-            )
+    again = stored.trained(arm, curriculum)["alone"]
+    assert again.seeds == (0, 1)
+    task, observations = curriculum.tasks["alone"], seen(curriculum.tasks["alone"])
+    for mine, yours in zip(again.values, trained["alone"].values, strict=True):
+        assert np.array_equal(
+            says(mine, observations, task.n_actions), says(yours, observations, task.n_actions)
+        )
+    hunt = stored.result(arm, "hunt", values=True)
+    assert np.array_equal(hunt.greedy_return, trained["hunt"].greedy_return)
+    for mine, yours in zip(hunt.values, trained["hunt"].values, strict=True):
+        for name, array in yours.parameters().items():
+            assert np.array_equal(mine[name], array)
 
 
 def test_the_chain_is_calibrated(whole):
@@ -262,12 +266,13 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
         """
     )
     found = run_study(read_study(file), tmp_path / "out")
-    short, cart = (found.result("weights", name, values=True) for name in ("short", "cart"))
-    assert not cart.values[0].of_actions
+    assert found.result("weights", "cart", values=True).values
     starts = [found.results[arm]["cart"].greedy_return[0, 0] for arm in ("scratch", "weights")]
     assert starts[0] != starts[1]
-    shaped = found.result("state", "cart", values=True).values[0]
-    assert shaped.values_offset.values[0].v(seen(short.task)).shape == (40,)
+    state = Arms.of(read_study(file)).curricula["state"]
+    short = found.trained("state", state)["short"]
+    assert not short.values[0].of_actions
+    assert short.values[0].v(seen(state.tasks["short"])).shape == (40,)
     page = write_report(tmp_path / "out").read_text()
     assert "is the same for all actions" in page
     assert "This study kept no snapshots" in page

@@ -46,6 +46,7 @@ def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training anything."""
     from curricle.cli.study_preview import print_preview
 
+    _announce_imports()
     print_preview(_read(file, seeds, changes))
 
 
@@ -79,6 +80,7 @@ def run(
     from curricle.cli.progress_bars import run_with_bars
     from curricle.cli.study_preview import units_left
 
+    _announce_imports()
     study = _read(file, seeds, changes)
     folder = out or Path(f"{file.stem}-results")
     if dry_run:
@@ -199,6 +201,17 @@ def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyCon
     number = seeds is not None and seeds.isdecimal()
     given = [] if seeds is None else [f"seeds={seeds}" if number else f'seeds="{seeds}"']
     return read_study(file, set=[*(changes or []), *given])
+
+
+def _announce_imports() -> None:
+    """Print which modules a study names before they are imported."""
+    import logging
+
+    from curricle.study.config.references import LOGGER
+
+    if not LOGGER.handlers:
+        LOGGER.addHandler(logging.StreamHandler())
+        LOGGER.setLevel(logging.INFO)
 
 
 def _part(shard: str) -> tuple[int, int]:

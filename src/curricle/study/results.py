@@ -22,6 +22,7 @@ from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
 from curricle.study.folders import RUNS, STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
+from curricle.study.sealed_json import sealed
 from curricle.study.serialization import (
     CURVES,
     DECISIONS,
@@ -202,7 +203,7 @@ class StudyResults:
 
     def write_analysis(self, analysis: Analysis) -> None:
         """Write ``analysis.json``."""
-        self.store.write_sealed(ANALYSIS, plain(analysis))
+        self.store.write(ANALYSIS, sealed(plain(analysis)))
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.

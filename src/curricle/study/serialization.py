@@ -42,6 +42,7 @@ DECISION_SCHEMA = {
     **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
     "reason": "string",
 }
+SCHEMAS = {CURVES: CURVE_SCHEMA, DECISIONS: DECISION_SCHEMA}
 """Columns of the tables of a unit, and their types."""
 LARGEST_TABLE = 2**28
 """Bytes of a table at most."""
@@ -196,7 +197,7 @@ def _read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
         raise ValueError("its arrays must not hold Python objects, which are pickles")
     if math.prod(shape) * dtype.itemsize != size - file.tell():
         raise ValueError(f"an array of shape {shape} does not fill its file")
-    flat = np.frombuffer(file.read(), dtype)
+    flat = np.frombuffer(bytearray(file.read()), dtype)
     return flat.reshape(shape, order="F" if fortran else "C")
 
 

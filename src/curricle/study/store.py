@@ -32,11 +32,10 @@ from curricle.study.folders import (
 from curricle.study.record import UnitRecord, read_record
 from curricle.study.sealed_json import as_json, digest_of, sealed, unsealed
 from curricle.study.serialization import (
-    CURVE_SCHEMA,
     CURVES,
-    DECISION_SCHEMA,
     DECISIONS,
     RUN,
+    SCHEMAS,
     SNAPSHOTS,
     VALUES,
     UnitResult,
@@ -203,10 +202,6 @@ class StudyStore:
         """Write a value as indented JSON."""
         self.write(name, as_json(content))
 
-    def write_sealed(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write a JSON file with its own checksum."""
-        self.write(name, sealed(content))
-
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file; StoreError if it is damaged."""
         try:
@@ -360,8 +355,7 @@ class StudyStore:
         """Return a unit's Parquet table."""
         content, run = self._content(stored.path / name), self.arrays(stored, RUN)
         rows = len(stored.seeds) * (1 + run["steps"].size)
-        schema = CURVE_SCHEMA if name == CURVES else DECISION_SCHEMA
-        read = partial(read_parquet, content, schema, rows)
+        read = partial(read_parquet, content, SCHEMAS[name], rows)
         return self.checked(self._name(stored.path / name), read)
 
     def _content(self, file: Path) -> bytes:

@@ -3,6 +3,7 @@
 import hashlib
 import importlib
 import importlib.util
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from curricle.errors import ConfigError, CurricleError
 
 IMPORTED = dict[str, tuple[int, int] | None]()
 """The time and size of each module's file when it was imported."""
+LOGGER = logging.getLogger(__name__)
+"""It names each module of a study before the module is imported."""
 
 
 def load(reference: str, folder: Path) -> Callable[..., Any]:
@@ -61,6 +64,11 @@ def _module(name: str, folder: Path) -> ModuleType | None:
     """Return a module beside the study file or on ``sys.path``; None if there is none."""
     package = _package(folder)
     paths = (f"{package}.{name}", name)
+    if not any(path in sys.modules for path in paths):
+        first = name.partition(".")[0]
+        beside = (folder / f"{first}.py").exists() or (folder / first).is_dir()
+        place = "beside the study file" if beside else "from Python's path"
+        LOGGER.info("importing the study's module %s, %s", name, place)
     found = next((importlib.import_module(path) for path in paths if _exists(path)), None)
     for module in _modules_in(package):
         IMPORTED.setdefault(module, _stamp(module))
