@@ -9,8 +9,8 @@ from functools import partial
 
 import pytest
 
+import curricle as cr
 from curricle.cli.app import main
-from curricle.learning.run import Run
 from curricle.study import StudyResults, StudyStore, read_study
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -76,11 +76,14 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     assert curricle("new", "maze", "other.toml")[0] == 0
 
 
-def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, tmp_path):
-    def trained(*_):
-        raise AssertionError("check trains nothing")
+def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypatch, tmp_path):
+    trained, learn = [], cr.learn
 
-    monkeypatch.setattr(Run, "train", trained)
+    def noted(task, *args, **settings):
+        trained.append(settings["stream"])
+        return learn(task, *args, **settings)
+
+    monkeypatch.setattr("curricle.curriculum.node.learn", noted)
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
@@ -98,7 +101,8 @@ def test_check_tells_all_and_trains_nothing(curricle, study_file, monkeypatch, t
     assert not any(row[:2] == ["state:", "corner"] for row in bill)  # shared with the arm before
     assert "about" in out
     assert "one processor" in out
-    assert "arm chain\nForecast for 'maze'" in out
+    assert "arm chain\nForecast of the start of learning 'maze'" in out
+    assert trained == ["corner", "easy", "easy", "easy"]  # of "state" and "calibrated" too
     assert max(map(len, lines)) <= 80
     assert not list(tmp_path.iterdir())
 

@@ -43,7 +43,10 @@ def new(
 
 
 def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
-    """Validate a study; print its tasks, its cost and a forecast, without training anything."""
+    """Validate a study; print its tasks, its cost and a forecast, without training the target.
+
+    For the forecast the sources are trained at their budgets, where that takes seconds.
+    """
     from curricle.cli.study_preview import print_preview
 
     _announce_imports()
@@ -78,7 +81,8 @@ def run(
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
     from curricle.cli.progress_bars import run_with_bars
-    from curricle.cli.study_preview import units_left
+    from curricle.cli.study_preview import too_few, units_left
+    from curricle.study.arms import Arms
 
     _announce_imports()
     study = _read(file, seeds, changes)
@@ -87,6 +91,8 @@ def run(
         for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
             typer.echo(line)
         return
+    if few := too_few(study, Arms.of(study)):
+        typer.echo(f"curricle: {few}", err=True)
     run_with_bars(
         study,
         folder,

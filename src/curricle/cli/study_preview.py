@@ -4,17 +4,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import fill
 
-import numpy as np
-
+from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.terminal_tables import print_table, table
-from curricle.comparison.forecasting import Forecast, forecast
+from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues
-from curricle.errors import CurricleError, SettingError
-from curricle.planning.target import Target
+from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.cost import Cost, costs
+from curricle.study.cost import Cost, costs, duration
 from curricle.study.folders import STUDY
 from curricle.study.resuming import Done, arms_in, usable_units
 from curricle.study.store import StudyStore
@@ -24,23 +21,32 @@ from curricle.transfer.edges import transfer_names
 
 
 def print_preview(study: StudyConfig) -> None:
-    """Print the graph of each arm, its cost, and a forecast for sources taken as solved."""
+    """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
     arms = Arms.of(study)
     print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds")
+    if few := too_few(study, arms):
+        print(few)
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
         alike.setdefault(tuple(graph(curriculum)), []).append(name)
     for lines, names in alike.items():
         print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
     print()
-    _print_cost(costs(study, arms))
+    each = costs(study, arms)
+    _print_cost(each)
     try:
         study.check_networks()
     except ImportError as error:
         print(f"a task is learnt by a network: {error}")
-    for name, curriculum in arms.curricula.items():
-        if curriculum.in_edges(curriculum.target):
-            print(f"\narm {name}", _forecast(curriculum), sep="\n")
+    print_forecasts(study, arms, each)
+
+
+def too_few(study: StudyConfig, arms: Arms) -> str:
+    """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
+    curricula = len(arms.curricula) - 1
+    if SCRATCH not in arms.curricula or not curricula:
+        return ""
+    return too_few_seeds(len(study.seeds), seeds_needed(curricula))
 
 
 def graph(curriculum: Curriculum) -> Iterator[str]:
@@ -77,41 +83,6 @@ def _print_cost(each: list[Cost]) -> None:
     print_table(rows)
     seconds = sum(one.seconds for one in each)
     print(f"about {duration(seconds)} on one processor, without compilation")
-
-
-def duration(seconds: float) -> str:
-    """Return a time in words.
-
-    Examples
-    --------
-    >>> duration(0.2), duration(75), duration(5000)
-    ('1 s', '75 s', '83 min')
-    """
-    if seconds < 120:
-        return f"{max(1, round(seconds))} s"
-    return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"
-
-
-def _forecast(curriculum: Curriculum) -> str | Forecast:
-    """Return the forecast with sources taken as solved, or why there is none."""
-    try:
-        return forecast(curriculum, seeds=1, trained=_solved(curriculum))
-    except CurricleError as error:
-        return f"no forecast without training: {error}"
-
-
-def _solved(curriculum: Curriculum) -> dict[str, SourceValues]:
-    """Return the sources as if one seed had learnt their optimal values."""
-    found = {}
-    for name in curriculum.ancestors(curriculum.target):
-        node = curriculum.node(name)
-        if node.deep:
-            raise SettingError(f"{name!r} is learnt by a network, which cannot be solved instead")
-        solution = Target.of(node.task, node.evaluation).solution
-        if solution is not None:
-            values, none = solution.action_values[None], np.zeros(1, np.int64)
-            found[name] = SourceValues(node.task, (0,), values, none)
-    return found
 
 
 def units_left(

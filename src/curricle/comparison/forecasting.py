@@ -1,6 +1,11 @@
-"""Forecast: the quality of a curriculum's potentials in the target, before training there."""
+"""Forecast: the quality of a curriculum's potentials in the target, before training there.
 
-from collections.abc import Callable, Mapping, Sequence
+It is about the start: the return of the greedy policy on phi before anything is learnt in the
+target, and whether phi is so high that epsilon-greedy learning falls from there. It is not about
+what learning then gains: from a low start it can gain more than from scratch.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from textwrap import fill
@@ -16,6 +21,7 @@ from curricle.errors import CurriculumError
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.target import Target
 from curricle.tasks.labels import state_name
+from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.descriptions import countable
@@ -59,7 +65,7 @@ class ForecastRow:
     calibrations : tuple of K Calibration
         Of its scale, from rollouts of its greedy policy.
     verdict : str
-        What to expect, and what to do, in words.
+        What the start is, whether it lasts, and what to do, in words.
     """
 
     name: str
@@ -83,7 +89,7 @@ class ForecastRow:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """The expected effect of the transfers into a target. Prints as a table with verdicts.
+    """The start of learning with the transfers into a target. Prints as a table with verdicts.
 
     Attributes
     ----------
@@ -101,7 +107,9 @@ class Forecast:
     exact : bool
         Whether returns are exact too.
     trained : dict of str to SourceValues
-        The sources, to be passed to :meth:`Curriculum.train`.
+        The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
+    perfect : bool
+        Whether the sources were solved instead of trained.
     """
 
     target: str
@@ -112,6 +120,7 @@ class Forecast:
     solved: bool
     exact: bool
     trained: Mapping[str, SourceValues] = field(repr=False)
+    perfect: bool = False
 
     def __getitem__(self, name: str) -> ForecastRow:
         by_name = {one.name: one for one in self.rows}
@@ -123,13 +132,22 @@ class Forecast:
         """The aggregates' names, the best start first."""
         return tuple(one.name for one in self.rows if one.aggregate)
 
-    def __str__(self) -> str:
+    @property
+    def computed_from(self) -> str:
+        """What the sources' values are, in words."""
+        if self.perfect:
+            return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
+        sources = [f"{name} ({_steps(one)})" for name, one in self.trained.items()]
+        return f"from {seeds} seed{'s' * (seeds > 1)} of {_listed(sources)}"
+
+    def __str__(self) -> str:
         how = "exact" if self.exact else "returns by rollouts"
         how += "" if self.solved else "; Q* estimated by the values of phi's own policy"
         lines = [
-            f"Forecast for {self.target!r} from {seeds} seed{'s' * (seeds > 1)} of its sources: "
-            f"optimum {self.optimum:.4g}, random policy {self.random_return:.4g} ({how})",
+            f"Forecast of the start of learning {self.target!r}, not of what it gains, "
+            f"{self.computed_from}: optimum {self.optimum:.4g}, random policy "
+            f"{self.random_return:.4g} ({how})",
             *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]
         lines = [_wrapped(line) for line in lines]
@@ -153,6 +171,18 @@ def _wrapped(line: str) -> str:
     return fill(line, 80, subsequent_indent="  ", break_on_hyphens=False)
 
 
+def _listed(names: Iterable[str]) -> str:
+    """Return names as a list in words."""
+    *some, last = names
+    return f"{', '.join(some)} and {last}" if some else last
+
+
+def _steps(source: SourceValues) -> str:
+    """Return for how many steps the seeds of a source were trained."""
+    steps = source.steps_used
+    return f"{steps.mean():,.0f} steps" + " on average" * bool(np.ptp(steps))
+
+
 def forecast(
     curriculum: Curriculum,
     target: str | None = None,
@@ -160,10 +190,11 @@ def forecast(
     seeds: int | Sequence[int] = 3,
     aggregates: Sequence[Aggregate] = (),
     trained: Mapping[str, Learnt] | None = None,
+    perfect: bool = False,
     episodes: int | None = None,
     workers: int | None = None,
 ) -> Forecast:
-    """Return a forecast of the transfers into a target. Only the sources are trained.
+    """Return a forecast of the start of learning in a target. Only the sources are trained.
 
     Parameters
     ----------
@@ -176,6 +207,9 @@ def forecast(
         In addition to the library's four and the curriculum's own.
     trained : dict of str to SourceValues or LearningResult, optional
         Sources trained before, for the same seeds.
+    perfect : bool
+        Whether to train no source and take the optimal values of each instead: the forecast if
+        the sources were learnt perfectly, of one seed.
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
@@ -185,7 +219,8 @@ def forecast(
     Raises
     ------
     CurriculumError
-        If the target is unknown, not unique or has no transfer into it.
+        If the target is unknown, not unique or has no transfer into it; with `perfect` also if a
+        source cannot be solved.
 
     Examples
     --------
@@ -209,9 +244,17 @@ def forecast(
     any_target = target_of(
         curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
     )
-    sources = curriculum.train(
-        seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).sources
+    if perfect and trained:
+        raise CurriculumError(
+            f"a forecast for sources learnt perfectly takes no trained ones: got {_listed(trained)}"
+        )
+    if perfect:
+        seeds = seed_tuple(seeds)[:1]
+        sources = _solved(curriculum, [edge.source for edge in edges], seeds)
+    else:
+        sources = curriculum.train(
+            seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
+        ).sources
     make_row = partial(_row, any_target=any_target, workers=workers)
     found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), make_row)
     found.sort(key=lambda row: -np.nan_to_num(row.mean("start")))
@@ -231,7 +274,27 @@ def forecast(
         solved=any_target.solution is not None,
         exact=any_target.evaluation.method == "exact",
         trained=sources,
+        perfect=perfect,
     )
+
+
+def _solved(
+    curriculum: Curriculum, names: Sequence[str], seeds: tuple[int, ...]
+) -> dict[str, SourceValues]:
+    """Return sources as if a seed had learnt their optimal values; CurriculumError if unknown."""
+    found = {}
+    for name in names:
+        node = curriculum.node(name)
+        known = not node.deep and not is_observation_task(node.task)
+        solution = Target.of(node.task, node.evaluation).solution if known else None
+        if solution is None:
+            raise CurriculumError(
+                "a forecast for sources learnt perfectly needs tasks that can be solved: "
+                f"{name!r} cannot"
+            )
+        none = np.zeros(len(seeds), np.int64)
+        found[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
+    return found
 
 
 def _aggregate_rows(
@@ -297,7 +360,7 @@ def _row(
 
 
 def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return: float) -> str:
-    """Return what to expect of a potential and what to do, in words."""
+    """Return what the start with a potential is, whether it lasts, and what to do, in words."""
     if np.isnan(row.mean("start")):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
     start = row.mean("start")
@@ -307,16 +370,19 @@ def _verdict(row: ForecastRow, target: AnyTarget, optimum: float, random_return:
     gain, whole = start - random_return, np.nan_to_num(optimum - random_return)
     good = gain > GOOD * whole
     if not good:
-        words.append("a weak start" if gain > GAIN * whole else "no better than a random policy")
+        weak = gain > GAIN * whole
+        words.append("a weak start" if weak else "near or below the random policy")
     words.append(f"{row.mean('optimistic'):.0%} optimistic")
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
     advice = []
     # A weak start has little to lose, and its policy is little evidence of phi's scale.
     if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
-        outcome = "expect a collapse" if excess >= collapses else "may slip back"
-        advice.append(f"{outcome} under epsilon-greedy")
+        fall = "expect a fall" if excess >= collapses else "returns may fall"
+        advice.append(f"{fall} from there under epsilon-greedy")
     elif good:
-        advice.append("expect steady learning")
+        advice.append("expect no fall from there")
+    else:
+        advice.append("what learning gains from there is open")
     if good and excess > 0 and row.scale > RAISED:
         advice.append(f"calibrate with c = {row.scale:.1f}")
     worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))

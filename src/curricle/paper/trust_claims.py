@@ -81,7 +81,7 @@ def _ranking(found: TrustRuns) -> Claim:
 def _collapse_predicted(found: TrustRuns) -> Claim:
     words = {name: found.forecast[name].verdict for name in ("minimum", "mean")}
     measured = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
-    right = "collapse" in words["mean"] and "steady" in words["minimum"]
+    right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
     return Claim(
         "trust.collapse-foretold",
         "Open question: why does performance collapse? Overestimation; measured before training, "

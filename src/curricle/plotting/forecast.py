@@ -19,6 +19,8 @@ ROW_HEIGHT = 0.28
 def draw_forecast(forecast: Forecast) -> Figure:
     """Return the figure of a forecast: bars from the random policy's return to predicted starts.
 
+    A start is the return before anything is learnt in the target, not what learning then gains.
+
     A row for each aggregate, the best start first, then one for each transfer alone; dots are
     seeds. Beside the bars: the share of pairs that the potential overestimates, and the scale that
     a calibration would find.
@@ -45,7 +47,7 @@ def draw_forecast(forecast: Forecast) -> Figure:
     scales = ["none" if math.isnan(one.scale) else f"× {one.scale:.2g}" for one in rows]
     write_columns(axes, [(over, *shares), ("scale", *scales)])
     axes.set_xlabel("expected return of the greedy policy")
-    figure.suptitle(f"{forecast.target}: where learning would start")
+    figure.suptitle(f"{forecast.target}: where learning would start, not what it gains")
     caption(figure, _words(forecast))
     return figure
 
@@ -88,7 +90,7 @@ def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
 def _words(forecast: Forecast) -> str:
     """Return the caption."""
     seeds = len(forecast.rows[0].seeds)
-    bars = f"Bars: mean over {seeds} seeds of the sources; dots: seeds" if seeds > 1 else "One seed"
+    bars = "Bars: mean over seeds; dots: seeds" if seeds > 1 else "One seed"
     returns = "exact" if forecast.exact else "by rollouts"
     over = (
         "φ > Q*: share of state-action pairs whose potential φ is above their optimal value"
@@ -99,6 +101,7 @@ def _words(forecast: Forecast) -> str:
     alone = any(not one.aggregate for one in forecast.rows)
     colours = " Blue: all transfers together; grey: one alone." * alone
     return (
-        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
+        f"A forecast {forecast.computed_from}. {bars}; no intervals. Returns are {returns}; "
+        "nothing is learnt in the target yet. "
         f"{over}. Scale: what a calibration would multiply φ by.{colours}"
     )

@@ -198,7 +198,7 @@ def _plain(found: Forecast) -> ForecastRecord:
         optimum=found.optimum,
         exact=found.exact,
         solved=found.solved,
-        seeds=len(found.rows[0].seeds),
+        computed_from=found.computed_from,
         rows=rows,
     )
 

@@ -108,3 +108,16 @@ def _bytes(node: Node) -> int:
     if node.deep or not node.storage.save_values:
         return 0
     return int(node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1))
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> duration(0.2), duration(75), duration(5000)
+    ('1 s', '75 s', '83 min')
+    """
+    if seconds < 120:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"

@@ -271,7 +271,8 @@ class ForecastRecord(Plain):
     optimum: float
     exact: bool
     solved: bool
-    seeds: Annotated[int, Field(ge=1)]
+    computed_from: str
+    """What the sources' values were, in words."""
     rows: tuple[RowRecord, ...] = Field(min_length=1)
 
 
