@@ -240,7 +240,8 @@ def test_a_forecast_has_a_bar_for_each_potential(predicted):
     low, high = axes.get_xlim()
     assert low < predicted.random_return
     assert predicted.optimum < high
-    assert "3 seeds of the sources" in caption_of(figure)
+    assert "A forecast from 3 seeds of chase (5,000 steps)." in caption_of(figure)
+    assert "not what it gains" in figure.get_suptitle()
     assert "no intervals" in caption_of(figure)
 
 
