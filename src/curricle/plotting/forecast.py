@@ -47,7 +47,11 @@ def draw_forecast(forecast: Forecast) -> Figure:
     scales = ["none" if math.isnan(one.scale) else f"× {one.scale:.2g}" for one in rows]
     write_columns(axes, [(over, *shares), ("scale", *scales)])
     axes.set_xlabel("expected return of the greedy policy")
-    figure.suptitle(f"{forecast.target}: where learning would start, not what it gains")
+    # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
+    figure.suptitle(
+        f"{forecast.target}: where learning would start, not what it gains\n"
+        f"a forecast {forecast.computed_from}"
+    )
     caption(figure, _words(forecast))
     return figure
 
@@ -101,7 +105,6 @@ def _words(forecast: Forecast) -> str:
     alone = any(not one.aggregate for one in forecast.rows)
     colours = " Blue: all transfers together; grey: one alone." * alone
     return (
-        f"A forecast {forecast.computed_from}. {bars}; no intervals. Returns are {returns}; "
-        "nothing is learnt in the target yet. "
+        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
         f"{over}. Scale: what a calibration would multiply φ by.{colours}"
     )

@@ -240,8 +240,7 @@ def test_a_forecast_has_a_bar_for_each_potential(predicted):
     low, high = axes.get_xlim()
     assert low < predicted.random_return
     assert predicted.optimum < high
-    assert "A forecast from 3 seeds of chase (5,000 steps)." in caption_of(figure)
-    assert "not what it gains" in figure.get_suptitle()
+    assert "not what it gains\na forecast from 3 seeds of chase (5," in figure.get_suptitle()
     assert "no intervals" in caption_of(figure)
 
 
