@@ -13,6 +13,7 @@ from curricle.transfer.potentials import mapped_potential
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
+UNMAPPED_VALUES = st.sampled_from([None, None, -12.3])
 
 
 def values_of(task, rng):
@@ -64,7 +65,7 @@ def pursuit_transfers(draw):
         offered = ("prey", *game.predator_names)
         renaming = {"prey": draw(st.sampled_from(offered))}
         renaming |= {n: draw(st.sampled_from(game.predator_names)) for n in source.predator_names}
-        mapping = cr.project(game, source, unmapped_value=draw(NUMBERS), **renaming)
+        mapping = cr.project(game, source, unmapped_value=draw(UNMAPPED_VALUES), **renaming)
         edges.append(cr.Transfer("source", "game", mapping, draw(NUMBERS), draw(NUMBERS)))
     return game, edges
 
@@ -79,14 +80,35 @@ def space_transfers(draw):
         source = random_task(draw(spaces("x")), draw(spaces("y")), rng)
         renaming = {n: draw(st.sampled_from(task.states.names)) for n in source.states.names}
         renaming |= {n: draw(st.sampled_from(task.actions.names)) for n in source.actions.names}
-        mapping = cr.project(task, source, unmapped_value=draw(NUMBERS), **renaming)
+        mapping = cr.project(task, source, unmapped_value=draw(UNMAPPED_VALUES), **renaming)
         edges.append(cr.Transfer("source", "task", mapping, draw(NUMBERS), draw(NUMBERS)))
     return task, edges
 
 
-def array_potential(task, edges, values, function):
+def array_potential(task, edges, values, function, unknown_value=0.0):
     each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
-    return cr.StateActionPotential(task, aggregate(function, np.stack(each)))
+    return cr.StateActionPotential(task, aggregate(function, np.stack(each), unknown_value))
+
+
+def pair_by_pair(task, edges, values, function, unknown_value):
+    """Return phi as an array, each pair's sources asked for what they know, one after the other."""
+    join = {cr.minimum: min, cr.maximum: max, cr.total: sum}
+    join[cr.mean] = lambda numbers: sum(numbers) / len(numbers)
+    index = [index_point_by_point(edge.mapping) for edge in edges]
+    phi = np.full(index[0].shape, unknown_value)
+    for s, a in np.ndindex(*phi.shape):
+        known = []
+        for edge, q, where in zip(edges, values, index, strict=True):
+            if where[s, a] >= 0:
+                known.append(edge.scale * q.ravel()[where[s, a]] + edge.shift)
+            elif where[s, a] == cr.ENDED:
+                known.append(edge.shift)
+            elif edge.mapping.unmapped_value is not None:
+                known.append(edge.mapping.unmapped_value)
+        if known:
+            phi[s, a] = join[function](known)
+    phi[task.mdp.terminal] = 0.0
+    return phi
 
 
 @given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
@@ -94,10 +116,24 @@ def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
     task, edges = transfers
     rng = np.random.default_rng(seed)
     values = [values_of(edge.mapping.source, rng) for edge in edges]
-    mapped = mapped_potential(task, edges, values, function)
-    expected = array_potential(task, edges, values, function)
+    mapped = mapped_potential(task, edges, values, function, -3.25)
+    expected = array_potential(task, edges, values, function, -3.25)
     np.testing.assert_array_equal(mapped.values, expected.values)
     np.testing.assert_array_equal(mapped.to_state().values, expected.to_state().values)
+
+
+@settings(max_examples=25)
+@given(space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
+def test_both_are_what_the_sources_know_of_each_pair(transfers, function, seed):
+    task, edges = transfers
+    rng = np.random.default_rng(seed)
+    values = [values_of(edge.mapping.source, rng) for edge in edges]
+    expected = pair_by_pair(task, edges, values, function, -3.25)
+    mapped = mapped_potential(task, edges, values, function, -3.25)
+    np.testing.assert_allclose(mapped.values, expected, rtol=1e-14, atol=1e-14)
+    rescaled = mapped.rescaled(2.0, 0.5)
+    expected = np.where(task.mdp.terminal[:, None], 0.0, 2.0 * mapped.values + 0.5)
+    np.testing.assert_array_equal(rescaled.values, expected)
 
 
 @settings(max_examples=15)

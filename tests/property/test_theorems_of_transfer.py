@@ -6,6 +6,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
+from curricle.transfer.aggregation import aggregate
 from tests.tasks import mdps
 
 
@@ -23,23 +24,56 @@ stacks = arrays(
 )
 
 
-@given(stacks)
+AGGREGATES = [cr.minimum, cr.mean, cr.maximum, cr.total]
+
+
+@st.composite
+def partly_known(draw):
+    """Return potentials (N, S, A) that are NaN where a source knows nothing."""
+    potentials = draw(stacks)
+    hidden = draw(arrays(np.bool_, potentials.shape))
+    return np.where(hidden, np.nan, potentials)
+
+
+@given(stacks | partly_known())
 def test_minimum_is_below_mean_is_below_maximum(potentials):
-    rounding = 1e-9 * (1 + abs(potentials).max())
-    assert (cr.minimum(potentials) <= cr.mean(potentials) + rounding).all()
-    assert (cr.mean(potentials) <= cr.maximum(potentials) + rounding).all()
-    n = len(potentials)
-    np.testing.assert_allclose(cr.total(potentials), n * cr.mean(potentials), atol=rounding)
+    known = ~np.isnan(potentials).all(axis=0)
+    rounding = 1e-9 * (1 + np.nan_to_num(abs(potentials)).max())
+    low, middle, high, summed = (g(potentials) for g in (cr.minimum, cr.mean, cr.maximum, cr.total))
+    assert (low[known] <= middle[known] + rounding).all()
+    assert (middle[known] <= high[known] + rounding).all()
+    n = np.count_nonzero(~np.isnan(potentials), axis=0)
+    np.testing.assert_allclose(summed[known], (n * middle)[known], atol=rounding)
+    for found in low, middle, high, summed:
+        np.testing.assert_array_equal(np.isnan(found), ~known)
 
 
-@pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
-@given(stacks, st.randoms(use_true_random=False))
-def test_aggregation_does_not_depend_on_the_order(aggregate, potentials, random):
+@pytest.mark.parametrize("function", AGGREGATES)
+@given(stacks | partly_known(), st.randoms(use_true_random=False))
+def test_aggregation_does_not_depend_on_the_order(function, potentials, random):
     order = list(range(len(potentials)))
     random.shuffle(order)
     np.testing.assert_allclose(
-        aggregate(potentials[order]), aggregate(potentials), rtol=1e-12, atol=1e-9
+        function(potentials[order]), function(potentials), rtol=1e-12, atol=1e-9
     )
+
+
+@pytest.mark.parametrize("function", AGGREGATES)
+@given(stacks | partly_known(), st.integers(0, 4))
+def test_a_source_that_knows_nothing_changes_no_aggregate(function, potentials, place):
+    more = np.insert(potentials, min(place, len(potentials)), np.nan, axis=0)
+    np.testing.assert_array_equal(function(more), function(potentials))
+    filled = aggregate(function, potentials, -7.0)
+    np.testing.assert_array_equal(aggregate(function, more, -7.0), filled)
+    assert (filled[np.isnan(potentials).all(axis=0)] == -7.0).all()
+
+
+@pytest.mark.parametrize("function", AGGREGATES)
+@given(stacks, st.integers(0, 3), st.integers(0, 3))
+def test_the_aggregate_of_one_known_source_is_that_source(function, potentials, before, after):
+    alone = np.full((before + 1 + after, *potentials.shape[1:]), np.nan)
+    alone[before] = potentials[0]
+    np.testing.assert_array_equal(aggregate(function, alone), potentials[0])
 
 
 @pytest.mark.parametrize("capture", ["all", "any", "as_published", 1, 2])

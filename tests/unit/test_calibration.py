@@ -99,15 +99,13 @@ def test_a_quantile_leaves_that_share_of_the_returns_below(quantile, shift):
     found = calibrate(phi, quantile=quantile, shift=shift)
     rollouts = greedy_rollouts(phi, episodes=200, stream="calibrate")
     predicted = found.scale * rollouts.predicted + found.shift
-    if shift:
-        below = rollouts.return_to_go < predicted
-        assert below.mean() == pytest.approx(quantile, abs=0.03)
-    else:  # weighed by size: one number cannot do better
-        size = abs(rollouts.predicted)
-        below = size[rollouts.return_to_go < predicted - 1e-9].sum() / size.sum()
-        upto = size[rollouts.return_to_go <= predicted + 1e-9].sum() / size.sum()
-        assert below <= quantile + 1e-9
-        assert upto >= quantile - 1e-9
+    # Without a shift weighed by size. Returns can be equal: one number cannot do better.
+    size = np.ones(len(predicted)) if shift else abs(rollouts.predicted)
+    below = size[rollouts.return_to_go < predicted - 1e-9].sum() / size.sum()
+    upto = size[rollouts.return_to_go <= predicted + 1e-9].sum() / size.sum()
+    between = shift / len(predicted)  # NumPy's quantile lies between two of them
+    assert below <= quantile + 1e-9 + between
+    assert upto >= quantile - 1e-9 - between
 
 
 def test_a_pessimistic_quantile_is_more_pessimistic():
@@ -136,8 +134,8 @@ def test_equal_seeds_agree_and_different_ones_differ():
 
 def test_a_calibration_prints_what_it_did():
     assert str(calibrate(mapped())) == (
-        "scale 1.32 fitted on 200 greedy episodes (824 steps, 200 ended): mean phi -1.69, "
-        "mean return to go -2.21"
+        "scale 1.37 fitted on 200 greedy episodes (830 steps, 200 ended): mean phi -1.68, "
+        "mean return to go -2.31"
     )
 
 
@@ -230,18 +228,13 @@ def test_episodes_without_a_near_end_are_refused():
         calibrate(optimum(long))
 
 
-def test_a_mapped_potential_is_scaled_by_positive_numbers_only():
-    with pytest.raises(cr.errors.PotentialError, match="positive numbers only: got -1"):
-        mapped().rescaled(-1.0)
-
-
 @pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
 def test_rescaling_a_mapped_potential_is_rescaling_its_array(aggregate):
     lazy = mapped(aggregate)
     array = cr.StateActionPotential(HUNT, lazy.values)
-    np.testing.assert_allclose(
-        lazy.rescaled(2.5, -0.75).values, array.rescaled(2.5, -0.75).values, atol=1e-12
-    )
+    for factor, shift in ((2.7, -0.75), (-1.0, 0.3)):
+        one, other = lazy.rescaled(factor, shift), array.rescaled(factor, shift)
+        np.testing.assert_array_equal(one.values, other.values)
 
 
 # -- in a curriculum -----------------------------------------------------------------------------

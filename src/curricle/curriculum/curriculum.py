@@ -38,6 +38,7 @@ from curricle.transfer.edges import Calibrate, Transfer
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
+    "unknown_value": 0.0,
     "learner": QLearning(),
     "budget": 100_000,
     "shaping": QInitialisation(),
@@ -47,7 +48,7 @@ SETTINGS: dict[str, Any] = {
     "storage": Storage(),
 }
 """What may be one value for all tasks or a dict from task to value, and its default."""
-OF_TARGETS = ("aggregate", "shaping", "retrain")
+OF_TARGETS = ("aggregate", "unknown_value", "shaping", "retrain")
 """Settings that do not apply to a task without sources."""
 
 
@@ -65,7 +66,10 @@ class Curriculum(TaskGraph):
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
         (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
-        :func:`mean`.
+        :func:`mean`. It skips NaN: the sources whose mapping leaves a pair unmapped.
+    unknown_value : float or dict
+        The potential of pairs that all mappings leave unmapped; default 0, which is optimistic
+        where rewards are negative.
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
@@ -103,6 +107,7 @@ class Curriculum(TaskGraph):
     """
 
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
+    unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget] = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping] = SETTINGS["shaping"]
@@ -273,8 +278,14 @@ class Curriculum(TaskGraph):
         snapshots: int,
     ) -> RetrainedResult:
         """Return a task's training, its sources retrained as often as needed."""
-        name, edges, aggregate = node.name, self.in_edges(node.name), node.aggregate
-        potentials_of = partial(source_potentials, self.tasks[name], edges, aggregate=aggregate)
+        name, edges = node.name, self.in_edges(node.name)
+        potentials_of = partial(
+            source_potentials,
+            node.task,
+            edges,
+            aggregate=node.aggregate,
+            unknown_value=node.unknown_value,
+        )
         direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
         retrain: RetrainSources = self.setting("retrain", name)
         return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
@@ -313,7 +324,8 @@ class Curriculum(TaskGraph):
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name) if function is None else function
         values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
-        return source_potentials(self.tasks[name], edges, values, aggregate)
+        unknown_value = self.setting("unknown_value", name)
+        return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)
 
     def _given(
         self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from curricle.array_types import IntArray
-from curricle.checks import instance
+from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
@@ -37,7 +37,7 @@ class Node:
         Also names the random stream, so that a result does not depend on which other tasks are
         there.
     task : Task
-    aggregate, learner, budget, shaping, eval_freq, evaluation, storage
+    aggregate, unknown_value, learner, budget, shaping, eval_freq, evaluation, storage
         As in :class:`Curriculum`, for this task.
 
     Examples
@@ -53,6 +53,7 @@ class Node:
     name: str
     task: Any
     aggregate: Aggregate
+    unknown_value: float
     learner: Any
     budget: Budget
     shaping: Shaping
@@ -77,6 +78,7 @@ class Node:
                 f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
                 f"{settings['aggregate']!r}"
             )
+        number(f"unknown_value of {name}", settings["unknown_value"], CurriculumError)
         return cls(name, task, eval_freq=eval_freq, **settings)
 
     def replace(self, **settings: Any) -> Self:

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -101,7 +102,11 @@ def handed_on(edge: Transfer, learnt: Learnt) -> Any:
 
 
 def source_potentials(
-    task: Any, edges: Sequence[Transfer], values: Mapping[str, Any], aggregate: Aggregate
+    task: Any,
+    edges: Sequence[Transfer],
+    values: Mapping[str, Any],
+    aggregate: Aggregate,
+    unknown_value: float = 0.0,
 ) -> list[AnyPotential]:
     """Return the potential of a task for each of K seeds; none without edges.
 
@@ -112,8 +117,9 @@ def source_potentials(
         return []
     observed = is_observation_task(task)
     each = [_readable(edge, values[edge.source], observed=observed) for edge in edges]
-    make = ObservationPotential if observed else combined_potential
-    return [make(task, edges, of_seed, aggregate) for of_seed in zip(*each, strict=True)]
+    make: Any = ObservationPotential if observed else combined_potential
+    join = partial(make, task, edges, function=aggregate, unknown_value=unknown_value)
+    return [join(of_seed) for of_seed in zip(*each, strict=True)]
 
 
 def _readable(edge: Transfer, values: Any, *, observed: bool) -> list[Any]:

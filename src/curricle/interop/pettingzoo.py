@@ -174,7 +174,7 @@ def to_pettingzoo(
 
 
 def agent_mappings(
-    target: Pursuit, source: Pursuit, *, unmapped_value: float = 0.0
+    target: Pursuit, source: Pursuit, *, unmapped_value: float | None = None
 ) -> dict[str, ComponentMapping]:
     """Return for each agent the mapping by which it is the source's one predator.
 
@@ -186,8 +186,8 @@ def agent_mappings(
     target : Pursuit
     source : Pursuit
         With one predator.
-    unmapped_value : float
-        As in :func:`project`; used where the source's grid is smaller.
+    unmapped_value : float, optional
+        As in :func:`project`; where the source's grid is smaller, pairs are unmapped.
 
     Returns
     -------

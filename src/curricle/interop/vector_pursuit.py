@@ -200,7 +200,7 @@ def predator_mapping(
     target: ObservationTask,
     source: ObservationTask | Pursuit,
     *,
-    unmapped_value: float = 0.0,
+    unmapped_value: float | None = None,
     **renaming: str,
 ) -> ObservationMapping:
     """Return the mapping from the target's prey and predators to the source's, by name.
@@ -215,7 +215,8 @@ def predator_mapping(
         Of :func:`observed_pursuit`, or made of the registered environment.
     source : ObservationTask or Pursuit
         A task like `target`, or a pursuit whose values are a table.
-    unmapped_value : float
+    unmapped_value : float, optional
+        As in :class:`ObservationMapping`.
     **renaming : str
         ``source_predator="target_predator"``, where the names differ. In a task with
         ``acting="first"`` only that predator, ``predator_1`` or ``predator``, can be read.

@@ -18,7 +18,7 @@ from curricle.checks import numbers
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import TOTAL, ValueLookup, read_rows, read_table
+from curricle.learning.value_lookup import ValueLookup, read_rows, read_table
 from curricle.tasks.task import Task, generative_model
 
 LARGEST = 1e15
@@ -162,10 +162,9 @@ class StateActionPotential(Frozen):
         ends = None if generative.terminal is None else generative.terminal[:, None]
         object.__setattr__(self, "values", _zero_at_ends(ends, values))
 
-    @property
-    def highest(self) -> float:
-        """The maximum of phi(s, a)."""
-        return float(self.values.max())
+    def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return phi(s, a) of n states, (n, A) float64."""
+        return np.asarray(self.values[states])
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
         """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
@@ -247,24 +246,11 @@ class MappedPotential(Frozen):
         read_rows(self.lookup, np.asarray(states, np.int64), phi)
         return phi
 
-    @property
-    def highest(self) -> float:
-        """An upper bound of max phi(s, a), without the array."""
-        return float(self._terms * self.lookup.values.max())
-
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
-        """Return scale phi(s, a) + shift for a scale above 0; it keeps the optimum."""
-        if not scale > 0:
-            raise PotentialError(
-                f"a potential read on the fly can be scaled by positive numbers only: got {scale}"
-            )
-        values = frozen(scale * self.lookup.values + shift / self._terms)
-        return MappedPotential(self.task, self.lookup._replace(values=values))
-
-    @property
-    def _terms(self) -> int:
-        """The number of source values that add up to one of phi."""
-        return len(self.lookup.first) if self.lookup.combine == TOTAL else 1
+        """Return scale phi(s, a) + shift; it keeps the optimum."""
+        own = self.lookup
+        affine = {"scale": float(scale * own.scale), "shift": float(scale * own.shift + shift)}
+        return MappedPotential(self.task, own._replace(**affine))
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""

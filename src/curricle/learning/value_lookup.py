@@ -16,15 +16,18 @@ from curricle.frozen_arrays import frozen
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import quotient
 
+MOST_SOURCES = 64
+"""Sources of a lookup, at most."""
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
 
 
 class ValueLookup(NamedTuple):
-    """phi(s, a) = g_n(values_n[f_n(s, a)]) for N sources; C components of the target's states.
+    """phi(s, a) = scale g_n(values_n[f_n(s, a)]) + shift for N sources; C components of states.
 
     Each source's values have one row more than it has states and one column more than it has
-    actions, for pairs without a counterpart. A source's row for a target state starts at
+    actions, for pairs without a counterpart: NaN there means that the source knows nothing, and g
+    skips it. A source's row for a target state starts at
     ``first[n]`` plus ``strides[strides_at[n, c] + value]`` for the value of each component; the
     target's action adds ``action[n, a]``.
     """
@@ -38,6 +41,10 @@ class ValueLookup(NamedTuple):
     strides: IntArray  # (L,) negative where a value has no counterpart
     action: IntArray  # (N, A)
     combine: int
+    partial: bool  # whether values are NaN, where a source knows nothing
+    unknown: float  # phi where no source knows anything
+    scale: float  # of the aggregate
+    shift: float
     initial: float  # the learner's own initial value, added to phi
 
 
@@ -46,7 +53,8 @@ def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
     none, pairs = frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, 1), np.int64))
     actions, empty = frozen(np.zeros((0, n_actions), np.int64)), frozen(np.zeros(0))
     sizes = frozen(np.zeros(0, np.uint64))
-    return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, float(initial))
+    affine = 0.0, 1.0, 0.0, float(initial)
+    return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, False, *affine)
 
 
 @inlined
@@ -65,8 +73,44 @@ def source_row(lookup, n, state):
 
 
 @inlined
-def read_row(lookup, state, out):
-    """Write initial value + phi(state, a) into `out`, (A,) float64."""
+def read_known(lookup, state, out):
+    """Write the aggregate of the sources that know a pair, those that are not NaN there."""
+    n_sources, n_actions = lookup.action.shape
+    knowing = np.uint64(0)  # a bit for each source that knows something of the state
+    for action in range(np.uint64(n_actions)):
+        out[action] = np.nan
+    for n in range(np.uint64(n_sources)):
+        row = source_row(lookup, n, state)
+        if row != lookup.unmapped_row[n] or not np.isnan(lookup.values[np.uint64(row)]):
+            knowing |= np.uint64(1) << n
+        for action in range(np.uint64(n_actions)):
+            value = lookup.values[np.uint64(row + lookup.action[n, action])]
+            if np.isnan(value):
+                continue
+            if np.isnan(out[action]):
+                out[action] = value
+            elif lookup.combine == MINIMUM:
+                out[action] = value if value < out[action] else out[action]
+            elif lookup.combine == MAXIMUM:
+                out[action] = value if value > out[action] else out[action]
+            else:
+                out[action] += value
+    for action in range(np.uint64(n_actions)):
+        if np.isnan(out[action]):
+            out[action] = lookup.unknown
+        elif lookup.combine == MEAN:
+            known = 0
+            for n in range(np.uint64(n_sources)):
+                # An action without counterpart is NaN in every row, also in the first.
+                first = lookup.values[np.uint64(lookup.first[n] + lookup.action[n, action])]
+                if knowing >> n & np.uint64(1) and not np.isnan(first):
+                    known += 1
+            out[action] /= known
+
+
+@inlined
+def read_all(lookup, state, out):
+    """Write the aggregate for `state` into `out`, where every source knows every pair."""
     n_sources, n_actions = lookup.action.shape
     for action in range(np.uint64(n_actions)):
         out[action] = 0.0
@@ -90,8 +134,17 @@ def read_row(lookup, state, out):
     if lookup.combine == MEAN and n_sources > 1:
         for action in range(np.uint64(n_actions)):
             out[action] /= n_sources
-    for action in range(np.uint64(n_actions)):
-        out[action] += lookup.initial
+
+
+@inlined
+def read_row(lookup, state, out):
+    """Write initial value + phi(state, a) into `out`, (A,) float64."""
+    if lookup.partial:
+        read_known(lookup, state, out)
+    else:
+        read_all(lookup, state, out)
+    for action in range(np.uint64(lookup.action.shape[1])):
+        out[action] = lookup.scale * out[action] + lookup.shift + lookup.initial
 
 
 @njit(cache=True, nogil=True)

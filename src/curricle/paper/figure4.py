@@ -117,9 +117,11 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
         return found
     where = hunt.states.decode()
     shared = where["predator_1"] == where["predator_2"]
+    # In the published runs an unmapped pair was a vote for 0, in every aggregate.
+    kept = [np.where(shared[:, None], UNMAPPED, f.index) for f in found]
     return [
-        StateActionMapping(hunt, f.source, np.where(shared[:, None], UNMAPPED, f.index))
-        for f in found
+        StateActionMapping(hunt, f.source, index, unmapped_value=0.0)
+        for f, index in zip(found, kept, strict=True)
     ]
 
 

@@ -1,4 +1,9 @@
-"""Aggregation of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6)."""
+"""Aggregation of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
+
+A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, and an
+aggregate skips NaN: it is that of the sources that know something. Where none does, phi is one
+stated value, 0 unless another is given.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,18 +14,23 @@ from curricle.array_types import FloatArray
 from curricle.errors import CurriculumError
 
 Aggregate = Callable[[FloatArray], FloatArray]
-"""Any function (N, S, A) -> (S, A)."""
+"""Any function (N, S, A) -> (S, A) that skips NaN, as ``numpy.nanmedian`` along axis 0 does.
+
+Where all sources are NaN its result does not count; it is never called with such pairs.
+"""
 
 
 def maximum(potentials: FloatArray) -> FloatArray:
     """Return max_i phi_i(s, a), the most optimistic source. (N, S, A) -> (S, A).
 
+    Over the sources that are not NaN, as in all aggregates here; NaN where all are.
+
     Examples
     --------
-    >>> maximum(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
+    >>> maximum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[3., 5.]])
     """
-    return np.asarray(potentials.max(axis=0))
+    return np.asarray(np.fmax.reduce(potentials, axis=0))
 
 
 def mean(potentials: FloatArray) -> FloatArray:
@@ -28,10 +38,11 @@ def mean(potentials: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> mean(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
-    array([[2. , 3.5]])
+    >>> mean(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
+    array([[2., 5.]])
     """
-    return np.asarray(potentials.sum(axis=0) / len(potentials))  # quicker than mean(axis=0)
+    known = np.count_nonzero(~np.isnan(potentials), axis=0)
+    return np.asarray(total(potentials) / np.maximum(known, 1))
 
 
 def minimum(potentials: FloatArray) -> FloatArray:
@@ -39,10 +50,10 @@ def minimum(potentials: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> minimum(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
-    array([[1., 2.]])
+    >>> minimum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
+    array([[1., 5.]])
     """
-    return np.asarray(potentials.min(axis=0))
+    return np.asarray(np.fmin.reduce(potentials, axis=0))
 
 
 def total(potentials: FloatArray) -> FloatArray:
@@ -50,34 +61,58 @@ def total(potentials: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> total(np.array([[[1.0, 5.0]], [[3.0, 2.0]]]))
-    array([[4., 7.]])
+    >>> total(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
+    array([[4., 5.]])
     """
-    return np.asarray(potentials.sum(axis=0))
+    unknown = np.isnan(potentials)
+    if not unknown.any():
+        return np.asarray(potentials.sum(axis=0))
+    known = np.where(unknown, 0.0, potentials).sum(axis=0)
+    return np.where(unknown.all(axis=0), np.nan, known)
 
 
-def aggregate(function: Aggregate, potentials: FloatArray) -> FloatArray:
-    """Return the aggregate of potentials, (N, S, A) -> (S, A); CurriculumError unless it fits.
+def aggregate(
+    function: Aggregate, potentials: FloatArray, unknown_value: float = 0.0
+) -> FloatArray:
+    """Return the aggregate of potentials, (N, S, A) -> (S, A), and where all are NaN one value.
 
-    Its shape must be (S, A) and its values finite.
+    Raises
+    ------
+    CurriculumError
+        Unless the function returns shape (S, A), finite wherever a potential is not NaN.
+
+    Examples
+    --------
+    >>> aggregate(mean, np.array([[[1.0, np.nan]], [[np.nan, np.nan]]]), unknown_value=-5.0)
+    array([[ 1., -5.]])
     """
+    unknown = np.isnan(potentials)
+    nowhere = unknown.all(axis=0)
+    if nowhere.any():
+        potentials = np.where(nowhere, unknown_value, potentials)
     result = np.asarray(function(potentials), dtype=np.float64)
     name = getattr(function, "__name__", repr(function))
-    if result.shape != potentials.shape[1:]:
+    if result.shape != nowhere.shape:
         raise CurriculumError(
-            f"an aggregate must return shape {potentials.shape[1:]}: {name} returned {result.shape}"
+            f"an aggregate must return shape {nowhere.shape}: {name} returned {result.shape}"
         )
-    if not np.isfinite(result).all():
-        state, action = np.argwhere(~np.isfinite(result))[0]
-        raise CurriculumError(
-            f"an aggregate must return finite values: {name} returned {result[state, action]} at "
-            f"state {state}, action {action}"
-        )
-    return result
+    bad = ~np.isfinite(result) & ~nowhere
+    if bad.any():
+        state, action = np.argwhere(bad)[0]
+        asked = f"{name} returned {result[state, action]} at state {state}, action {action}"
+        skipped = int(unknown[:, state, action].sum())
+        if skipped:
+            raise CurriculumError(
+                "an aggregate must skip NaN, which stands for a source that knows nothing of a "
+                f"pair: {asked}, of which {skipped} of {len(potentials)} sources know nothing; "
+                "numpy.nanmean skips NaN, and mappings with an unmapped_value have none"
+            )
+        raise CurriculumError(f"an aggregate must return finite values: {asked}")
+    return np.where(nowhere, unknown_value, result) if nowhere.any() else result
 
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
-    """Return the aggregate of N numbers, as :func:`aggregate` does for one state and action.
+    """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair.
 
     The aggregates of this module need no array, which would take most of the time.
 

@@ -16,6 +16,7 @@ from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
 from curricle.learning.record import WarmUp
+from curricle.tasks.task import generative_model
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential
@@ -24,6 +25,10 @@ AnyPotential = Any
 """The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
 FIRST_EPISODES = 20
 """Episodes after which a calibration stops if they reached nothing."""
+LARGEST_SEARCHED = 10_000_000
+"""Pairs (S x A) in which the highest value of phi is searched; of more, as many at random."""
+CHUNK = 1_000_000
+"""Pairs read at a time."""
 MIN_NONZERO = 0.5
 """Least share of the steps in which phi is not 0."""
 MIN_EXPLAINED = {"a factor": 0.25, "a factor and a shift": 0.02}
@@ -209,7 +214,7 @@ def _poor_fit(
     explained: float,
 ) -> str:
     """Return a refusal if scale phi + shift does not describe the returns, else ""."""
-    highest, highest_seen = potential.highest, float(rollouts.predicted.max())
+    highest, highest_seen = _highest(potential), float(rollouts.predicted.max())
     if scale > 1 and highest > 0 and highest_seen < highest / 2:
         return (
             "a calibration must not raise values of phi that its episodes did not come near: a "
@@ -232,6 +237,25 @@ def _poor_fit(
             f"go: it explains {explained:.1%}, as {means}"
         )
     return ""
+
+
+def _highest(potential: AnyPotential) -> float:
+    """Return the highest phi(s, a) of all states, or of a sample where there are very many.
+
+    The same pairs are read of every kind of potential. Of observations it is not known: -inf.
+    """
+    if isinstance(potential, ObservationPotential):
+        return -math.inf
+    model = generative_model(potential.task)
+    n_states, n_actions = model.states.size, model.actions.size
+    searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))
+    states = np.arange(searched)
+    if searched < n_states:
+        states = np.random.default_rng(0).integers(n_states, size=searched)
+    if model.terminal is not None:
+        states = states[~model.terminal[states]]
+    parts = np.array_split(states, max(1, len(states) * n_actions // CHUNK))
+    return max(float(potential.rows(part).max(initial=-math.inf)) for part in parts)
 
 
 def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, float]:

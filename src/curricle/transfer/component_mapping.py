@@ -6,11 +6,10 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import IntArray
-from curricle.checks import number
 from curricle.errors import MappingError
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
-from curricle.transfer.mapping import StateActionMapping, pair_mapping
+from curricle.transfer.mapping import StateActionMapping, check_unmapped_value, pair_mapping
 
 LARGEST_INDEX = 500_000_000
 """Target pairs for which an index array is made (4 GB)."""
@@ -27,7 +26,8 @@ class ComponentMapping(StateActionMapping):
     target, source : Task
     renaming : dict of str to str
         Source component -> target component, where the names differ.
-    unmapped_value : float
+    unmapped_value : float, optional
+        As in :class:`StateActionMapping`.
 
     Examples
     --------
@@ -40,10 +40,14 @@ class ComponentMapping(StateActionMapping):
     renaming: dict[str, str]
 
     def __init__(
-        self, target: Task, source: Task, renaming: dict[str, str], unmapped_value: float = 0.0
+        self,
+        target: Task,
+        source: Task,
+        renaming: dict[str, str],
+        unmapped_value: float | None = None,
     ):
         generative_model(target), generative_model(source)
-        number("unmapped_value", unmapped_value, MappingError)
+        check_unmapped_value(unmapped_value)
         known = {*source.states.names, *source.actions.names}
         for name in renaming:
             if name not in known:
@@ -101,7 +105,7 @@ class ComponentMapping(StateActionMapping):
 
 
 def project(
-    target: Task, source: Task, *, unmapped_value: float = 0.0, **renaming: str
+    target: Task, source: Task, *, unmapped_value: float | None = None, **renaming: str
 ) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
@@ -113,7 +117,8 @@ def project(
     Parameters
     ----------
     target, source : Task
-    unmapped_value : float
+    unmapped_value : float, optional
+        As in :class:`StateActionMapping`.
     **renaming : str
         ``source_component="target_component"``.
 

@@ -1,5 +1,6 @@
 """Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5)."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from curricle.tasks.task import Task, generative_model, same_task
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
-"""Entry of a mapping for a target pair without a source pair."""
+"""Entry of a mapping for a target pair without a source pair: of it the source knows nothing."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 
@@ -80,8 +81,9 @@ class StateActionMapping(Frozen):
     index : (S, A) int array
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
         states do not count.
-    unmapped_value : float
-        The value of unmapped pairs. 0 is optimistic where rewards are negative.
+    unmapped_value : float, optional
+        A value that the source is to state for unmapped pairs. By default it states none: they are
+        NaN, and aggregates skip them. 0 is optimistic where rewards are negative.
 
     Raises
     ------
@@ -99,7 +101,7 @@ class StateActionMapping(Frozen):
     target: Task
     source: Task
     index: IntArray
-    unmapped_value: float = 0.0
+    unmapped_value: float | None = None
 
     def __post_init__(self) -> None:
         target, source = generative_model(self.target), generative_model(self.source)
@@ -112,7 +114,7 @@ class StateActionMapping(Frozen):
                 f"a mapping must be an integer array of the target's shape {shape}: got "
                 f"{index.dtype} of shape {index.shape}"
             )
-        number("unmapped_value", self.unmapped_value, MappingError)
+        check_unmapped_value(self.unmapped_value)
         if target.terminal is not None:
             index = np.where(target.terminal[:, None], ENDED, index)
         bad = np.argwhere((index < ENDED) | (index >= n_pairs))
@@ -138,7 +140,7 @@ class StateActionMapping(Frozen):
     ) -> FloatArray:
         """Return phi(s, a) = scale Q_source(f(s, a)) + shift, (..., S', A') -> (..., S, A) float64.
 
-        It is `shift` where ended and `unmapped_value` where unmapped.
+        It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
         """
         q = np.asarray(source_values, dtype=np.float64)
         expected = (self.source.states.size, self.source.actions.size)
@@ -176,8 +178,19 @@ def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
     return values if scale == 1 and shift == 0 else scale * values + shift
 
 
+def check_unmapped_value(given: float | None) -> None:
+    """Raise MappingError unless an unmapped value is a finite number or None."""
+    if given is not None:
+        number("unmapped_value", given, MappingError)
+
+
+def number_or_nan(unmapped_value: float | None) -> float:
+    """Return an unmapped value; NaN, for nothing known, where it is None."""
+    return math.nan if unmapped_value is None else unmapped_value
+
+
 def transferred(
-    values: FloatArray, index: IntArray, unmapped_value: float, scale: float, shift: float
+    values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
     """Return scale Q + shift of mapped pairs, shift of ended ones, and `unmapped_value` elsewhere.
 
@@ -186,10 +199,10 @@ def transferred(
 
     Examples
     --------
-    >>> transferred(np.array([5.0, 5.0, 5.0]), np.array([7, ENDED, UNMAPPED]), -3.0, 2.0, 1.0)
-    array([11.,  1., -3.])
+    >>> transferred(np.array([5.0, 5.0, 5.0]), np.array([7, ENDED, UNMAPPED]), None, 2.0, 1.0)
+    array([11.,  1., nan])
     """
-    fixed = np.where(index == UNMAPPED, unmapped_value, shift)
+    fixed = np.where(index == UNMAPPED, number_or_nan(unmapped_value), shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
 
@@ -203,11 +216,11 @@ def identity(task: Task) -> StateActionMapping:
     """
     generative_model(task)
     states, actions = np.arange(task.states.size), np.arange(task.actions.size)
-    return pair_mapping(task, task, states[:, None], actions, 0.0)
+    return pair_mapping(task, task, states[:, None], actions)
 
 
 def same_position(
-    target: GridWorld, source: GridWorld, *, unmapped_value: float = 0.0
+    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
     """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
 
@@ -226,7 +239,7 @@ def same_position(
 
 
 def relative_objects(
-    target: GridWorld, source: GridWorld, *, unmapped_value: float = 0.0
+    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
     """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
 
@@ -256,7 +269,7 @@ def relative_objects(
 
 
 def from_function(
-    target: Task, source: Task, function: PairFunction, *, unmapped_value: float = 0.0
+    target: Task, source: Task, function: PairFunction, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
     """Return the mapping that a function on decoded components computes.
 
@@ -267,7 +280,8 @@ def from_function(
         Takes the target's decoded states (name -> (S, 1) int64) and actions (name -> (1, A)) and
         returns the source's as two dicts of arrays that broadcast to (S, A). Values that are no
         point of the source's space leave the pair unmapped.
-    unmapped_value : float
+    unmapped_value : float, optional
+        As in :class:`StateActionMapping`.
 
     Raises
     ------
@@ -337,7 +351,11 @@ def terminal_states(task: Task) -> BoolArray:
 
 
 def pair_mapping(
-    target: Task, source: Task, state: IntArray, action: IntArray, unmapped_value: float
+    target: Task,
+    source: Task,
+    state: IntArray,
+    action: IntArray,
+    unmapped_value: float | None = None,
 ) -> StateActionMapping:
     """Return the mapping to these source states and actions, which broadcast to (S, A).
 

@@ -52,7 +52,12 @@ class Projection:
 
 
 def find_projections(
-    target: Task, source: Task, *, pairs: int = 5_000, seed: int = 0, unmapped_value: float = 0.0
+    target: Task,
+    source: Task,
+    *,
+    pairs: int = 5_000,
+    seed: int = 0,
+    unmapped_value: float | None = None,
 ) -> tuple[Projection, ...]:
     """Return every assignment of target components to the source's, best prediction first.
 
@@ -65,7 +70,7 @@ def find_projections(
         State-action pairs of the target to score on, drawn without repetition.
     seed : int
         Of that draw.
-    unmapped_value : float
+    unmapped_value : float, optional
         Of the mappings.
 
     Raises

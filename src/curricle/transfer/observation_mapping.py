@@ -10,10 +10,17 @@ import numpy as np
 from gymnasium.vector.utils import batch_space, iterate
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import instance, number, numbers
+from curricle.checks import instance, numbers
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
-from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, transferred
+from curricle.transfer.mapping import (
+    ENDED,
+    UNMAPPED,
+    check_unmapped_value,
+    number_or_nan,
+    rescale,
+    transferred,
+)
 from curricle.transfer.value_sources import ValueSource, no_actions
 
 
@@ -71,8 +78,9 @@ class ObservationMapping:
     status : callable, optional
         observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
         where there is none. The counterparts returned for these are not read.
-    unmapped_value : float
-        The value of unmapped pairs. 0 is optimistic where rewards are negative.
+    unmapped_value : float, optional
+        A value that the source is to state for unmapped pairs. By default it states none: they are
+        NaN, and aggregates skip them. 0 is optimistic where rewards are negative.
     description : str
         Printed in reports; by default the names of the functions.
 
@@ -99,14 +107,14 @@ class ObservationMapping:
     observations: Callable[[Any], Any] | None = None
     actions: Any = None
     status: Callable[[Any], Any] | None = None
-    unmapped_value: float = 0.0
+    unmapped_value: float | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
         if not self.description:
             object.__setattr__(self, "description", self._describe())
         instance("target of an observation mapping", self.target, ObservationTask, MappingError)
-        number("unmapped_value", self.unmapped_value, MappingError)
+        check_unmapped_value(self.unmapped_value)
         if self.observations is None and not is_observation_task(self.source):
             raise MappingError(
                 "a mapping into a task with tables needs a function from observations to its "
@@ -140,7 +148,7 @@ class ObservationMapping:
     ) -> FloatArray:
         """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
 
-        It is `shift` where ended and `unmapped_value` where unmapped.
+        It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
         """
         if self.target.n_actions is None:
             raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
@@ -157,7 +165,7 @@ class ObservationMapping:
             q = values.q(counterparts, distinct.repeat(n, axis=0))
             phi = self._transferred("Q", q, status, scale, shift).take(column, axis=1)
         missing = table == UNMAPPED
-        return np.where(missing, self.unmapped_value, phi) if missing.any() else phi
+        return np.where(missing, number_or_nan(self.unmapped_value), phi) if missing.any() else phi
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:

@@ -13,7 +13,14 @@ from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL, ValueLookup
+from curricle.learning.value_lookup import (
+    MAXIMUM,
+    MEAN,
+    MINIMUM,
+    MOST_SOURCES,
+    TOTAL,
+    ValueLookup,
+)
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import MISSING
@@ -46,10 +53,12 @@ def combined_potential(
     transfers: Sequence[Transfer],
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
+    unknown_value: float = 0.0,
 ) -> MappedPotential | StateActionPotential:
     """Return the aggregated potential of N transfers, as an array where it cannot be looked up.
 
-    `source_values` are N (S', A') float arrays.
+    `source_values` are N (S', A') float arrays; phi is `unknown_value` where no source knows
+    anything.
 
     Examples
     --------
@@ -60,11 +69,11 @@ def combined_potential(
     >>> combined_potential(maze, edges, [np.ones((3, 4))] * 2, mean).values[0]
     array([1.5, 1.5, 1.5, 1.5])
     """
-    mapped = mapped_potential(task, transfers, source_values, function)
+    mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:
         return mapped
     each = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
-    return StateActionPotential(task, aggregate(function, np.stack(each)))
+    return StateActionPotential(task, aggregate(function, np.stack(each), unknown_value))
 
 
 def mapped_potential(
@@ -72,17 +81,18 @@ def mapped_potential(
     transfers: Sequence[Transfer],
     source_values: Sequence[npt.ArrayLike],
     function: Aggregate,
+    unknown_value: float = 0.0,
 ) -> MappedPotential | None:
     """Return the aggregated potential, looked up while learning; None if it cannot be.
 
-    It can where all mappings go by component names between whole boxes and the aggregate is one of
-    the library's own.
+    It can where all mappings, at most 64, go by component names between whole boxes and the
+    aggregate is one of the library's own.
     """
     found = [t.mapping.lookups() for t in transfers if isinstance(t.mapping, ComponentMapping)]
     offsets = [one for one in found if one is not None]
     # By identity: an aggregate may be any object that can be called, also one without a hash.
     combine = next((code for known, code in COMPILED_AGGREGATES.items() if known is function), None)
-    if combine is None or len(offsets) < len(transfers):
+    if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
     tables = [_padded_table(edge, q) for edge, q in zip(transfers, source_values, strict=True)]
     actions, strides = list[IntArray](), list[IntArray]()
@@ -93,8 +103,9 @@ def mapped_potential(
     first = _starts(tables)
     states = generative_model(task).states
     sizes = [part.size for part in reversed(states.components)]
+    values = np.concatenate([table.ravel() for table in tables])
     lookup = ValueLookup(
-        values=frozen(np.concatenate([table.ravel() for table in tables])),
+        values=frozen(values),
         first=frozen(first),
         unmapped_row=frozen(first + [table.size - table.shape[1] for table in tables]),
         size=frozen(np.array(sizes, np.uint64)),
@@ -103,6 +114,10 @@ def mapped_potential(
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
         combine=combine,
+        partial=bool(np.isnan(values).any()),
+        unknown=float(unknown_value),
+        scale=1.0,
+        shift=0.0,
         initial=0.0,
     )
     return MappedPotential(task, lookup)
@@ -117,7 +132,7 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
 def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
     """Return what a target reads of a source, (S' + 1, A' + 1).
 
-    Pairs that are unmapped read the last row or column.
+    Pairs that are unmapped read the last row or column, which are NaN where nothing is known.
     """
     mapping = transfer.mapping
     q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
@@ -130,6 +145,8 @@ def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArra
 @dataclass(frozen=True, eq=False)
 class ObservationPotential:
     """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
+
+    g skips the sources whose mapping leaves an observation unmapped.
 
     It is a :class:`ValueSource` itself. Where all sources have action values, and the actions are
     numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
@@ -145,6 +162,8 @@ class ObservationPotential:
     function : callable
         g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
     scale, shift : float
+    unknown_value : float
+        g where no source knows anything.
 
     Raises
     ------
@@ -169,6 +188,7 @@ class ObservationPotential:
     function: Aggregate = mean
     scale: float = 1.0
     shift: float = 0.0
+    unknown_value: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "edges", tuple(self.edges))
@@ -197,11 +217,6 @@ class ObservationPotential:
     def of_actions(self) -> bool:
         """Whether it has action values."""
         return self.task.n_actions is not None and all(v.of_actions for v in self.values)
-
-    @property
-    def highest(self) -> float:
-        """NaN: the maximum over all observations is not known."""
-        return float("nan")
 
     def pairs(self, observations: Any) -> FloatArray:
         """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
@@ -235,6 +250,7 @@ class ObservationPotential:
     def _aggregate(self, each: Iterable[FloatArray]) -> FloatArray:
         """Return scale g + shift of the sources' potentials, N of (n, A) -> (n, A)."""
         found = list(each)
-        alone = len(found) == 1 and self.function in UNCHANGED_ALONE
-        phi = found[0] if alone else aggregate(self.function, np.array(found))
+        if len(found) == 1 and self.function in UNCHANGED_ALONE and not np.isnan(found[0]).any():
+            return rescale(found[0], self.scale, self.shift)
+        phi = aggregate(self.function, np.array(found), self.unknown_value)
         return rescale(phi, self.scale, self.shift)

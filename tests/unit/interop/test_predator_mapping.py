@@ -18,6 +18,7 @@ from curricle.interop.vector_pursuit import (
 )
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer import FunctionValues, TableValues
+from curricle.transfer.aggregation import aggregate
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.potentials import ObservationPotential
 
@@ -131,7 +132,7 @@ def test_several_sources_together_are_those_over_states(sizes, predators, torus,
         Transfer("source", "target", project(target, source, **each), scale=2.0, shift=0.5)
         for each in settings_of_edges
     ]
-    expected = minimum(np.stack([edge.potential(q) for edge in read]))
+    expected = aggregate(minimum, np.stack([edge.potential(q) for edge in read]))
     states = rng.choice(np.flatnonzero(~target.terminal), 40)
     vectors = PursuitVectors(target).of(every_cell(target)[states])
     assert np.array_equal(phi.pairs(vectors), expected[states])

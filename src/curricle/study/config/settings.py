@@ -25,6 +25,7 @@ from curricle.study.config.derived_tables import ObjectTable, Rate, built, table
 from curricle.study.config.references import load
 from curricle.study.config.tables import (
     Choice,
+    Number,
     Table,
     Whole,
     not_one_of,
@@ -149,6 +150,9 @@ class Settings(Table):
         default="mean",
         description="How several potentials into a task become one: maximum, mean, minimum, total, "
         "or a function (N, S, A) -> (S, A) as module:function.",
+    )
+    unknown_value: Number = Field(
+        default=0.0, description="The potential of pairs that all mappings leave unmapped."
     )
     learner: AnyLearner = Field(default=LEARNERS[0](), description="The learning algorithm.")
     budget: AnyBudget = Field(

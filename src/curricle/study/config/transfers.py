@@ -69,7 +69,10 @@ class _TransferTable(ObjectTable):
         description="With observations: a function from them to whether there is a counterpart, "
         "module:function.",
     )
-    unmapped_value: Number = Field(default=0.0, description="Value of pairs without a source pair.")
+    unmapped_value: Number | None = Field(
+        default=None,
+        description="A value for pairs without a source pair; by default aggregates skip them.",
+    )
 
     @model_validator(mode="after")
     def _one_mapping(self) -> Self:
@@ -81,7 +84,7 @@ class _TransferTable(ObjectTable):
         if others and self.observations is None and self.mapping != "identity":
             raise wrong("has actions or status, which go with observations or mapping = 'identity'")
         whole = self.mapping == "identity" and not others
-        if self.unmapped_value and (self.factory is not None or whole):
+        if self.unmapped_value is not None and (self.factory is not None or whole):
             raise wrong(
                 "has an unmapped_value that is not used: a factory sets its own, and identity "
                 "leaves nothing unmapped"
