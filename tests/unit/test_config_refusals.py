@@ -116,7 +116,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
             "[arms.a]\nseeds = 3",
             [
                 "line 22: arms.a.seeds is unknown: known are tasks, transfers, aggregate, "
-                "learner, budget, "
+                "unknown_value, learner, budget, "
                 "shaping, retrain, eval_freq, evaluation, storage"
             ],
         ),

@@ -249,8 +249,10 @@ class MappedPotential(Frozen):
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
         """Return scale phi(s, a) + shift; it keeps the optimum."""
         own = self.lookup
-        affine = {"scale": float(scale * own.scale), "shift": float(scale * own.shift + shift)}
-        return MappedPotential(self.task, own._replace(**affine))
+        lookup = own._replace(
+            scale=float(scale * own.scale), shift=float(scale * own.shift + shift)
+        )
+        return MappedPotential(self.task, lookup)
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""

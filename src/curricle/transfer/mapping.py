@@ -202,7 +202,8 @@ def transferred(
     >>> transferred(np.array([5.0, 5.0, 5.0]), np.array([7, ENDED, UNMAPPED]), None, 2.0, 1.0)
     array([11.,  1., nan])
     """
-    fixed = np.where(index == UNMAPPED, number_or_nan(unmapped_value), shift)
+    unmapped_value = number_or_nan(unmapped_value)
+    fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
 
