@@ -66,10 +66,9 @@ class Curriculum(TaskGraph):
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
         (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
-        :func:`mean`. It skips NaN: the sources whose mapping leaves a pair unmapped.
+        :func:`mean`. NaN, of sources whose mapping leaves a pair unmapped, is skipped.
     unknown_value : float or dict
-        The potential of pairs that all mappings leave unmapped; default 0, which is optimistic
-        where rewards are negative.
+        The potential of pairs that all mappings leave unmapped; default 0.
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
@@ -279,13 +278,8 @@ class Curriculum(TaskGraph):
     ) -> RetrainedResult:
         """Return a task's training, its sources retrained as often as needed."""
         name, edges = node.name, self.in_edges(node.name)
-        potentials_of = partial(
-            source_potentials,
-            node.task,
-            edges,
-            aggregate=node.aggregate,
-            unknown_value=node.unknown_value,
-        )
+        how: Any = {"aggregate": node.aggregate, "unknown_value": node.unknown_value}
+        potentials_of = partial(source_potentials, node.task, edges, **how)
         direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
         retrain: RetrainSources = self.setting("retrain", name)
         return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)

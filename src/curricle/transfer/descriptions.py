@@ -40,7 +40,8 @@ def transfer_words(transfer: Transfer) -> str:
             words.append(f"{cover.ended:.0%} at the source's end")
         if cover.unmapped:
             value = transfer.mapping.unmapped_value
-            words.append(f"{cover.unmapped:.0%} unmapped (potential {value:g})")
+            stated = "nothing known" if value is None else f"potential {value:g}"
+            words.append(f"{cover.unmapped:.0%} unmapped ({stated})")
     if transfer.scale != 1:
         words.append(f"scaled by {transfer.scale:g}")
     if transfer.shift:
@@ -73,4 +74,4 @@ def _parts(mapping: Any) -> tuple[Any, ...]:
     if isinstance(mapping, ObservationMapping):
         actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
         return mapping.observations, actions, mapping.status, mapping.unmapped_value
-    return mapping.index.shape, mapping.index.tobytes()
+    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value
