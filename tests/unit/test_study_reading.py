@@ -6,8 +6,9 @@ import pandas as pd
 import polars as pl
 import pytest
 
+from curricle.report.study_report import write_report
 from curricle.study import StudyResults
-from curricle.study.results import ALL_DECISIONS, RESULTS
+from curricle.study.results import ALL_DECISIONS, ANALYSIS, RESULTS
 
 CURVES = {
     "arm": "VARCHAR",
@@ -154,3 +155,13 @@ def test_every_seed_of_every_task_says_why_it_ended(finished, study):
     assert ended["steps"].to_list() == study.results["chain"]["corner"].steps_used.tolist()
     assert (ended["lowest"] >= ended["level"]).all()
     assert (rows.filter(~pl.col("ends"))["lowest"].fill_nan(-1e9) < 194.5).all()
+
+
+def test_a_page_of_a_run_that_has_not_ended_says_what_it_lacks(copied):
+    whole = write_report(copied).read_text()
+    assert "predicted start" in whole
+    (copied / ANALYSIS).unlink()
+    page = write_report(copied).read_text()
+    assert "predicted start" not in page
+    assert "left out, because the run has not ended: curricle run --resume makes them" in page
+    assert page.count('class="moments') == whole.count('class="moments') > 0

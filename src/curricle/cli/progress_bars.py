@@ -42,6 +42,8 @@ def run_with_bars(
                 rows[arm, task] = bars.add_task(f"{arm}: {task}", total=total)
         else:
             bars.advance(rows[unit.arm, unit.task], len(unit.seeds))
+            if bars.finished:
+                bars.add_task("forecasts and certificates", total=None)
             if not console.is_terminal:
                 print(f"done {unit.label}", file=sys.stderr, flush=True)
 

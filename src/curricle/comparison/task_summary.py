@@ -112,9 +112,18 @@ def plain_text(value: Any) -> str:
             source = inspect.getsource(function)
         except OSError:
             source = repr(function.__code__.co_code)
-        return f"{function.__name__} ({_digest(source)})"
-    # Addresses differ between processes, names of folders' packages between machines.
-    return re.sub(r" at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.", "", repr(value))
+        constants = function.__code__.co_consts, inspect.getclosurevars(function).nonlocals
+        return f"{function.__name__} ({_digest(source + _of_any_process(repr(constants)))})"
+    return _of_any_process(repr(value))
+
+
+def _of_any_process(text: str) -> str:
+    """Return a text without addresses, which differ between processes, and without folders.
+
+    The package of a study's own modules is named after its folder, and code after its file.
+    """
+    parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
+    return re.sub(parts, "", text)
 
 
 def _projections(mdp: FiniteMDP) -> Iterator[tuple[str, tuple[float, float]]]:
