@@ -6,6 +6,9 @@ import signal
 import traceback
 from pathlib import Path
 
+import pytest
+
+from curricle.cli import forecast_preview
 from curricle.cli.study_preview import print_preview
 from curricle.errors import CurricleError
 from curricle.study import read_study
@@ -40,6 +43,15 @@ def limited():
             signal.signal(number, handler)
 
 
+@contextlib.contextmanager
+def quick_forecasts():
+    """Let a preview take a second or five for what it lets take half a minute or five."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forecast_preview, "LONGEST", 1.0)
+        patch.setattr(forecast_preview, "LONGEST_LOOK", 5.0)
+        yield
+
+
 def outcome(text: str, folder: Path) -> tuple[str, str]:
     """Return what `curricle check` makes of a text, in a word, and why.
 
@@ -49,7 +61,7 @@ def outcome(text: str, folder: Path) -> tuple[str, str]:
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
     try:
-        with limited(), contextlib.redirect_stdout(io.StringIO()):
+        with limited(), quick_forecasts(), contextlib.redirect_stdout(io.StringIO()):
             print_preview(read_study(path))
     except CurricleError as error:
         return "refused", str(error)

@@ -11,12 +11,14 @@ import pytest
 import curricle as cr
 from curricle.checks import unfit_name
 from curricle.cli.app import main
+from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.study_preview import graph
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.report.templates import render
 from curricle.study import StudyStore, read_study
 from curricle.study.arms import Arms
+from curricle.study.cost import costs
 from curricle.study.units import units_of
 from tests.studies import MAZE, complaints_of
 
@@ -163,3 +165,20 @@ def test_a_preview_of_a_target_too_large_to_count():
     assert not any("pairs mapped" in line for line in graph(curriculum))
     with pytest.raises(MappingError, match="index array for up to 500,000,000 target pairs: got"):
         curriculum.transfers[0].mapping.coverage()
+
+
+def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
+    text = textwrap.dedent("""
+        name = "endless"
+        seeds = 2
+        scratch = false
+        learner = { type = "deep" }
+        tasks.one = { type = "vector_pursuit", size = 3, predators = 1, budget = 10 }
+        tasks.all = { type = "vector_pursuit", size = 3, predators = 2, budget = 10 }
+        transfers = [{ source = "one", target = "all", project = { predator = "predator_1" } }]
+    """)
+    Path("study.toml").write_text(text)
+    study = read_study("study.toml", set=["tasks.all.time_limit=1_000_000_000"])
+    arms = Arms.of(study)
+    print_forecasts(study, arms, costs(study, arms))
+    assert "no forecast: to compare the potentials in all could take" in capsys.readouterr().out

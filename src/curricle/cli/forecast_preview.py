@@ -9,16 +9,24 @@ from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
-from curricle.comparison.forecasting import Forecast, forecast
+from curricle.comparison.forecasting import AGGREGATES, Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
-from curricle.errors import CurricleError
+from curricle.errors import CurricleError, SettingError
+from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, duration
+from curricle.tasks.task import generative_model, has_tables
+from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 30.0
 """Seconds of training on one processor, by the estimate, up to which a look beforehand is quick."""
+LONGEST_LOOK = 300.0
+"""Seconds that comparing potentials in the target may take: nearly all episodes end long before the
+limit by which they are estimated."""
+PAIR_SECONDS = 2e-6
+"""Of comparing a potential with the optimal value of a pair: about 0.8 s for 390,625 pairs."""
 SEEDS = 3
 """Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
 
@@ -32,6 +40,15 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
         for source in one.ancestors(one.target)
     }
     if not sources:
+        return
+    target = next(one for one in each if one.task == arms.target)
+    look = sum(_look(one, target.step_seconds) for one in curricula.values())
+    look *= min(SEEDS, len(study.seeds))
+    if look > LONGEST_LOOK:
+        print(
+            f"\nno forecast: to compare the potentials in {arms.target} could take "
+            f"{duration(look)}; curricle.forecast does it, with fewer episodes if they are given"
+        )
         return
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
     a_seed = sum(by_key[key] for key in sources)
@@ -53,6 +70,25 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
         flush=True,
     )
     _print_trained(curricula, arms, seeds)
+
+
+def _look(curriculum: Curriculum, step_seconds: float) -> float:
+    """Return the seconds that comparing an arm's potentials in its target takes at most, a seed."""
+    node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
+    potentials = len(AGGREGATES) + 1 + len(edges) if len(edges) > 1 else 1
+    try:
+        horizon = node.evaluation.horizon(node.task)
+    except SettingError:  # which the forecast will say
+        return 0.0
+    if node.deep:
+        return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
+    model = generative_model(node.task)
+    pairs = model.states.size * model.actions.size
+    if not has_tables(node.task) or pairs > LARGEST_SOLVED:
+        return potentials * ROLLOUTS * horizon * step_seconds
+    exact = pairs * horizon <= LARGEST_EVALUATED
+    rollouts = 0.0 if exact else ROLLOUTS * horizon * step_seconds
+    return potentials * (pairs * PAIR_SECONDS + rollouts)
 
 
 def _print_trained(curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int]) -> None:

@@ -40,6 +40,8 @@ class Cost:
     """On one processor, about, without compilation."""
     table_bytes: int
     """Of the values kept, all seeds; 0 where a network learns."""
+    step_seconds: float
+    """Of a step without learning, about."""
 
 
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
@@ -62,7 +64,9 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
         )
         steps, evaluation = node.most_steps, _evaluation_steps(node)
         seconds = seeds * (learning * steps + acting * evaluation)
-        each.append(Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node)))
+        each.append(
+            Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node), acting)
+        )
     return each
 
 
