@@ -66,6 +66,12 @@ def _at_once(path: str, flags: int) -> int:
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place and move it there when it is complete.
 
+    Raises
+    ------
+    OSError
+        When it cannot be written, or a device, a pipe or a folder is in its place: that would be
+        lost.
+
     Examples
     --------
     >>> from tempfile import mkdtemp
@@ -74,6 +80,8 @@ def write_whole(path: Path, content: bytes) -> None:
     >>> place.read_bytes()
     b'whole'
     """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "what is there is no regular file", str(path))
     temporary = part_in(path.parent)
     try:
         with temporary.open("xb") as file:

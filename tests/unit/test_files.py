@@ -60,6 +60,16 @@ def test_files_have_the_permissions_that_the_user_gives_new_files(tmp_path, umas
     assert (tmp_path / "a").stat().st_mode & 0o777 == mode
 
 
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name in ("pipe", "folder"):
+        with pytest.raises(OSError, match="what is there is no regular file"):
+            write_whole(tmp_path / name, b"page")
+    assert (tmp_path / "pipe").is_fifo()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def test_file_names_are_short_and_different():
     long = ["x" * 300, "x" * 301, "\u6f22" * 100, "\u6f22" * 99 + "\u5b57"]
     names = [file_name(one) for one in long]
