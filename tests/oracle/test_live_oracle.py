@@ -160,7 +160,10 @@ def splitmix64(z):
 
 
 def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
-    """Learn in place as `learn` does; q must have no two equal values in a row."""
+    """Learn in place as `learn` does; q must have no two equal values in a row.
+
+    Ends are worth 0 as soon as an episode has ended there, since nothing is learnt of them.
+    """
     start = stream_start(seed, "")
     counter = start
     state, _ = env.reset(seed=splitmix64(start ^ 1) >> 33)
@@ -177,6 +180,8 @@ def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
         target = float(reward) + (0.0 if terminated else discount * q[following].max())
         q[state, action] += rate * (target - q[state, action])
         state, length, total = following, length + 1, total + reward
+        if terminated:
+            q[following] = 0.0
         if terminated or truncated or length >= limit:
             returns.append(total)
             state, _ = env.reset()

@@ -52,6 +52,29 @@ def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
     assert q.ravel().tolist() == [1.75, 1.5, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("learner", "shaping"),
+    [
+        (QLearning, None),
+        (QLearning, cr.QInitialisation()),
+        (QLearning, cr.QInitialisation(guard=cr.Guard())),
+        (QLearning, cr.StateShaping()),
+        (cr.SARSA, cr.QInitialisation()),
+        (cr.DoubleQLearning, None),
+    ],
+)
+def test_values_handed_on_are_zero_at_ends_that_only_steps_tell(learner, shaping):
+    """A state that no episode entered keeps its first values, an end that one entered does not."""
+    spaces = Space([Component("place", 5)]), Space([Component("move", 1)])
+    line = ComputedMDP(*spaces, line_start, line_step, discount=0.5)
+    if shaping is not None:
+        shaping = shaping.with_potential(np.full((5, 1), 7.0))
+    optimistic = learner(learning_rate=1.0, initial_value=100.0)
+    values = cr.learn(line, optimistic, 200, shaping=shaping).values[0].ravel()
+    assert values[:4].tolist() == [1.75, 1.5, 1.0, 0.0]
+    assert values[4] in (100.0, 107.0)
+
+
 def test_compiled_functions_and_plain_ones_are_the_same():
     compiled = ring()
     functions = ring_start.py_func, ring_step.py_func

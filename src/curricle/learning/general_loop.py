@@ -12,7 +12,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray, FloatTable, IntArray
 from curricle.learning.exploration import choose, expected_value
-from curricle.learning.record import is_spent
+from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
@@ -270,7 +270,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         old = np.float64(q[table, state, action])
         q[table, state, action] = old + rate * (target - old)
 
-        fresh = terminated or length >= limit or truncated(model)
+        fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         state, action = next_state, next_action

@@ -23,7 +23,7 @@ from curricle.learning.general_loop import (
     warm_up_checkpoints,
     write_checkpoint,
 )
-from curricle.learning.record import is_spent
+from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.planning.greedy import highest
 from curricle.planning.policy_evaluation import greedy_return
@@ -211,7 +211,8 @@ def train_guarded(
         step, length, episode_return = step + 1, length + 1, episode_return + reward
         # The learners are compared by what the task maximises.
         discounted_return, weight = discounted_return + weight * reward, weight * discount
-        state, fresh = next_state, terminated or length >= limit or truncated(model)
+        ended_here = noted_end(record, next_state, terminated)
+        state, fresh = next_state, ended_here or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
             add_return(returns, acting, discounted_return, guard.forgetting)

@@ -8,7 +8,7 @@ import numpy as np
 
 from curricle.learning.exploration import act
 from curricle.learning.general_loop import warm_up_checkpoints, write_checkpoint
-from curricle.learning.record import is_spent
+from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.tables import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
@@ -90,7 +90,7 @@ def train_q_learning(
             if not terminated:
                 target += discount * best[next_row]
             change = action, real(rate_of(rule.learning_rate, row, action, step)), target, bits
-            ends = terminated or step + 1 == last or truncated(model)
+            ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
             if far and not ends and next_row != row:
                 pending, pending_change = row, change
             else:

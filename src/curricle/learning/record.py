@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
@@ -49,14 +49,32 @@ class Record(NamedTuple):
     episodes: IntArray  # (T,)
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
+    ends: BoolArray  # (S,) in which episodes have terminated, where only steps tell; else (0,)
 
     @classmethod
-    def empty(cls, checkpoints: int, snapshots: int = 0, shape: tuple[int, int] = (0, 0)) -> Self:
+    def empty(
+        cls,
+        checkpoints: int,
+        snapshots: int = 0,
+        shape: tuple[int, int] = (0, 0),
+        *,
+        unknown_ends: bool = False,
+    ) -> Self:
         """Return the record to be filled, with up to so many snapshots of tables of a shape."""
         returns, greedy, guard_share = np.full((3, checkpoints), np.nan)
         kept = snapshot_checkpoints(snapshots, checkpoints, max(1, shape[0] * shape[1]))
         tables = np.zeros((len(kept), *shape), np.float32)
-        return cls(returns, greedy, guard_share, np.zeros(checkpoints, np.int64), kept, tables)
+        ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
+        episodes = np.zeros(checkpoints, np.int64)
+        return cls(returns, greedy, guard_share, episodes, kept, tables, ends)
+
+
+@inlined
+def noted_end(record, state, terminated):
+    """Return `terminated`, the end noted where only the steps of a task tell them."""
+    if terminated and record.ends.shape[0] > 0:
+        record.ends[state] = True
+    return terminated
 
 
 def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArray:

@@ -34,7 +34,8 @@ class LearningResult(Frozen):
     values : (K, S, A) float64 or float32
         What each seed learnt in the end, in the task's own rewards: Q, plus what shaping had taken
         off it (phi, or Phi(s)). A transfer hands these on, and each policy acts on them (under
-        :class:`DecayingAdvice` with what is left of the advice). From sparse tables K
+        :class:`DecayingAdvice` with what is left of the advice). They are 0 in the ends that the
+        task knows, or that were reached where only its steps tell. From sparse tables K
         :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.

@@ -1,7 +1,7 @@
 """One seed's training: its tables, the loop that fills them, what it leaves."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,7 +97,9 @@ class Run:
         `out`, (S, A), is where dense values are to go; they are dropped without it.
         """
         kept = () if self.rows else (snapshots, self.shape)
-        record = Record.empty(self.longest // self.eval_freq + 1, *kept)
+        unknown = self.task.terminal is None and out is not None
+        n = self.longest // self.eval_freq + 1
+        record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
         visits, shaping = self._visits(settings.warm_up), settings.shaping
         seed = _Seed(start, settings, out, record, used, visits, self.evaluation.for_run(start))
@@ -116,6 +118,7 @@ class Run:
         if not self.rows:
             q = self._filled(seed.initial, seed.out)
             steps, episodes = self._loop(train_q_learning, seed, self._dense(q, key))
+            q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
             return self._outcome(seed, steps, episodes)
         table = self._sparse(seed.initial, key)
         steps, episodes = self._loop(train_q_learning, seed, table)
@@ -148,6 +151,7 @@ class Run:
             values += shaping.offset(step) + shaping.advice(step)
         if seed.out is not None:
             seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
+            seed.out[self._only_ends(record, q, seed.initial)] = 0.0
         own = shaping.own_rewards or shaping.potential is None
         advice = shaping.advice(steps)
         return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
@@ -159,6 +163,8 @@ class Run:
         steps, episodes, ahead = self._loop(train_guarded, seed, guard.kernel, q)
         if seed.out is not None:
             seed.out[...] = q[ahead]
+            initial = seed.initial if ahead else None
+            seed.out[self._only_ends(seed.record, q[ahead : ahead + 1], initial)] = 0.0
         return self._outcome(seed, steps, episodes)
 
     def _visits(self, warm_up: WarmUp) -> IntArray | None:
@@ -212,6 +218,22 @@ class Run:
         if self.task.terminal is not None:
             q[self.task.terminal] = 0.0
         return q
+
+    def _only_ends(self, record: Record, tables: FloatTable, potential: Any) -> IntArray:
+        """Return the noted ends that still have the values that they started with, which are 0.
+
+        A state in which an episode has ended, and another has gone on, is no end of the task's.
+        """
+        ends = np.flatnonzero(record.ends)
+        initial = float(self.learner.initial_value)
+        if isinstance(potential, MappedPotential):
+            lookup = potential.lookup._replace(initial=initial)
+            start = replace(potential, lookup=lookup).rows(ends)
+        else:
+            phi = 0.0 if potential is None else potential.values[ends]
+            start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
+        same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
+        return np.asarray(ends[same])
 
     def _dense(self, q: FloatTable, key: np.uint64) -> DenseTable:
         far = static_int(q.nbytes > NEAR)
