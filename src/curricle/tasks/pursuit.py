@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import number, numbers, one_of, whole_number
+from curricle.checks import check_memory, instance, number, numbers, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
@@ -20,6 +20,8 @@ from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import Component, Decoded, Space
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
+LARGEST_SIZE, MOST_PREDATORS = 1000, 100
+"""Above these the names and moves alone, which every task has, would take gigabytes."""
 LARGEST_TABLE = 500_000_000
 """State-action pairs above which a task is not turned into tables (2 GB of outcome rows)."""
 LARGEST_MODEL = 2**50
@@ -41,9 +43,9 @@ class Pursuit(Frozen):
     Parameters
     ----------
     size : int
-        Cells per side.
+        Cells per side, 2 to 1000.
     predators : int
-        At least 1.
+        1 to 100.
     moves : {4, 5}
         North, east, south, west; 5 adds staying (for predators and prey).
     torus : bool
@@ -85,15 +87,19 @@ class Pursuit(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        for name, least in (("size", 2), ("predators", 1)):
+        for name, least, most in (("size", 2, LARGEST_SIZE), ("predators", 1, MOST_PREDATORS)):
             value = whole_number(name, getattr(self, name), least, TaskError)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, int(number(name, value, TaskError, least, most)))
         one_of("moves", self.moves, (4, 5), TaskError)
+        instance("torus", self.torus, bool, TaskError)
         for name in ("step_reward", "capture_reward"):
-            number(name, getattr(self, name), TaskError, -LARGEST_REWARD, LARGEST_REWARD)
+            given = getattr(self, name)
+            value = number(name, given, TaskError, -LARGEST_REWARD, LARGEST_REWARD)
+            object.__setattr__(self, name, value)
         check_horizon(self)
-        by_number = isinstance(self.capture, int) and 1 <= self.capture <= self.predators
-        if not by_number and self.capture not in ("all", "any", "as_published"):
+        whole = isinstance(self.capture, int) and not isinstance(self.capture, bool)
+        named = isinstance(self.capture, str) and self.capture in ("all", "any", "as_published")
+        if not named and not (whole and 1 <= self.capture <= self.predators):  # type: ignore[operator]
             raise TaskError(
                 "capture must be 'all', 'any', 'as_published' or a number of predators from 1 to "
                 f"{self.predators}: got {self.capture!r}"
@@ -175,7 +181,8 @@ class Pursuit(Frozen):
 
     @cached_property
     def terminal(self) -> BoolArray:
-        """States in which the episode has ended, (S,) bool."""
+        """States in which the episode has ended, (S,) bool; TaskError if they are too many."""
+        check_memory("a flag for each state of a pursuit", 3 * self.states.size, TaskError)
         return frozen(self._ends[predators_on_prey(self.cells, self.predators)])
 
     @cached_property
