@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.errors import CurricleError
 
 BEYOND_64_BITS = 2**63
@@ -73,8 +73,26 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
         if values is None or np.iscomplexobj(values):  # NumPy would make nan and real parts of them
             raise TypeError
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise error(f"{name} must be an array of numbers: got {values!r}") from None
+    except (TypeError, ValueError, OverflowError):  # an integer beyond every float overflows
+        raise error(f"{name} must be an array of numbers: got {_brief(values)}") from None
+
+
+def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> IntArray:
+    """Return `values` as an array of whole numbers in 0..size-1, or raise `error`.
+
+    Examples
+    --------
+    >>> from curricle.errors import PotentialError
+    >>> indices("a state", [0, 2], 3, PotentialError)
+    array([0, 2])
+    """
+    try:
+        given = np.asarray(values)
+    except ValueError:
+        given = np.array(None)
+    if given.dtype.kind not in "iu" or (given.size and not 0 <= given.min() <= given.max() < size):
+        raise error(f"{name} must be whole numbers in 0..{size - 1}: got {_brief(values)}")
+    return given.astype(np.int64)
 
 
 def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:
@@ -148,6 +166,13 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
             f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes "
             f"{_size(needed)}"
         )
+
+
+def _brief(value: Any) -> str:
+    try:
+        return repr(value)
+    except ValueError:  # an integer of thousands of digits has no text
+        return f"a {type(value).__name__}"
 
 
 def _size(n_bytes: int) -> str:

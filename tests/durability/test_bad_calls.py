@@ -39,7 +39,9 @@ def batch(first, calls=BATCH):
 @pytest.mark.parametrize("first", range(0, CALLS, BATCH))
 def test_bad_calls_are_refused_and_end_nothing(first):
     calls, ended = batch(first)
-    assert ended.returncode == 0, f"{calls[-1]}: ended by {ended.returncode}: {ended.stderr[-2000:]}"
+    assert ended.returncode == 0, (
+        f"{calls[-1]}: ended by {ended.returncode}: {ended.stderr[-2000:]}"
+    )
     assert len(calls) == BATCH
     assert [one for one in calls if not one["allowed"]] == []
     assert [one for one in calls if one["seconds"] > LONGEST] == []

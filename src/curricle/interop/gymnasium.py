@@ -95,6 +95,8 @@ def from_gymnasium(
         with _refusals_of_make(environment):
             made = closing(make())
     with made as env:
+        if not isinstance(env, gym.Env):
+            raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {env!r}")
         limit: Any = time_limit
         if time_limit == "own":
             limit = None if env.spec is None else env.spec.max_episode_steps

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray
-from curricle.checks import numbers
+from curricle.array_types import FloatArray, IntArray
+from curricle.checks import BEYOND_64_BITS, indices, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import ValueLookup, read_rows, read_table
+from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
 from curricle.tasks.task import Task, generative_model
 
 LARGEST = 1e15
@@ -76,7 +76,7 @@ class StatePotential(Frozen):
                 f"a state potential must have shape ({n_states},) or (M, {n_states}): got "
                 f"{values.shape}"
             )
-        steps = np.array(self.frame_steps, dtype=np.int64)
+        steps = indices("frame_steps", self.frame_steps, BEYOND_64_BITS, PotentialError)
         values = values.reshape(-1, n_states)
         if steps.shape != (len(values),) or steps[0] != 0 or (np.diff(steps) <= 0).any():
             raise PotentialError(
@@ -89,6 +89,7 @@ class StatePotential(Frozen):
 
     def at(self, step: int = 0) -> FloatArray:
         """Return Phi(s, t), (S,) float64, after `step` steps of learning."""
+        step = whole_number("a step of learning", step, 0, PotentialError)
         current = int(np.searchsorted(self.frame_steps, step, side="right")) - 1
         return np.asarray(self.weight(step) * self.values[current])
 
@@ -116,8 +117,9 @@ class StatePotential(Frozen):
             When it is left out in another task.
         """
         discount = generative_model(self.task).discount
-        here = self.at(step)[np.asarray(state)]
-        there = _ended(self.task, terminated, self.at(step + 1)[np.asarray(next_state)])
+        here = self.at(step)[_states(self.task, state)]
+        after = self.at(step + 1)[_states(self.task, next_state)]
+        there = _ended(self.task, terminated, after)
         return np.asarray(discount * there - here)
 
 
@@ -188,8 +190,8 @@ class StateActionPotential(Frozen):
         `terminated` is as for :meth:`StatePotential.shaping_reward`.
         """
         phi, discount = self.values, generative_model(self.task).discount
-        here = phi[np.asarray(state), np.asarray(action)]
-        there = phi[np.asarray(next_state), np.asarray(next_action)]
+        here = phi[_states(self.task, state), _actions(self.task, action)]
+        there = phi[_states(self.task, next_state), _actions(self.task, next_action)]
         there = _ended(self.task, terminated, there)
         return np.asarray(discount * there - here)
 
@@ -224,6 +226,11 @@ class MappedPotential(Frozen):
     task: Task
     lookup: ValueLookup
 
+    def __post_init__(self) -> None:
+        generative = generative_model(self.task)
+        if not fits_task(self.lookup, generative.states, generative.actions.size):
+            raise PotentialError(f"a lookup must be one for its task: {self.task} has another")
+
     @cached_property
     def values(self) -> FloatArray:
         """phi(s, a) as an array, (S, A) float64, computed at first use.
@@ -242,8 +249,9 @@ class MappedPotential(Frozen):
 
         Terminal states are not set to 0: they get what the sources' values give.
         """
-        phi = np.empty((len(states), generative_model(self.task).actions.size))
-        read_rows(self.lookup, np.asarray(states, np.int64), phi)
+        wanted = _states(self.task, states)
+        phi = np.empty((len(wanted), generative_model(self.task).actions.size))
+        read_rows(self.lookup, wanted, phi)
         return phi
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
@@ -272,6 +280,14 @@ def _ended(task: Task, terminated: npt.ArrayLike | None, there: FloatArray) -> F
             f"tell: give terminated= for {task!r}"
         )
     return there
+
+
+def _states(task: Any, given: Any) -> IntArray:
+    return indices("states", given, generative_model(task).states.size, PotentialError)
+
+
+def _actions(task: Any, given: Any) -> IntArray:
+    return indices("actions", given, generative_model(task).actions.size, PotentialError)
 
 
 def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:

@@ -113,6 +113,8 @@ def greedy_rollouts(
     >>> rollouts.states, rollouts.predicted, rollouts.return_to_go
     (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
     """
+    if not isinstance(potential, StateActionPotential | MappedPotential):
+        raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
     task = generative_model(potential.task)
     episodes, horizon = rollout_size(potential.task, episodes)
     start, view = stream_start(seed, stream), acting_view(potential)

@@ -5,7 +5,7 @@ for each value of each component of a target state, what it adds to the number o
 state: strides that depend on the value.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,8 @@ from numba import njit
 from curricle.array_types import FloatArray, IntArray
 from curricle.frozen_arrays import frozen
 from curricle.tasks.overloads import inlined
-from curricle.tasks.simd import quotient
+from curricle.tasks.simd import inverse_of, quotient
+from curricle.tasks.spaces import Space
 
 MOST_SOURCES = 64
 """Sources of a lookup, at most."""
@@ -55,6 +56,35 @@ def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
     sizes = frozen(np.zeros(0, np.uint64))
     affine = 0.0, 1.0, 0.0, float(initial)
     return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, False, *affine)
+
+
+def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
+    """Return whether every state of a task is looked up within the values of its sources.
+
+    Compiled loops do not look where they read.
+    """
+    if not isinstance(lookup, ValueLookup) or not states.is_box:
+        return False
+    n, c = len(lookup.first), len(states.components)
+    shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
+    sizes = states.shape[::-1]
+    inverses = [inverse_of(size, states.size) for size in sizes]
+    if shapes != ((n, c), (n, n_actions), (n,)) or n == 0:
+        return False
+    if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
+        return False
+    ends = lookup.strides_at + np.array(sizes)
+    if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
+        return False
+    for source in range(n):
+        reach = [lookup.strides[first:end].max() for first, end in
+                 zip(lookup.strides_at[source], ends[source], strict=True)]  # fmt: skip
+        mapped = lookup.first[source] + sum(max(int(stride), 0) for stride in reach)
+        last = max(mapped, lookup.unmapped_row[source]) + lookup.action[source].max()
+        lowest = min(lookup.first[source], lookup.unmapped_row[source], lookup.action[source].min())
+        if lowest < 0 or last >= len(lookup.values):
+            return False
+    return True
 
 
 @inlined

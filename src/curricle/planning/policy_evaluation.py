@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import one_of, whole_number
+from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, TIED, acting_row, greedy_action
 from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
@@ -29,6 +29,8 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 Method = Literal["auto", "exact", "rollouts", "off"]
 EPISODES, LIVE_EPISODES = 100, 5
 """Rollouts a checkpoint; fewer in a live task, whose steps take a hundred times longer."""
+MOST_EPISODES = 1_000_000
+"""The error of a mean is then a thousandth of a return's; more would seem to hang."""
 LARGEST_EXACT = 20_000
 """Outcomes (S x A x O) up to which ``method="auto"`` is exact."""
 NEGLIGIBLE = 1e-9
@@ -137,7 +139,9 @@ class GreedyEvaluation:
     def __post_init__(self) -> None:
         one_of("method", self.method, get_args(Method), SettingError)
         if self.episodes is not None:
-            whole_number("episodes of an evaluation", self.episodes, 1, SettingError)
+            name = "episodes of an evaluation"
+            episodes = whole_number(name, self.episodes, 1, SettingError)
+            number(name, episodes, SettingError, high=MOST_EPISODES)
 
     def kernel(self, task: Task) -> EvaluationKernel:
         """Return the evaluation of this task for compiled loops."""

@@ -24,7 +24,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import BEYOND_64_BITS, whole_number
+from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
@@ -135,6 +135,7 @@ def run_study(
     array([500, 500])
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
+    instance("study", study, StudyConfig, SettingError)
     workers = whole_number("workers", workers, 1, SettingError)
     part, parts = shard
     if not 1 <= part <= parts:

@@ -129,7 +129,10 @@ class GridWorld(Frozen):
         instance("rewards", self.rewards, Rewards, TaskError)
         one_of("combine", self.combine, ("sum", "worst"), TaskError)
         one_of("representation", self.representation, ("absolute", "relative"), TaskError)
-        ends = (self.ends,) if isinstance(self.ends, str) else tuple(self.ends or ())
+        ends = (self.ends,) if isinstance(self.ends, str) else self.ends
+        if not isinstance(ends, Iterable):
+            raise TaskError(f"ends must be names of objects: got {ends!r}")
+        ends = tuple(ends)
         for name in ends:
             one_of("each of ends", name, OBJECTS.values(), TaskError)
         object.__setattr__(self, "ends", tuple(sorted(set(ends))))

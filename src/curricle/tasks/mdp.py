@@ -135,7 +135,7 @@ class FiniteMDP(Frozen):
         5.0
         """
         p = numbers("transition", transition, TaskError)
-        if p.ndim != 3 or p.shape[0] != p.shape[2]:
+        if p.ndim != 3 or p.shape[0] != p.shape[2] or not p.size:
             raise TaskError(f"transition must have shape (S, A, S): got {p.shape}")
         n_states, n_actions, _ = p.shape
         r = numbers("reward", reward, TaskError)
@@ -257,7 +257,7 @@ class FiniteMDP(Frozen):
             ("terminal", np.bool_, one_a_state),
             ("start", np.float64, one_a_state),
         ):
-            array = adopted(getattr(self, name), dtype)
+            array = _adopted(name, getattr(self, name), dtype)
             if array.shape != shape:
                 raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
             object.__setattr__(self, name, array)
@@ -323,6 +323,19 @@ class FiniteMDP(Frozen):
             f"FiniteMDP({self.states.size} states, {self.actions.size} actions, "
             f"{int(self.terminal.sum())} terminal, discount {self.discount:g}, {limit})"
         )
+
+
+def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return a frozen array of this type; TaskError where it is none, or flags are not 0 and 1."""
+    try:
+        array = adopted(values, dtype)
+    except (TypeError, ValueError, OverflowError):
+        raise TaskError(
+            f"{name} must be an array of numbers: got a {type(values).__name__}"
+        ) from None
+    if dtype == np.bool_ and not np.array_equal(array, values):
+        raise TaskError(f"{name} must be flags, True or False: got {values!r}")
+    return array
 
 
 def check_parts(task: Any, kind: str, *functions: str) -> None:

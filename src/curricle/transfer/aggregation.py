@@ -30,7 +30,7 @@ def maximum(potentials: FloatArray) -> FloatArray:
     >>> maximum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[3., 5.]])
     """
-    return np.asarray(np.fmax.reduce(potentials, axis=0))
+    return np.asarray(np.fmax.reduce(_given(potentials), axis=0))
 
 
 def mean(potentials: FloatArray) -> FloatArray:
@@ -41,7 +41,7 @@ def mean(potentials: FloatArray) -> FloatArray:
     >>> mean(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[2., 5.]])
     """
-    known = np.count_nonzero(~np.isnan(potentials), axis=0)
+    known = np.count_nonzero(~np.isnan(_given(potentials)), axis=0)
     return np.asarray(total(potentials) / np.maximum(known, 1))
 
 
@@ -53,7 +53,7 @@ def minimum(potentials: FloatArray) -> FloatArray:
     >>> minimum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[1., 5.]])
     """
-    return np.asarray(np.fmin.reduce(potentials, axis=0))
+    return np.asarray(np.fmin.reduce(_given(potentials), axis=0))
 
 
 def total(potentials: FloatArray) -> FloatArray:
@@ -64,11 +64,22 @@ def total(potentials: FloatArray) -> FloatArray:
     >>> total(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[4., 5.]])
     """
+    potentials = _given(potentials)
     unknown = np.isnan(potentials)
     if not unknown.any():
         return np.asarray(potentials.sum(axis=0))
     known = np.where(unknown, 0.0, potentials).sum(axis=0)
     return np.where(unknown.all(axis=0), np.nan, known)
+
+
+def _given(potentials: FloatArray) -> FloatArray:
+    """Return potentials as an array of at least one, or raise CurriculumError."""
+    array = np.asarray(potentials)
+    if array.dtype.kind not in "fiu" or array.ndim == 0 or len(array) == 0:
+        raise CurriculumError(
+            f"an aggregate takes numbers of shape (N, S, A), N at least 1: got {potentials!r}"
+        )
+    return array
 
 
 def aggregate(

@@ -297,6 +297,8 @@ def from_function(
     >>> coarse.index[:, 0]
     array([ 0,  0,  4,  4, -2])
     """
+    for task in (target, source):
+        generative_model(task)
     states = {k: v[:, None] for k, v in target.states.decode().items()}
     actions = {k: v[None, :] for k, v in target.actions.decode().items()}
     returned = function(states, actions)
