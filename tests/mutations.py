@@ -152,8 +152,8 @@ MUTATIONS = [
     Mutation(
         "maximum for minimum",
         "transfer/aggregation.py",
-        "potentials.min(axis=0)",
-        "potentials.max(axis=0)",
+        "np.fmin.reduce(_given(potentials)",
+        "np.fmax.reduce(_given(potentials)",
         ("tests/unit/test_aggregation.py",),
     ),
     Mutation(

@@ -334,7 +334,8 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
             f"{name} must be an array of numbers: got a {type(values).__name__}"
         ) from None
     if dtype == np.bool_ and not np.array_equal(array, values):
-        raise TaskError(f"{name} must be flags, True or False: got {values!r}")
+        kind = np.asarray(values).dtype
+        raise TaskError(f"{name} must be flags, True or False: got other values, of {kind}")
     return array
 
 

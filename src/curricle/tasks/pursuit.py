@@ -94,8 +94,8 @@ class Pursuit(Frozen):
         instance("torus", self.torus, bool, TaskError)
         for name in ("step_reward", "capture_reward"):
             given = getattr(self, name)
-            value = number(name, given, TaskError, -LARGEST_REWARD, LARGEST_REWARD)
-            object.__setattr__(self, name, value)
+            reward = number(name, given, TaskError, -LARGEST_REWARD, LARGEST_REWARD)
+            object.__setattr__(self, name, reward)
         check_horizon(self)
         whole = isinstance(self.capture, int) and not isinstance(self.capture, bool)
         named = isinstance(self.capture, str) and self.capture in ("all", "any", "as_published")

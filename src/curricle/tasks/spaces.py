@@ -76,7 +76,7 @@ class Component:
         text("the name of a component", self.name, TaskError)
         of = f"of component {self.name!r}"
         size = whole_number(f"the number of values {of}", self.size, 1, TaskError)
-        low = whole_number(f"the lowest value {of}", self.low, -BEYOND_64_BITS, TaskError)
+        low = whole_number(f"the lowest value {of}", self.low, 1 - BEYOND_64_BITS, TaskError)
         whole_number(f"the highest value {of}", low + size - 1, low, TaskError)
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "low", low)
