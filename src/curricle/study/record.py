@@ -91,10 +91,10 @@ class ViewRecord(Plain):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        (rows, columns), n, moves = self.shape, len(self.states), self.directions
+        (rows, columns), n, moves = self.shape, self.states.size, self.directions
         if not (0 < rows <= MOST_CELLS and 0 < columns <= MOST_CELLS // rows):
             raise ValueError(f"shape must have at most {MOST_CELLS:,} cells: got {self.shape}")
-        if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or len(self.cells) != n:
+        if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or self.cells.size != n:
             raise ValueError("states and cells must have as many entries")
         if not (_below(self.cells, rows * columns) and _below(self.ended, n)):
             raise ValueError("cells must lie within the shape, and ended within states")
@@ -305,8 +305,13 @@ class EpisodeRecord(Plain):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        n = len(self.returns)
-        if self.cells.ndim != 2 or len(self.cells) != n or not 0 < n <= LONGEST_EPISODE + 1:
+        n = self.returns.size
+        if (
+            self.cells.ndim != 2
+            or self.returns.ndim != 1
+            or len(self.cells) != n
+            or not 0 < n <= LONGEST_EPISODE + 1
+        ):
             raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
         if not _below(self.cells, MOST_CELLS):
             raise ValueError(f"cells must be below {MOST_CELLS}")

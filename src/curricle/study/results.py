@@ -38,6 +38,8 @@ from curricle.study.stored_values import stored_values
 
 RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
+MOST_CHECKPOINTS = 10_000_000
+"""Of a curve in a comparison: 80 MB a seed."""
 HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
@@ -285,6 +287,12 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison needs the target learnt from scratch, which failed in "
                 f"{study.store.path}: {study.failed[SCRATCH]}"
             )
+        checkpoints = study.record.total // study.record.eval_freq
+        if checkpoints > MOST_CHECKPOINTS:
+            raise StoreError(
+                f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
+                f"states {checkpoints:,}"
+            )
     _check([study.record for study in studies])
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
@@ -340,5 +348,11 @@ def _check(records: Iterable[StudyRecord]) -> None:
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
     record = study.record
     result = study.results[name][record.target]
-    arm = Arm.of(result, study.source_steps(name), total, record.eval_freq)
+    spent = study.source_steps(name)
+    if spent.max() > (record.total or 0):
+        raise StoreError(
+            f"arm {name!r} of {study.store.path} must spend at most {record.total:,} steps on its "
+            f"sources: it states {spent.max():,}"
+        )
+    arm = Arm.of(result, spent, total, record.eval_freq)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from curricle.checks import BEYOND_64_BITS
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import Snapshots
 from curricle.learning.result import HELD, TOTALS, LearningResult
@@ -44,6 +45,8 @@ DECISION_SCHEMA = {
 }
 SCHEMAS = {CURVES: CURVE_SCHEMA, DECISIONS: DECISION_SCHEMA}
 """Columns of the tables of a unit, and their types."""
+SPENT, MOST_STEPS = ("source_steps", "steps_used"), 2**53
+"""Steps that a number of double precision counts."""
 LARGEST_TABLE = 2**28
 """Bytes of a table at most."""
 
@@ -163,6 +166,15 @@ def check_arrays(
         found = arrays.get(name)
         if found is None or found.shape != shape or found.dtype.kind not in "ifb" or not n:
             raise ValueError(f"{name} must be an array of shape {shape}")
+    if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
+        raise ValueError("steps must ascend from 0")
+    for name, most in (("seeds", BEYOND_64_BITS), *dict.fromkeys(SPENT, MOST_STEPS).items()):
+        found = arrays[name]
+        if found.dtype.kind != "i" or not 0 <= found.min() <= found.max() <= most:
+            raise ValueError(f"{name} must be whole numbers from 0 to {most:,}")
+    for name in shapes.keys() & {"training_return", *HELD, "snapshot_values"}:
+        if np.isinf(arrays[name]).any():
+            raise ValueError(f"{name} must have finite numbers")
     return arrays
 
 
