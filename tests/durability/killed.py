@@ -1,7 +1,8 @@
 """Run a study again and again in a process that is killed at a random moment, until it is whole.
 
-Usage: python killed.py STUDY.toml FOLDER KILLS. Prints how many runs were killed for each folder
-FOLDER/0, FOLDER/1, ... that came to its end; FOLDER/whole is the study run in one go.
+Usage: python killed.py STUDY.toml FOLDER KILLS SEED [processes]. Prints how many runs were killed
+for each folder FOLDER/0, FOLDER/1, ... that came to its end, and at last how many processes were
+alive two seconds after the run that had started them. FOLDER/whole is the study run in one go.
 """
 
 import os
@@ -11,43 +12,83 @@ import sys
 import time
 from pathlib import Path
 
-from curricle.study import read_study, run_study
+from curricle.study import WorkerProcesses, read_study, run_study
+
+MARK = "CURRICLE_KILLED_RUN"
+"""A variable in the environment of processes that a run starts: which run."""
+GRACE = 2.0
+"""Seconds in which those have to end; much for a machine that is not overloaded."""
 
 
-def killed_run(study, folder, delay):
+def run(study, folder, processes):
+    pool = WorkerProcesses(2) if processes else None
+    run_study(study, folder, resume=True, workers=2, executor=pool)
+    if pool is not None:
+        pool.shutdown()
+
+
+def killed_run(study, folder, processes, mark, delay):
     """Whether a run in a process of its own was killed after so many seconds; else it is done."""
     child = os.fork()
     if child == 0:
+        os.environ[MARK] = mark
         code = 1
         try:
-            run_study(study, folder, resume=True, workers=2)
+            run(study, folder, processes)
             code = 0
         finally:
             os._exit(code)
-    time.sleep(delay)
-    os.kill(child, signal.SIGKILL)
-    _, status = os.waitpid(child, 0)
+    end = time.perf_counter() + delay
+    while time.perf_counter() < end:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        time.sleep(0.002)
+    else:
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         return True
     assert os.WEXITSTATUS(status) == 0, "the run failed"
     return False
 
 
-def main(file, folder, kills):
+def alive(mark):
+    """How many processes that a run started are alive."""
+    found = 0
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            environment = (place / "environ").read_bytes().split(b"\0")
+        except OSError:  # it has just ended
+            continue
+        found += f"{MARK}={mark}".encode() in environment
+    return found
+
+
+def main(file, folder, kills, seed, processes):
     study = read_study(file)
-    run_study(study, folder / "warm", workers=2)  # compiles
+    run_study(study, folder / "whole", workers=2)  # compiles
     started = time.perf_counter()
-    run_study(study, folder / "whole", workers=2)
+    assert not killed_run(study, folder / "warm", processes, "warm", 600.0)
     lasted = time.perf_counter() - started
-    draws, done, attempt = random.Random(0), 0, 0
+    draws, done, attempt = random.Random(seed), 0, 0
+    ended, left = list[tuple[float, str]](), 0
     while done < kills:
-        here = 0
-        while killed_run(study, folder / str(attempt), draws.uniform(0.0, lasted)):
-            here += 1
+        here, whole = 0, False
+        while not whole:
             assert here < 1000, "the study does not get on"
+            mark = f"{os.getpid()}-{attempt}-{here}"
+            delay = draws.uniform(0.0, lasted)
+            whole = not killed_run(study, folder / str(attempt), processes, mark, delay)
+            here += not whole
+            ended.append((time.perf_counter(), mark))
+            while ended and time.perf_counter() - ended[0][0] >= GRACE:
+                left += alive(ended.pop(0)[1])
         print(here, flush=True)
         done, attempt = done + here, attempt + 1
+    time.sleep(GRACE)
+    print(left + sum(alive(mark) for _, mark in ended), flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *map(int, sys.argv[3:5]), "processes" in sys.argv)
