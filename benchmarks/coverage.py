@@ -9,11 +9,12 @@ entry of 20,000 studies has a standard error of 0.15. Takes about a minute.
 
 import argparse
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from scipy.stats import binom
 
+import curricle as cr
 from curricle import statistics
 
 SEEDS = (3, 5, 10, 20, 50)
@@ -124,6 +125,44 @@ def sequential(effect, precision, seeds, studies, rng):
     return float(np.mean([one.low <= effect <= one.high for one in found]))
 
 
+@cache
+def learnt(task):
+    """Return the gains, steps saved, mean returns, and one point of the curve of many seeds."""
+    if task == "maze":
+        target = cr.GridWorld(["....T", ".PPP.", "S...."])
+        source = target.crop(rows=(0, 2), columns=(2, 5))
+        mappings, many, budget = [cr.same_position(target, source)], 2000, (500, 5000)
+    else:
+        target, source = cr.Pursuit(4, 2), cr.Pursuit(4, 1)
+        mappings = [cr.project(target, source, predator=name) for name in target.predator_names]
+        many, budget = 300, (20_000, 100_000)
+    plan = cr.Curriculum(
+        tasks={"source": source, "target": target},
+        transfers=[cr.Transfer("source", "target", one) for one in mappings],
+        aggregate=cr.minimum,
+        budget=dict(zip(("source", "target"), budget, strict=True)),
+    )
+    found = cr.compare(plan, seeds=many)
+    scratch, arm = found.scratch, found["transfer"]
+    values = scratch.curve.filled()
+    return {
+        "gain": arm.strong_gain(scratch),
+        "steps saved": found.times("scratch").steps - found.times("transfer").steps,
+        "mean return": statistics.mean_return(scratch.curve),
+        "point": values[:, values.std(axis=0).argmax()],
+    }
+
+
+def as_learnt(task, measure, seeds, studies, rng):
+    """Return the coverage for samples of the seeds of a comparison, as if these were all."""
+    values = learnt(task)[measure]
+    sample = rng.choice(values, size=(seeds, studies))
+    if measure == "mean return":
+        cut, ordered = len(values) // 4, np.sort(values)
+        return covered(statistics.interquartile_interval(sample), ordered[cut:-cut].mean())
+    return covered(statistics.mean_interval(sample), values.mean())
+
+
 SHARES = np.linspace(0.005, 0.995, 199)
 KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
     **{f"mean: {name}": partial(mean, draw) for name, draw in FAMILIES.items()},
@@ -142,6 +181,13 @@ KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
     "share of runs: mean over all shares": partial(profile, SHARES),
     "share of runs: 0.05": partial(profile, np.array([0.05])),
     "share of runs: 0.5": partial(profile, np.array([0.5])),
+    "maze as learnt: gain": partial(as_learnt, "maze", "gain"),
+    "maze as learnt: steps saved": partial(as_learnt, "maze", "steps saved"),
+    "maze as learnt: interquartile mean return": partial(as_learnt, "maze", "mean return"),
+    "maze as learnt: curve where seeds differ most": partial(as_learnt, "maze", "point"),
+    "pursuit as learnt: gain": partial(as_learnt, "pursuit", "gain"),
+    "pursuit as learnt: interquartile mean return": partial(as_learnt, "pursuit", "mean return"),
+    "pursuit as learnt: curve where seeds differ most": partial(as_learnt, "pursuit", "point"),
     "seeds added until a difference: none": partial(sequential, 0.0, None),
     "seeds added until a difference: 0.5": partial(sequential, 0.5, None),
     "seeds added until a half-width of 0.4": partial(sequential, 1.0, 0.4),
@@ -151,7 +197,8 @@ KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
 
 def coverage(kind, seeds, studies):
     """Return the coverage of a kind of interval, from 0 to 1, with fixed random numbers."""
-    return KINDS[kind](seeds, studies, np.random.default_rng([seeds, studies]))
+    rng = np.random.default_rng([list(KINDS).index(kind), seeds, studies])
+    return KINDS[kind](seeds, studies, rng)
 
 
 def main():

@@ -1,0 +1,95 @@
+"""How often each verdict is wrong where arms are equal: the table of docs/trust.md.
+
+All arms of a simulated study are of one distribution, so that each verdict which finds a difference
+is a false alarm. Each entry is the share of studies with any, in percent; nominal is at most 5 %.
+One entry of 3,000 studies has a standard error of 0.4. Takes ten minutes.
+
+    python benchmarks/false_alarms.py [--studies 3000]
+"""
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from curricle.comparison.verdicts import verdicts_of
+from curricle.statistics import Looks, add_seeds
+
+SEEDS = (5, 6, 7, 10, 20, 50)
+MOST = 100
+FAMILIES: dict[str, Callable[..., np.ndarray]] = {
+    "normal": lambda rng, shape: rng.normal(size=shape),
+    "lognormal": lambda rng, shape: rng.lognormal(size=shape),
+    "two-point": lambda rng, shape: rng.integers(2, size=shape).astype(float),
+}
+
+
+def any_found(returns, rivals, looks=None):
+    """Return whether any of the questions is answered by a difference."""
+    settings = {} if looks is None else {"looks": looks}
+    return any(one.direction != 0 for one in verdicts_of(returns, rivals, **settings).values())
+
+
+def pays(arms, family, seeds, rng):
+    """Return whether any of some curricula is said to pay, or to cost more than it brings."""
+    values = FAMILIES[family](rng, (arms + 1, seeds))
+    names = [f"arm {n}" for n in range(arms)]
+    returns = dict(zip(["scratch", *names], values, strict=True))
+    return any_found(returns, {name: ["scratch"] for name in names})
+
+
+def controls(number, family, seeds, rng):
+    """Return whether a curriculum is said to gain more, or less, than some controls."""
+    values = FAMILIES[family](rng, (number + 1, seeds))
+    names = [f"control {n}" for n in range(number)]
+    return any_found(dict(zip(["arm", *names], values, strict=True)), {"arm": names})
+
+
+def added(family, seeds, rng):
+    """Return whether a difference is found while seeds are added, `seeds` at the first look."""
+    batches = []
+
+    def gain(new):
+        batches.append(FAMILIES[family](rng, (2, len(new))))
+        return batches[-1][0] - batches[-1][1]
+
+    add_seeds(gain, first=seeds, most=MOST, difference=True)
+    arm, scratch = np.hstack(batches)
+    returns = {"arm": arm, "scratch": scratch}
+    return any_found(returns, {"arm": ["scratch"]}, Looks.doubling(seeds, MOST))
+
+
+VERDICTS: dict[str, Callable[..., bool]] = {
+    f"{name}: {family}": partial(verdict, *settings, family)
+    for name, verdict, settings in (
+        ("pays or costs more, one curriculum", pays, (1,)),
+        ("pays or costs more, any of five", pays, (5,)),
+        ("gains more or less than its placebo", controls, (1,)),
+        ("gains more or less than five controls", controls, (5,)),
+        ("pays or costs more, seeds added up to 100", added, ()),
+    )
+    for family in FAMILIES
+}
+"""Verdict and data -> whether one study has a false alarm, of (seeds, rng)."""
+
+
+def false_alarms(verdict, seeds, studies):
+    """Return the rate of false alarms of a verdict, from 0 to 1, with fixed random numbers."""
+    rng = np.random.default_rng([list(VERDICTS).index(verdict), seeds, studies])
+    return float(np.mean([VERDICTS[verdict](seeds, rng) for _ in range(studies)]))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--studies", type=int, default=3000)
+    studies = parser.parse_args().studies
+    print("| nominal at most 5 % | " + " | ".join(f"{k} seeds" for k in SEEDS) + " |")
+    print("|---" * (len(SEEDS) + 1) + "|")
+    for verdict in VERDICTS:
+        found = [f"{100 * false_alarms(verdict, k, studies):.1f}" for k in SEEDS]
+        print(f"| {verdict} | " + " | ".join(found) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
