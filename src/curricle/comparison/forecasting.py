@@ -314,13 +314,14 @@ def _aggregate_rows(
     for function in (*several, own, *aggregates):
         if not any(function is known for known in functions):
             functions.append(function)
+    node = curriculum.node(name)
     names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     for label, function in zip(names, functions, strict=True):
         potentials = curriculum.potentials(name, sources, function=function)
         used = function is own and settings is None
         found.append(make_row(label, potentials, aggregate=True, used=used))
         if function is own and settings is not None:
-            fitted = [one.potential for one in calibrated(name, potentials, settings, seeds)]
+            fitted = [one.potential for one in calibrated(node, potentials, settings, seeds)]
             found.append(make_row(f"{label}, calibrated", fitted, aggregate=True, used=True))
     return found
 

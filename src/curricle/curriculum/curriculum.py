@@ -240,14 +240,14 @@ class Curriculum(TaskGraph):
             if name in sources or name not in wanted:
                 continue
             potentials[name] = self.potentials(name, sources)
+            spent = self._spent(name, sources) if name == paying else None
+            node, retrain = self.node(name), self.setting("retrain", name)
             fitted = list[Calibration]()
             if (settings := self.calibration(name)) is not None:
-                fitted = calibrated(name, potentials[name], settings, numbers)
+                fitted = calibrated(node, potentials[name], settings, numbers, spent)
                 warn_of_refusals(name, fitted)
                 calibrations[name] = fitted
                 potentials[name] = [one.potential for one in fitted]
-            spent = self._spent(name, sources) if name == paying else None
-            node, retrain = self.node(name), self.setting("retrain", name)
             retraining = retrain is not None and len(potentials[name]) > 0
             node = node.solved() if retraining else node
             results[name] = (retrain.watched(node) if retraining else node).train(

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from curricle.array_types import IntArray
+from curricle.curriculum.node import Node
 from curricle.errors import CurriculumError
+from curricle.learning.budget import limits
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
@@ -135,12 +137,23 @@ def _readable(edge: Transfer, values: Any, *, observed: bool) -> list[Any]:
 
 
 def calibrated(
-    name: str, potentials: Sequence[AnyPotential], settings: Calibrate, seeds: Sequence[int]
+    node: Node,
+    potentials: Sequence[AnyPotential],
+    settings: Calibrate,
+    seeds: Sequence[int],
+    charged: IntArray | None = None,
 ) -> list[Calibration]:
-    """Return the calibration of each seed's potential of a task."""
+    """Return the calibration of each seed's potential of a task, within the task's budget.
+
+    `charged`, (K,), are the steps that other tasks took of it.
+    """
+    steps, episodes = limits(node.budget)
+    left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
     return [
-        fit_calibration(potential, settings, seed=seed, stream=f"{name}/calibration")
-        for potential, seed in zip(potentials, seeds, strict=True)
+        fit_calibration(
+            potential, settings.within(most, episodes), seed=k, stream=f"{node.name}/calibration"
+        )
+        for potential, k, most in zip(potentials, seeds, left, strict=True)
     ]
 
 

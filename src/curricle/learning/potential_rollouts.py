@@ -16,7 +16,7 @@ from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import Values, acting_row, acting_rows, best_of, greedy_actions
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
-from curricle.planning.simulator import GreedyPolicy, simulate
+from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.overloads import compiled
@@ -86,7 +86,12 @@ class GreedyRollouts(Frozen):
 
 
 def greedy_rollouts(
-    potential: PairPotential, *, episodes: int, seed: int = 0, stream: str = "greedy_rollouts"
+    potential: PairPotential,
+    *,
+    episodes: int,
+    seed: int = 0,
+    stream: str = "greedy_rollouts",
+    max_steps: int | None = None,
 ) -> GreedyRollouts:
     """Return episodes of the greedy policy of a potential in its task, ties broken at random.
 
@@ -98,6 +103,8 @@ def greedy_rollouts(
         discounted by a factor below 1e-9.
     seed, stream : int, str
         Of the random stream, as in :func:`learn`.
+    max_steps : int, optional
+        Steps after which the episodes stop, the last of them truncated.
 
     Raises
     ------
@@ -116,12 +123,14 @@ def greedy_rollouts(
     if not isinstance(potential, StateActionPotential | MappedPotential):
         raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
     task = generative_model(potential.task)
-    episodes, horizon = rollout_size(potential.task, episodes)
+    episodes, horizon = rollout_size(potential.task, episodes, max_steps)
     start, view = stream_start(seed, stream), acting_view(potential)
     draws = np.array([start], dtype=np.uint64)
     with open_model(task, start) as model:
         policy = GreedyPolicy(view)
         steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
+    if max_steps is not None:
+        steps, ends = _first_steps(steps, ends, max_steps)
     first = np.cumsum(ends.lengths) - ends.lengths
     predicted, *following = (np.empty(len(steps.states)) for _ in range(4))
     compiled(_predict, False)(view, task.discount, steps, ends, predicted, tuple(following))
@@ -140,10 +149,26 @@ def greedy_rollouts(
     )
 
 
-def rollout_size(task: Any, episodes: int) -> tuple[int, int]:
+def _first_steps(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepRecord, EpisodeEnds]:
+    """Return the first n steps; an episode that goes on is truncated there."""
+    after = np.cumsum(ends.lengths)
+    if after[-1] <= n:
+        return steps, ends
+    last = int(np.searchsorted(after, n))
+    lengths, states, terminated, truncated = (array[: last + 1].copy() for array in ends)
+    if after[last] > n:
+        lengths[last] -= after[last] - n
+        states[last], terminated[last], truncated[last] = steps.states[n], False, False
+    return StepRecord(*(array[:n] for array in steps)), EpisodeEnds(
+        lengths, states, terminated, truncated
+    )
+
+
+def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tuple[int, int]:
     """Return the episodes, checked, and the most steps of each; SettingError if too many."""
     episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
     horizon = GreedyEvaluation().horizon(task)
+    horizon = horizon if max_steps is None else min(horizon, max_steps)
     if episodes * horizon > MOST_STEPS:
         raise SettingError(
             f"rollouts of {episodes:,} episodes of up to {horizon:,} steps must not exceed "

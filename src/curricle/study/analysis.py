@@ -283,5 +283,6 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
     sources = {name: one.first(1) for name, one in result.sources.items()}
     phi, *_ = found = curriculum.potentials(target, sources)
     if (settings := curriculum.calibration(target)) is not None:
-        phi = calibrated(target, found, settings, result[target].seeds[:1])[0].potential
+        node = curriculum.node(target)
+        phi = calibrated(node, found, settings, result[target].seeds[:1])[0].potential
     return phi

@@ -56,6 +56,8 @@ class Calibration:
         Their lengths and returns, to be charged to the target.
     refusal : str
         Why nothing could be fitted; empty if it could.
+    stopped : bool
+        Whether its cap of steps ended it.
 
     Examples
     --------
@@ -76,6 +78,7 @@ class Calibration:
     ended: int
     warm_up: WarmUp = field(repr=False)
     refusal: str = ""
+    stopped: bool = False
 
     @property
     def steps(self) -> int:
@@ -88,8 +91,8 @@ class Calibration:
         shift = f" and shift {self.shift:.3g}" if self.shift else ""
         return (
             f"scale {self.scale:.3g}{shift} fitted on {self.episodes} greedy episodes "
-            f"({self.steps:,} steps, {self.ended} ended): mean phi {self.predicted:.3g}, mean "
-            f"return to go {self.return_to_go:.3g}"
+            f"({self.steps:,} steps{', the most allowed' * self.stopped}, {self.ended} ended): "
+            f"mean phi {self.predicted:.3g}, mean return to go {self.return_to_go:.3g}"
         )
 
 
@@ -99,6 +102,7 @@ def calibrate(
     episodes: int = CALIBRATION_EPISODES,
     shift: bool = False,
     quantile: float | None = None,
+    max_steps: int | None = None,
     seed: int = 0,
     stream: str = "calibrate",
 ) -> Calibration:
@@ -111,7 +115,7 @@ def calibrate(
     Parameters
     ----------
     potential : StateActionPotential, MappedPotential or ObservationPotential
-    episodes, shift, quantile
+    episodes, shift, quantile, max_steps
         As in :class:`Calibrate`.
     seed, stream : int, str
         Of the random stream of the episodes, as in :func:`learn`.
@@ -120,9 +124,10 @@ def calibrate(
     ------
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, or they reached
-        nothing), when no positive scale explains the returns, or when the scale would raise values
-        of phi well above those of the steps it was fitted to. The last is common where rewards
-        have both signs: a factor above 1 lowers low values, as wanted, and raises high ones.
+        nothing, or `max_steps` ended the first, or a fit would be 0 / 0), when no positive scale
+        explains the returns, or when the scale would raise values of phi well above those of the
+        steps it was fitted to. The last is common where rewards have both signs: a factor above 1
+        lowers low values, as wanted, and raises high ones. It is not judged for observations.
 
     Examples
     --------
@@ -133,7 +138,7 @@ def calibrate(
     >>> round(found.scale, 3), round(found.shift, 3), found.steps
     (1.0, 30.0, 400)
     """
-    settings = Calibrate(episodes, shift, quantile)
+    settings = Calibrate(episodes, shift, quantile, max_steps)
     found = fit_calibration(potential, settings, seed=seed, stream=stream)
     if found.refusal:
         raise CalibrationError(found.refusal)
@@ -156,12 +161,16 @@ def fit_calibration(
     )
     # A few episodes show whether anything is reached, and if not the rest would be wasted. They
     # are the first of the rest.
-    few = min(FIRST_EPISODES, settings.episodes)
-    rollouts = roll_out(potential, episodes=few, seed=seed, stream=stream)
-    if few < settings.episodes and not _nothing_reached(rollouts):
-        rollouts = roll_out(potential, episodes=settings.episodes, seed=seed, stream=stream)
+    few, cap = min(FIRST_EPISODES, settings.episodes), settings.max_steps
+    how: Any = {"seed": seed, "stream": stream, "max_steps": cap}
+    rollouts = roll_out(potential, episodes=few, **how)
+    stopped = rollouts.predicted.size == cap
+    if few < settings.episodes and not stopped and not _nothing_reached(rollouts):
+        rollouts = roll_out(potential, episodes=settings.episodes, **how)
+        stopped = rollouts.predicted.size == cap
     scale, shift, explained = 1.0, 0.0, float("nan")
-    refusal = _nothing_reached(rollouts) or _mostly_zero(rollouts)
+    refusal = _nothing_whole(rollouts, cap) if stopped else ""
+    refusal = refusal or _nothing_reached(rollouts) or _mostly_zero(rollouts)
     if not refusal:
         scale, shift, explained = _fit(rollouts, settings)
         refusal = _poor_fit(potential, rollouts, settings, scale, explained)
@@ -181,7 +190,15 @@ def fit_calibration(
         ended=int(rollouts.ended.sum()),
         warm_up=WarmUp(rollouts.lengths, rollouts.returns),
         refusal=refusal,
+        stopped=stopped,
     )
+
+
+def _nothing_whole(rollouts: GreedyRollouts, cap: int | None) -> str:
+    """Return a refusal if the cap of steps ended the first episode, else ""."""
+    if len(rollouts.lengths) > 1 or rollouts.ended.any():
+        return ""
+    return f"a calibration needs a whole episode: its most steps, {cap:,}, ended during the first"
 
 
 def _nothing_reached(rollouts: GreedyRollouts) -> str:
@@ -214,6 +231,12 @@ def _poor_fit(
     explained: float,
 ) -> str:
     """Return a refusal if scale phi + shift does not describe the returns, else ""."""
+    if not (math.isfinite(scale) and math.isfinite(explained)):
+        return (
+            f"a calibration must be determined by its episodes: {len(rollouts.lengths)} of them, "
+            f"{int(rollouts.ended.sum())} of which ended, leave "
+            f"{'the shift' if settings.shift else 'the scale'} at 0 / 0"
+        )
     highest, highest_seen = _highest(potential), float(rollouts.predicted.max())
     if scale > 1 and highest > 0 and highest_seen < highest / 2:
         return (
@@ -231,7 +254,7 @@ def _poor_fit(
             f"{scale:.3g} fits best, as {means}"
         )
     model = "a factor and a shift" if settings.shift else "a factor"
-    if explained < MIN_EXPLAINED[model]:
+    if not explained >= MIN_EXPLAINED[model]:
         return (
             f"a calibration by {model} must explain {MIN_EXPLAINED[model]:.0%} of the returns to "
             f"go: it explains {explained:.1%}, as {means}"
@@ -265,6 +288,9 @@ def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, f
     # Steps with phi 0, in unmapped states, carry no information on the scale.
     used = phi != 0
     phi, returns = phi[used], rollouts.return_to_go[used]
+    ones = 1.0 - rollouts.bootstrap_discount[used]
+    if not (ones.any() if settings.shift else used.any()):
+        return math.nan, math.nan, math.nan
     if not settings.shift:
         product = _inner(phi, returns)
         squares = _inner(phi, phi) * _inner(returns, returns)
@@ -272,15 +298,14 @@ def _fit(rollouts: GreedyRollouts, settings: Calibrate) -> tuple[float, float, f
         if settings.quantile is None:
             return _coefficient(phi, returns), 0.0, explained
         return _quantile_scale(settings.quantile, phi, returns), 0.0, explained
-    ones = 1.0 - rollouts.bootstrap_discount[used]
     about_mean = _residual(ones, returns)
     scale = _coefficient(_residual(ones, phi), returns)
     shift = _coefficient(ones, returns - scale * phi)
     residual = returns - scale * phi - shift * ones
     left, spread = _inner(residual, residual), _inner(about_mean, about_mean)
-    explained = 1.0 - left / spread if about_mean.any() else 0.0
+    explained = 1.0 - left / spread if spread > 0 else 0.0
     if settings.quantile is not None:
-        shift += np.quantile(residual / ones, settings.quantile)
+        shift += np.quantile(residual[ones > 0] / ones[ones > 0], settings.quantile)
     return float(scale), float(shift), float(explained)
 
 

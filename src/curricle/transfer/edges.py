@@ -1,7 +1,7 @@
 """Edges of a curriculum: a source's values, read through a mapping, scaled and shifted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from curricle.transfer.observation_mapping import ObservationMapping
 
 CALIBRATION_EPISODES = 200
 """Greedy episodes of a calibration, unless another number is given."""
+CALIBRATION_SHARE = 4
+"""A calibration takes at most a quarter of its target's budget, as learning needs the rest."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,10 @@ class Calibrate:
     quantile : float, optional
         Between 0 and 1: fit so that this share of the returns stays below the potential, instead
         of the mean. 0.1 makes the potential pessimistic, as few returns fall short of it.
+    max_steps : int, optional
+        Steps in the target after which the episodes stop, the last of them truncated. In a
+        curriculum it is at most a quarter of what the target's budget leaves for learning, and
+        that by default; episodes are at most a quarter of a budget in episodes.
 
     Raises
     ------
@@ -40,12 +46,13 @@ class Calibrate:
     Examples
     --------
     >>> Calibrate(quantile=0.1)
-    Calibrate(episodes=200, shift=False, quantile=0.1)
+    Calibrate(episodes=200, shift=False, quantile=0.1, max_steps=None)
     """
 
     episodes: int = CALIBRATION_EPISODES
     shift: bool = False
     quantile: float | None = None
+    max_steps: int | None = None
 
     def __post_init__(self) -> None:
         whole_number("episodes of a calibration", self.episodes, 1, SettingError)
@@ -56,6 +63,17 @@ class Calibrate:
                 raise SettingError(
                     f"quantile of a calibration must lie between 0 and 1: got {self.quantile:g}"
                 )
+        if self.max_steps is not None:
+            whole_number("max_steps of a calibration", self.max_steps, 1, SettingError)
+
+    def within(self, steps: int, episodes: int) -> "Calibrate":
+        """Return the calibration of a target that has so many steps and episodes to learn in."""
+        most, asked = max(1, steps // CALIBRATION_SHARE), self.max_steps
+        return replace(
+            self,
+            episodes=min(self.episodes, max(1, episodes // CALIBRATION_SHARE)),
+            max_steps=most if asked is None else min(asked, most),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Rollouts of observation tasks, side by side with one call of the policy a step; targets."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -111,15 +111,39 @@ def greedy_episodes(
     episodes: int,
     seed: int = 0,
     stream: str = "greedy_rollouts",
+    max_steps: int | None = None,
 ) -> list[ObservationEpisode]:
-    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t)."""
+    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t).
+
+    Those of the first `max_steps` steps, if it is given; the last is truncated there.
+    """
 
     def policy(observations: Any) -> tuple[Any, Any]:
         phi = potential.pairs(observations)
         actions = phi.argmax(axis=1)
         return actions, phi[np.arange(len(phi)), actions]
 
-    return _episodes(potential.task, policy, episodes, stream_start(seed, stream))
+    start = stream_start(seed, stream)
+    found = _episodes(potential.task, policy, episodes, start, max_steps)
+    return found if max_steps is None else list(_first_steps(found, max_steps))
+
+
+def _first_steps(found: Sequence[ObservationEpisode], n: int) -> Iterator[ObservationEpisode]:
+    """Yield the episodes of the first n steps; one that goes on is truncated there."""
+    for episode in found:
+        if n == 0:
+            return
+        if len(episode.rewards) > n:
+            yield ObservationEpisode(
+                episode.rewards[:n],
+                episode.predicted[:n],
+                terminated=False,
+                last_observation=episode.observations[n],
+                observations=episode.observations[:n],
+            )
+            return
+        yield episode
+        n -= len(episode.rewards)
 
 
 def random_episodes(
@@ -137,9 +161,9 @@ def random_episodes(
 
 
 def _episodes(
-    task: ObservationTask, policy: Policy, episodes: int, start: int
+    task: ObservationTask, policy: Policy, episodes: int, start: int, max_steps: int | None = None
 ) -> list[ObservationEpisode]:
-    with closing(Environments(task, *rollout_size(task, episodes))) as environments:
+    with closing(Environments(task, *rollout_size(task, episodes, max_steps))) as environments:
         return environments.rollouts(policy, start)
 
 
@@ -149,6 +173,7 @@ def greedy_observation_rollouts(
     episodes: int,
     seed: int = 0,
     stream: str = "greedy_rollouts",
+    max_steps: int | None = None,
 ) -> GreedyRollouts:
     """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 
@@ -164,7 +189,9 @@ def greedy_observation_rollouts(
     >>> rollouts.ended, bool(rollouts.returns.max() > -200)
     (array([ True,  True,  True]), True)
     """
-    found = greedy_episodes(potential, episodes=episodes, seed=seed, stream=stream)
+    found = greedy_episodes(
+        potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps
+    )
     columns = zip(*(_returns_to_go(episode, potential) for episode in found), strict=True)
     return_to_go, bootstrap_discount, bootstrapped_value = map(np.concatenate, columns)
     rewards = np.concatenate([episode.rewards for episode in found])

@@ -103,9 +103,14 @@ def mapped_potential(
     first = _starts(tables)
     states = generative_model(task).states
     sizes = [part.size for part in reversed(states.components)]
-    values = np.concatenate([table.ravel() for table in tables])
+    # In tables, a row and a column are for unmapped pairs also where no pair is.
+    complete = all(
+        edge.mapping.unmapped_value is not None
+        or not any((one == MISSING).any() for one in (edge.mapping.actions, *of_components))
+        for edge, of_components in zip(transfers, offsets, strict=True)
+    )
     lookup = ValueLookup(
-        values=frozen(values),
+        values=frozen(np.concatenate([table.ravel() for table in tables])),
         first=frozen(first),
         unmapped_row=frozen(first + [table.size - table.shape[1] for table in tables]),
         size=frozen(np.array(sizes, np.uint64)),
@@ -114,7 +119,7 @@ def mapped_potential(
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
         combine=combine,
-        partial=bool(np.isnan(values).any()),
+        partial=not complete,
         unknown=float(unknown_value),
         scale=1.0,
         shift=0.0,

@@ -1,0 +1,147 @@
+"""Calibration: the same of every kind of potential, within its budget, and never a fit of 0 / 0."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import CalibrationError, SettingError
+from curricle.learning.potential_rollouts import greedy_rollouts
+from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer import FunctionValues, ObservationPotential
+from curricle.transfer.calibration import calibrate, fit_calibration
+from curricle.transfer.edges import Calibrate
+from curricle.transfer.observation_rollouts import greedy_observation_rollouts
+from curricle.transfer.potentials import mapped_potential
+
+HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
+LOOP = cr.FiniteMDP.from_outcomes(
+    [[[(1.0, 1, -1.0)], [(1.0, 0, -2.0)]], [[(1.0, 0, -1.5)], [(1.0, 1, -3.0)]]],
+    terminal=[False, False], start=0, discount=1.0, time_limit=10,
+)  # fmt: skip
+
+
+def mapped(values, function):
+    edges = [
+        cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator=name))
+        for name in HUNT.predator_names
+    ]
+    return mapped_potential(HUNT, edges, values, function)
+
+
+def partly_high():
+    """Return two sources' values, the first with one of 50 where the other is low."""
+    q = cr.solve(CHASE).action_values
+    high = q.copy()
+    high[CHASE.states.encode(prey=0, predator=1), 0] = 50.0
+    return [high, q]
+
+
+@pytest.mark.parametrize("shift", [False, True])
+@pytest.mark.parametrize("function", [cr.minimum, cr.mean, cr.maximum, cr.total])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_calibration_does_not_depend_on_how_phi_is_stored(function, shift, sign):
+    """The highest of the sources' values, a bound of phi, refused what the array of it allowed."""
+    lazy = mapped([sign * q for q in partly_high()], function)
+    array = cr.StateActionPotential(HUNT, lazy.values)
+    one, other = (fit_calibration(phi, Calibrate(50, shift)) for phi in (lazy, array))
+    assert str(one) == str(other)
+    assert (one.scale, one.shift, one.refusal) == (other.scale, other.shift, other.refusal)
+    np.testing.assert_array_equal(one.explained, other.explained)
+    np.testing.assert_array_equal(one.potential.values, other.potential.values)
+
+
+def test_the_highest_value_is_that_of_phi_not_of_its_sources():
+    phi = mapped(partly_high(), cr.minimum)
+    assert phi.values.max() <= 0
+    assert calibrate(phi, episodes=50).scale > 1
+
+
+@pytest.mark.parametrize("quantile", [None, 0.5])
+def test_a_fit_of_0_over_0_is_refused(quantile):
+    phi = cr.StateActionPotential(LOOP, [[3.0, 1.0], [2.0, 1.0]])
+    with pytest.raises(CalibrationError, match=r"0 of which ended, leave the shift at 0 / 0"):
+        calibrate(phi, shift=True, quantile=quantile)
+    equal = cr.StateActionPotential(LOOP, np.ones((2, 2)))  # ends at the value it began with
+    with pytest.raises(CalibrationError, match=r"0 of which ended, leave the scale at 0 / 0"):
+        calibrate(equal, quantile=quantile)
+
+
+@pytest.mark.parametrize("cap", [1, 9, 10, 11, 25, 10_000])
+def test_rollouts_stop_at_their_most_steps(cap):
+    phi = cr.StateActionPotential(LOOP, [[3.0, 1.0], [2.0, 1.0]])
+    whole = greedy_rollouts(phi, episodes=5)
+    found = greedy_rollouts(phi, episodes=5, max_steps=cap)
+    n = min(cap, 50)
+    assert len(found.states) == found.lengths.sum() == n
+    np.testing.assert_array_equal(found.states, whole.states[:n])
+    assert (found.lengths[:-1] == 10).all()
+    assert not found.ended.any()
+    if n % 10:  # phi of the state in which the last was cut, which is the next one met
+        assert found.bootstrapped_value[-1] == phi.values[whole.states[n]].max()
+    else:
+        np.testing.assert_array_equal(found.return_to_go, whole.return_to_go[:n])
+
+
+def test_rollouts_of_observations_stop_there_too():
+    car = cr.observation_task("MountainCar-v0")
+    push = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
+    phi = ObservationPotential.of(car, push)
+    assert isinstance(phi.task, ObservationTask)
+    whole = greedy_observation_rollouts(phi, episodes=3)
+    n = int(whole.lengths[0]) + 7
+    found = greedy_observation_rollouts(phi, episodes=3, max_steps=n)
+    assert found.lengths.tolist() == [whole.lengths[0], 7]
+    assert found.ended.tolist() == [True, False]
+    np.testing.assert_array_equal(found.predicted, whole.predicted[:n])
+    assert greedy_observation_rollouts(phi, episodes=3, max_steps=10**6).lengths.tolist() == (
+        whole.lengths.tolist()
+    )
+
+
+def test_a_calibration_stops_at_its_most_steps_and_says_so():
+    phi = cr.StateActionPotential(HUNT, cr.solve(HUNT).action_values / 2)
+    free, capped = calibrate(phi), calibrate(phi, max_steps=100)
+    assert free.steps > capped.steps == 100
+    assert (free.stopped, capped.stopped) == (False, True)
+    assert "(100 steps, the most allowed, " in str(capped)
+    with pytest.raises(CalibrationError, match="whole episode: its most steps, 1, ended during"):
+        calibrate(cr.StateActionPotential(LOOP, [[3.0, 1.0], [2.0, 1.0]]), max_steps=1)
+    with pytest.raises(SettingError, match="max_steps of a calibration must be a whole number"):
+        Calibrate(max_steps=0)
+
+
+def test_a_calibration_takes_at_most_a_quarter_of_what_is_left_to_its_target():
+    settings = Calibrate()
+    assert settings.within(30_000, 10**9) == Calibrate(max_steps=7_500)
+    assert settings.within(10**18, 100).episodes == 25
+    assert Calibrate(max_steps=10).within(30_000, 1).max_steps == 10
+    edge = cr.Transfer(
+        "chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"), calibrate=True
+    )
+    for budget in (400, cr.Episodes(100)):
+        plan = cr.Curriculum(
+            {"chase": CHASE, "hunt": HUNT}, [edge], budget={"chase": 5000, "hunt": budget}
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of seeds that are refused
+            result = plan.train(2)
+        for one in result.calibrations["hunt"]:
+            assert one.steps <= 100 or one.episodes == 25
+            assert one.steps < result["hunt"].steps_used.max()
+
+
+def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
+    taxi = cr.from_gymnasium("Taxi-v4", discount=0.99)
+    edge = cr.Transfer("source", "taxi", cr.transfer.identity(taxi), calibrate=True)
+    plan = cr.Curriculum(
+        {"source": taxi, "taxi": taxi},
+        [edge],
+        budget={"source": 10_000, "taxi": 30_000},
+        eval_freq=10_000,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of seeds that are refused
+        found = cr.compare({"calibrated": plan}, seeds=2, controls=())
+    assert list(found.arms) == ["scratch", "calibrated"]
