@@ -139,7 +139,7 @@ def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
         {"source": taxi, "taxi": taxi},
         [edge],
         budget={"source": 10_000, "taxi": 30_000},
-        eval_freq=10_000,
+        eval_freq=5_000,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of seeds that are refused

@@ -155,13 +155,13 @@ def _first_steps(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepReco
     if after[-1] <= n:
         return steps, ends
     last = int(np.searchsorted(after, n))
-    lengths, states, terminated, truncated = (array[: last + 1].copy() for array in ends)
+    kept: list[Any] = [array[: last + 1].copy() for array in ends]
+    cut = EpisodeEnds(*kept)
     if after[last] > n:
-        lengths[last] -= after[last] - n
-        states[last], terminated[last], truncated[last] = steps.states[n], False, False
-    return StepRecord(*(array[:n] for array in steps)), EpisodeEnds(
-        lengths, states, terminated, truncated
-    )
+        cut.lengths[last] -= after[last] - n
+        cut.last_states[last] = steps.states[n]
+        cut.terminated[last] = cut.truncated[last] = False
+    return StepRecord(steps.states[:n], steps.actions[:n], steps.rewards[:n]), cut
 
 
 def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tuple[int, int]:
