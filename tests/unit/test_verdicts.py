@@ -1,5 +1,6 @@
 """Verdicts from plain arrays: who is compared with whom, and with how many seeds."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import compare
+from curricle.cli.app import main
 from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics import Curve, Looks, holm, sign_flip_test
+from curricle.study import StudyResults
 from tests.comparisons import corner
 
 
@@ -125,6 +128,18 @@ def test_any_arm_can_be_asked_about():
     assert str(found.against("scratch")) == str(found.verdicts)
     with pytest.raises(CurriculumError, match="an arm must be one of scratch, one, two"):
         found.against("three")
+
+
+def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
+    command = ["curricle", "compare", str(finished), "--against", "chain"]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    found = StudyResults(finished).comparison
+    answers = found.against("chain")
+    assert (list(answers), ended.value.code or 0) == (["state", "calibrated"], 0)
+    lines = [f"{name} gains more than chain: {one}" for name, one in answers.items()]
+    assert capsys.readouterr().out == "\n".join([str(found), *lines, ""])
 
 
 def test_a_family_is_corrected_for_its_questions_and_looks():

@@ -159,11 +159,18 @@ def compare(
     folders: Annotated[
         list[Path], typer.Argument(help="Folders of studies of one target.", show_default=False)
     ],
+    against: Annotated[
+        str | None, typer.Option(help="Also whether each other arm gains more than this one.")
+    ] = None,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
     from curricle.study import StudyResults, compare_studies
 
-    typer.echo(str(compare_studies([StudyResults(folder) for folder in folders])))
+    found = compare_studies([StudyResults(folder) for folder in folders])
+    answers = {} if against is None else found.against(against)
+    typer.echo(str(found))
+    for name, verdict in answers.items():
+        typer.echo(f"{name} gains more than {against}: {verdict}")
 
 
 def paper(

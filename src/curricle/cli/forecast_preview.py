@@ -20,7 +20,7 @@ from curricle.study.cost import Cost, duration
 from curricle.tasks.task import generative_model, has_tables
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
-LONGEST = 30.0
+LONGEST = 5.0
 """Seconds of training on one processor, by the estimate, up to which a look beforehand is quick."""
 LONGEST_LOOK = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
