@@ -95,7 +95,7 @@ def test_a_potential_of_states_is_changed_before_it_is_one(calls):
     compare(corner(shaping=cr.StateShaping()), seeds=1, controls=["negated"])
     arm, negated = (call for call in calls[2:] if call["stream"] == "maze")
     (q,) = (call["result"].values[0] for call in calls if call["stream"] == "corner")
-    phi = HERE.read(q)
+    phi = np.nan_to_num(HERE.read(q))  # what no source knows is 0 here
     np.testing.assert_array_equal(arm["potentials"][0].values[0], phi.max(axis=1))
     np.testing.assert_array_equal(negated["potentials"][0].values[0], (-phi).max(axis=1))
 
