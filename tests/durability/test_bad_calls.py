@@ -47,6 +47,7 @@ def test_bad_calls_are_refused_and_end_nothing(first):
     assert [one for one in calls if one["seconds"] > LONGEST] == []
 
 
+@pytest.mark.slow
 def test_a_few_bad_calls_are_drawn_alike_in_every_process():
     one, other = (batch(10**6, 2)[0] for _ in range(2))
     names = [[(call["name"], call["error"]) for call in calls] for calls in (one, other)]
