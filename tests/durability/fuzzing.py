@@ -3,6 +3,7 @@
 import contextlib
 import io
 import signal
+import time
 import traceback
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from curricle.study import read_study
 
 SECONDS = 10
 """Of processor time: a study that takes more hangs, however busy the machine is."""
-WAITING = 60
-"""Seconds on the clock: a study that waits for something takes no processor time."""
+COMPILING = 60
+"""Of processor time, where loops may be compiled: a study that takes so long is tried again."""
+WAITING = 6
+"""Seconds on the clock for one of processor time: what waits for something takes none."""
 
 
 class Hang(BaseException):
@@ -24,23 +27,22 @@ class Hang(BaseException):
 
 
 @contextlib.contextmanager
-def limited():
-    """Raise Hang in the block after SECONDS of processor time, or WAITING on the clock."""
+def limited(seconds: float):
+    """Raise Hang in the block after so many seconds of processor time, or WAITING times as many."""
 
     def end(*_):
         raise Hang
 
-    kinds = [(signal.SIGPROF, signal.ITIMER_PROF, SECONDS)]
-    kinds += [(signal.SIGALRM, signal.ITIMER_REAL, WAITING)]
-    before = [signal.signal(number, end) for number, _, _ in kinds]
+    timers = {signal.SIGPROF: signal.ITIMER_PROF, signal.SIGALRM: signal.ITIMER_REAL}
+    before = {number: signal.signal(number, end) for number in timers}
     try:
-        for _, timer, seconds in kinds:
-            signal.setitimer(timer, seconds)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        signal.setitimer(signal.ITIMER_REAL, WAITING * seconds)
         yield
     finally:
-        for (number, timer, _), handler in zip(kinds, before, strict=True):
+        for number, timer in timers.items():
             signal.setitimer(timer, 0)
-            signal.signal(number, handler)
+            signal.signal(number, before[number])
 
 
 @contextlib.contextmanager
@@ -60,14 +62,20 @@ def outcome(text: str, folder: Path) -> tuple[str, str]:
     """
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
+    started = time.process_time()
+    found = _outcome(path, COMPILING)
+    return found if time.process_time() - started < SECONDS else _outcome(path, SECONDS)
+
+
+def _outcome(path: Path, seconds: float) -> tuple[str, str]:
     try:
-        with limited(), quick_forecasts(), contextlib.redirect_stdout(io.StringIO()):
+        with limited(seconds), quick_forecasts(), contextlib.redirect_stdout(io.StringIO()):
             print_preview(read_study(path))
     except CurricleError as error:
         return "refused", str(error)
     except Hang:
         last = traceback.format_exc()
-        return ("own code", "") if str(folder) in last else ("hang", last)
+        return ("own code", "") if str(path.parent) in last else ("hang", last)
     except Exception:
         return "foreign", traceback.format_exc()
     return "fine", ""
