@@ -5,6 +5,7 @@ import io
 import signal
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -54,8 +55,19 @@ def quick_forecasts():
         yield
 
 
-def outcome(text: str, folder: Path) -> tuple[str, str]:
-    """Return what `curricle check` makes of a text, in a word, and why.
+def built(path: Path):
+    """Build the curricula of a study file."""
+    _ = read_study(path).curricula
+
+
+def previewed(path: Path):
+    """Do what `curricle check` does."""
+    with quick_forecasts(), contextlib.redirect_stdout(io.StringIO()):
+        print_preview(read_study(path))
+
+
+def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -> tuple[str, str]:
+    """Return what becomes of a study file with a text, in a word, and why.
 
     The words are "fine", "refused", "foreign" (another exception than ours) and "hang"; "own code"
     where that hangs in a module beside the study.
@@ -63,14 +75,15 @@ def outcome(text: str, folder: Path) -> tuple[str, str]:
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
     started = time.process_time()
-    found = _outcome(path, COMPILING)
-    return found if time.process_time() - started < SECONDS else _outcome(path, SECONDS)
+    found = _outcome(path, what, COMPILING)
+    quick = time.process_time() - started < SECONDS
+    return found if quick else _outcome(path, what, SECONDS)
 
 
-def _outcome(path: Path, seconds: float) -> tuple[str, str]:
+def _outcome(path: Path, what: Callable[[Path], None], seconds: float) -> tuple[str, str]:
     try:
-        with limited(seconds), quick_forecasts(), contextlib.redirect_stdout(io.StringIO()):
-            print_preview(read_study(path))
+        with limited(seconds):
+            what(path)
     except CurricleError as error:
         return "refused", str(error)
     except Hang:

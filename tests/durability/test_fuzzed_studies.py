@@ -5,11 +5,12 @@ from collections import Counter
 
 import pytest
 
-from tests.durability.fuzzing import outcome
+from tests.durability.fuzzing import built, outcome, previewed
 from tests.durability.study_mutations import STUDIES, mutated
 
 FEW, MANY = 5, 250
-"""Mutations of each study: for every run of the tests, and 3,000 in all for `make slow`."""
+"""Mutations of each study: 60 in all are built by every run of the tests, and `make slow` previews
+3,000 as ``curricle check`` does."""
 
 
 def folder_of(study, tmp_path):
@@ -19,12 +20,12 @@ def folder_of(study, tmp_path):
     return tmp_path
 
 
-def outcomes(study, seeds, tmp_path):
+def outcomes(study, seeds, tmp_path, what):
     """Return how often each outcome came, and what is wrong with those that must not."""
     counts, bad = Counter(), []
     folder = folder_of(study, tmp_path)
     for seed in seeds:
-        kind, why = outcome(mutated(study, seed), folder)
+        kind, why = outcome(mutated(study, seed), folder, what)
         counts[kind] += 1
         if kind in ("foreign", "hang") or (kind == "refused" and len(why) > 10_000):
             bad.append(f"{study.name}, seed {seed}: {kind}\n{why[-3000:]}")
@@ -42,16 +43,16 @@ def test_mutations_are_drawn_by_their_seed():
         assert len(set(texts)) > 15
 
 
-@pytest.mark.parametrize("study", STUDIES[:1] + STUDIES[-2:], ids=named)
+@pytest.mark.parametrize("study", STUDIES, ids=named)
 def test_a_few_mistakes_are_refused(study, tmp_path):
-    _, bad = outcomes(study, range(MANY, MANY + FEW), tmp_path)
+    _, bad = outcomes(study, range(MANY, MANY + FEW), tmp_path, built)
     assert not bad, "\n".join(bad)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("study", STUDIES, ids=named)
 def test_every_mistake_is_refused_in_a_sentence(study, tmp_path):
-    counts, bad = outcomes(study, range(MANY), tmp_path)
+    counts, bad = outcomes(study, range(MANY), tmp_path, previewed)
     print(study.name, dict(counts))
     assert not bad, f"{len(bad)} of {MANY}\n" + "\n".join(bad)
     assert counts["refused"] > MANY / 5
