@@ -100,7 +100,5 @@ def test_states_that_are_none_of_a_task_are_refused_by_its_potentials(state):
         lambda: phi.to_state().shaping_reward(state, 0),
         lambda: phi.look_ahead(0, 0, state, 0),
     ):
-        with pytest.raises(
-            cr.errors.PotentialError, match="states must be whole numbers"
-        ):
+        with pytest.raises(cr.errors.PotentialError, match="states must be whole numbers"):
             use()

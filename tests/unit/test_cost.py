@@ -25,4 +25,14 @@ def test_a_learning_step_takes_a_few_random_ones(estimates):
 def test_seeds_and_steps_multiply(estimates):
     easy, maze = estimates["scratch", "maze"], estimates["chain", "easy"]
     assert easy.seeds == maze.seeds == 2
-    assert easy.seconds / easy.steps == pytest.approx(maze.seconds / maze.steps)
+    # Evaluations, which are few here, take longer in larger tasks.
+    assert easy.seconds / easy.steps == pytest.approx(maze.seconds / maze.steps, rel=0.02)
+
+
+def test_exact_evaluations_are_counted(study_file, monkeypatch):
+    monkeypatch.setattr(cost, "pace", lambda task: PACE)
+    rare, often = (
+        cost.costs(study, Arms.of(study))[0].seconds
+        for study in (read_study(study_file, set=[f"eval_freq={n}"]) for n in (100, 1))
+    )
+    assert often > 2 * rare  # in rare ones, learning takes most of the time

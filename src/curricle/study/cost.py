@@ -11,6 +11,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.task import has_tables, tables
 
 ROLLOUTS, LENGTH = 100, 200
 """Random rollouts that a task's speed is measured by."""
@@ -20,6 +21,9 @@ NETWORK = 1e-3
 """Seconds that a small network takes to learn from a step on one processor, about."""
 FORWARD = 2e-4
 """Seconds that a small network takes to choose an action, about."""
+OUTCOME = 8e-9
+"""Seconds of one outcome in one step of an exact evaluation, about; after 1,000 steps most values
+no longer change."""
 SLOWER = 3.0
 """How many times as long as a random step a step of learning in a table takes, about."""
 
@@ -63,7 +67,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
             (random + NETWORK, random + FORWARD) if node.deep else (SLOWER * random, random)
         )
         steps, evaluation = node.most_steps, _evaluation_steps(node)
-        seconds = seeds * (learning * steps + acting * evaluation)
+        seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
         each.append(
             Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node), acting)
         )
@@ -105,6 +109,17 @@ def _evaluation_steps(node: Node) -> int:
         episodes = getattr(node.evaluation.kernel(node.task), "episodes", 0)
     horizon = node.evaluation.horizon(node.task)
     return int(checkpoints * episodes * min(horizon, node.most_steps))
+
+
+def _exact_seconds(node: Node) -> float:
+    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts."""
+    if node.deep or hasattr(node.evaluation.kernel(node.task), "episodes"):
+        return 0.0
+    if node.evaluation.method == "off" or not has_tables(node.task):
+        return 0.0
+    outcomes = tables(node.task).probability.size
+    checkpoints = node.most_steps // node.eval_freq + 1
+    return checkpoints * outcomes * min(node.evaluation.horizon(node.task), 1000) * OUTCOME
 
 
 def _bytes(node: Node) -> int:
