@@ -78,7 +78,7 @@ def main(file, folder, kills, seed, processes):
         while not whole:
             assert here < 1000, "the study does not get on"
             mark = f"{os.getpid()}-{attempt}-{here}"
-            delay = draws.uniform(0.0, lasted)
+            delay = draws.uniform(0.0, 1.5 * lasted)  # so that a run gets to its end, too
             whole = not killed_run(study, folder / str(attempt), processes, mark, delay)
             here += not whole
             ended.append((time.perf_counter(), mark))
