@@ -173,8 +173,12 @@ def read_row(lookup, state, out):
         read_known(lookup, state, out)
     else:
         read_all(lookup, state, out)
-    for action in range(np.uint64(lookup.action.shape[1])):
-        out[action] = lookup.scale * out[action] + lookup.shift + lookup.initial
+    n_actions = np.uint64(lookup.action.shape[1])
+    if lookup.scale != 1.0 or lookup.shift != 0.0:
+        for action in range(n_actions):
+            out[action] = lookup.scale * out[action] + lookup.shift
+    for action in range(n_actions):
+        out[action] += lookup.initial
 
 
 @njit(cache=True, nogil=True)
