@@ -138,7 +138,7 @@ def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
     plan = cr.Curriculum(
         {"source": taxi, "taxi": taxi},
         [edge],
-        budget={"source": 10_000, "taxi": 30_000},
+        budget={"source": 60_000, "taxi": 30_000},
         eval_freq=5_000,
     )
     with warnings.catch_warnings():
