@@ -149,7 +149,7 @@ def test_tables_transfer_to_a_live_target():
     found = cr.compare(plan, seeds=2, controls=["scaled"])
     assert found.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
     checked = cr.certify(live, cr.QInitialisation(result.potentials["live"][0]))
-    assert checked.findings[0].startswith("no contradiction")
+    assert checked.contradictions == ()
 
 
 def test_what_needs_tables_is_refused():
@@ -166,8 +166,6 @@ def test_what_needs_tables_is_refused():
             work()
     with pytest.raises(cr.errors.SettingError, match="starts where its episodes do: start was 3"):
         cr.planning.rollout(live, np.zeros(16, int), start=3)
-    with pytest.raises(cr.errors.SettingError, match="a live task starts where its episodes do"):
-        cr.certify(live, cr.certificate.ShapingReward(lambda s, a, after: 1.0 * (a == 1)))
     with pytest.raises(
         cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
     ):
