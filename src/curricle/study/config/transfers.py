@@ -144,4 +144,9 @@ class _TransferTable(ObjectTable):
         return ObservationMapping(target, source, **functions, unmapped_value=value)
 
 
-TransferTable = table_of(Transfer, _TransferTable, without=("mapping",), source=Name, target=Name)
+if TYPE_CHECKING:
+    TransferTable = _TransferTable
+else:
+    TransferTable = table_of(
+        Transfer, _TransferTable, without=("mapping",), source=Name, target=Name
+    )
