@@ -32,7 +32,8 @@ def _whole_numbers(value: Any) -> tuple[int, ...]:
 
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
-        target: str  # derived, as are source, scale, shift and calibrate
+        source: str  # derived, as are target, scale, shift and calibrate
+        target: str
 
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = Field(
