@@ -170,7 +170,7 @@ def _scrambled(text: str, rng: random.Random) -> str:
                     lines[at][:cut] + rng.choice("\0\a\u202e\ufeff'\"[]{}=.#\\") + lines[at][cut:]
                 )
             case _:
-                lines[at] = re.sub(r"\d+", lambda _: str(rng.choice(NUMBERS)), lines[at])
+                lines[at] = re.sub(r"\d+", lambda _: _inline(rng.choice(NUMBERS)), lines[at])
     return "\n".join(lines)
 
 
