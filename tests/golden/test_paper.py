@@ -31,7 +31,9 @@ def numbers(evidence):
     found = {}
     for name, value in evidence.items():
         if isinstance(value, dict):
-            found |= {f"{name}/{part}": number for part, number in value.items()}
+            found |= {
+                f"{name}/{part}": number for part, number in value.items() if number is not None
+            }
         elif isinstance(value, int | float):
             found[name] = value
     return found

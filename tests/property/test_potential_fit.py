@@ -72,7 +72,7 @@ def test_a_second_discount_is_recovered(mdp, second, seed):
     assert found.discount == pytest.approx(second, abs=1e-3)
     np.testing.assert_allclose(found.potential[met_states(mdp)], phi[met_states(mdp)], rtol=1e-3)
     finding = certify(mdp.task(), ShapingReward(difference(phi, second))).findings
-    assert finding[0].startswith("shaped with a second discount: F = ")
+    assert any(one.startswith("shaped with a second discount: F = ") for one in finding)
 
 
 @given(mdps(loose=True), st.integers(0, 99))

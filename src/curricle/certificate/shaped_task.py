@@ -13,7 +13,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential import LARGEST
+from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import FiniteMDP
@@ -117,10 +117,10 @@ def shaping_rewards(
         raise PotentialError(
             f"a shaping reward must return a number for each of {len(s):,} transitions: got {shape}"
         ) from None
-    bad = np.flatnonzero(~(abs(values) <= LARGEST))
+    bad = np.flatnonzero(~(abs(values) <= LARGEST_POTENTIAL))
     if bad.size:
         i = bad[0]
-        rule = f"at most {LARGEST:.0e} in size" if np.isfinite(values[i]) else "finite"
+        rule = f"at most {LARGEST_POTENTIAL:.0e} in size" if np.isfinite(values[i]) else "finite"
         raise PotentialError(
             f"a shaping reward must be {rule}: it is {values[i]:g} from "
             f"{state_name(task.states, int(s[i]))} by {action_name(task.actions, int(a[i]))} to "

@@ -21,7 +21,7 @@ from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
 from curricle.tasks.task import Task, generative_model
 
-LARGEST = 1e15
+LARGEST_POTENTIAL = 1e15
 """The largest size of a potential.
 
 Numbers of this size are stored in steps of 1/8, so that rewards of ordinary size no longer change
@@ -230,6 +230,15 @@ class MappedPotential(Frozen):
         generative = generative_model(self.task)
         if not fits_task(self.lookup, generative.states, generative.actions.size):
             raise PotentialError(f"a lookup must be one for its task: {self.task} has another")
+        values = self.lookup.values
+        largest = abs(self.lookup.scale) * max(
+            values.max(initial=0.0), -values.min(initial=0.0)
+        ) + abs(self.lookup.shift)
+        if largest > LARGEST_POTENTIAL:
+            raise PotentialError(
+                f"phi must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside "
+                f"larger numbers: the sources' values give {largest:g}"
+            )
 
     @cached_property
     def values(self) -> FloatArray:
@@ -303,14 +312,14 @@ def finite(given: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def check_size(values: FloatArray, name: str) -> None:
-    """Raise PotentialError where a value is not finite or larger than ``LARGEST``."""
-    bad = np.argwhere(~(abs(values) <= LARGEST))
+    """Raise PotentialError where a value is not finite or larger than ``LARGEST_POTENTIAL``."""
+    bad = np.argwhere(~(abs(values) <= LARGEST_POTENTIAL))
     if not len(bad):
         return
     place = tuple(int(i) for i in bad[0])
     if np.isfinite(values[place]):
         raise PotentialError(
-            f"{name} must be at most {LARGEST:.0e} in size, as rewards vanish beside larger "
-            f"numbers: entry {place} is {values[place]:g}"
+            f"{name} must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside "
+            f"larger numbers: entry {place} is {values[place]:g}"
         )
     raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")

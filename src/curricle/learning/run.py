@@ -97,7 +97,7 @@ class Run:
         `out`, (S, A), is where dense values are to go; they are dropped without it.
         """
         kept = () if self.rows else (snapshots, self.shape)
-        unknown = self.task.terminal is None and out is not None
+        unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)

@@ -66,10 +66,12 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
     if not isinstance(lookup, ValueLookup) or not states.is_box:
         return False
     n, c = len(lookup.first), len(states.components)
+    if n == 0:
+        return lookup.action.shape == (0, n_actions)
     shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
     sizes = states.shape[::-1]
     inverses = [inverse_of(size, states.size) for size in sizes]
-    if shapes != ((n, c), (n, n_actions), (n,)) or n == 0:
+    if shapes != ((n, c), (n, n_actions), (n,)):
         return False
     if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
         return False

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from importlib import import_module, metadata
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -105,11 +106,15 @@ def _as_dict(figure: str, claim: Claim) -> dict[str, Any]:
 
 
 def _as_data(value: Any) -> Any:
-    """Return an interval as estimate, low, high and seeds; other evidence as it is."""
+    """Return an interval as estimate, low, high and seeds; other evidence as it is.
+
+    Bounds that do not exist are None, as JSON has no NaN.
+    """
     if not isinstance(value, Interval):
         return value
-    ends = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
-    return {**ends, "seeds": value.n}
+    parts = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
+    known = {name: None if isnan(part) else part for name, part in parts.items()}
+    return {**known, "seeds": value.n}
 
 
 def _assemble(store: StudyStore) -> list[dict[str, Any]]:

@@ -68,8 +68,10 @@ def _listed(names: Sequence[str]) -> str:
 def _evidence(value: Any) -> str:
     """Return one number, interval or text of a claim's evidence."""
     if isinstance(value, dict) and "estimate" in value:
-        estimate, low, high = (_number(value[name]) for name in ("estimate", "low", "high"))
-        return f"{estimate} [{low}, {high}]"
+        estimate, low, high = (value[name] for name in ("estimate", "low", "high"))
+        if low is None or high is None:
+            return f"{_number(estimate)} (no interval)"
+        return f"{_number(estimate)} [{_number(low)}, {_number(high)}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import CurriculumError, SettingError
+from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.observation_mapping import ObservationMapping
 
@@ -97,7 +98,8 @@ class Transfer:
     Raises
     ------
     CurriculumError
-        When scale or shift is not finite, or `mapping` is not a mapping.
+        When scale or shift is not finite or larger than 1e15 in size, or `mapping` is not a
+        mapping.
 
     Examples
     --------
@@ -123,7 +125,13 @@ class Transfer:
                 f"{self.mapping!r}"
             )
         for name in ("scale", "shift"):
-            number(f"{name} of {edge}", getattr(self, name), CurriculumError)
+            number(
+                f"{name} of {edge}",
+                getattr(self, name),
+                CurriculumError,
+                -LARGEST_POTENTIAL,
+                LARGEST_POTENTIAL,
+            )
         if not isinstance(self.calibrate, bool | Calibrate):
             raise CurriculumError(
                 f"calibrate of {edge} must be True, False or a Calibrate: got {self.calibrate!r}"
