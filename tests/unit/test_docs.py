@@ -43,6 +43,17 @@ def test_the_tutorials_maze_is_the_same_in_its_file_and_its_program(tmp_path):
     assert study.curriculum(arm).tasks["maze"] == program["maze"]
 
 
+def test_every_promise_names_tests_that_exist():
+    text = (DOCS / "promises.md").read_text("utf-8")
+    promises = re.split(r"\n- ", text)[1:]
+    assert len(promises) > 20
+    for promise in promises:
+        named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", promise)
+        assert named, f"no test holds: {promise}"
+        for path, name in named:
+            assert f"def {name}(" in (DOCS.parent / path).read_text("utf-8"), f"{path}::{name}"
+
+
 @pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.name)
 def test_pictures_are_small(picture):
     assert picture.stat().st_size < LARGEST_PICTURE
