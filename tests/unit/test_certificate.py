@@ -269,3 +269,23 @@ def test_the_literal_sweep_pays_what_an_end_says():
     )
     phi = np.array([[3.0], [8.0]])
     assert look_ahead_sweep(two, phi, np.zeros((2, 1)))[:, 0].tolist() == [2.0 + 0.5 * 8 - 3, 0.0]
+
+
+@pytest.mark.parametrize("value", [1.0, 1e4, 1e6])
+def test_a_potential_that_hides_a_difference_in_double_precision_is_not_called_safe(value):
+    """The values 1e14 + 1e4 and 1e14 + 1e4 - 0.001 are one number of double precision."""
+    task, _ = two_ways((value, value - 0.001), 0.0, ends=(1, 2))
+    phi = cr.StateShaping([1e14, 0.0, 0.0])
+    found = certify(task, phi)
+    assert found.holds is None
+    assert found.loss == pytest.approx(0.001, rel=0.01)
+    assert "it hides differences of up to 0.001 between actions" in str(found)
+    assert certify(task, phi, tolerance=0.01).holds
+
+
+def test_a_counterexample_has_digits_that_tell_its_actions_apart():
+    flipped = certify(*two_ways((1e7, 1e7 - 5), 8.0, ends=(1, 2)))
+    assert str(flipped.counterexample) == (
+        "in state 0 shaping prefers action 1, which loses 5: action 0 is worth 1e+07 and action 1 "
+        "9999995, under shaping 10000000 and 10000003"
+    )

@@ -260,9 +260,18 @@ def test_where_seeds_are_added_a_failure_is_noted_once(after, seeds):
     """Looks at 2, 4 and 7 seeds; the second arm fails at the second look or the third."""
     bad = corner(target=1000, aggregate=failing(BROKEN, after=after))
     good = corner(target=1000)
-    found = compare({"good": good, "bad": bad}, seeds=2, precision=1e-9, most_seeds=7)
-    assert (list(found.arms), found.failed) == (["scratch", "good"], {"bad": BROKEN})
+    asked = {"seeds": 2, "precision": 1e-9, "most_seeds": 7, "controls": ["placebo"]}
+    found = compare({"good": good, "bad": bad}, **asked)
+    names = ["scratch", "good", "good, placebo"]  # the other's placebo is left out with it
+    assert (list(found.arms), found.failed) == (names, {"bad": BROKEN})
     assert found.seeds == 7
-    first = compare({"bad": replace(bad, aggregate=failing(BROKEN, after=after)), "good": good},
-                    seeds=2, precision=1e-9, most_seeds=7)  # fmt: skip
-    assert (list(first.arms), first.seeds) == (["scratch", "good"], seeds)
+    again = replace(bad, aggregate=failing(BROKEN, after=after))
+    first = compare({"bad": again, "good": good}, **asked)
+    assert (list(first.arms), first.seeds) == (names, seeds)
+
+
+def test_returns_that_are_not_finite_are_refused():
+    for bad in (np.nan, np.inf):
+        returns = {"mine": [1.0, bad, 2.0], "scratch": [0.0, 0.5, 1.0]}
+        with pytest.raises(SettingError, match="differences must be finite: seed 1"):
+            verdicts_of(returns, {"mine": ["scratch"]})

@@ -38,12 +38,6 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
-HIDDEN = 1e-6
-"""Differences between actions that rounding may hide, as a part of the largest value.
-
-A theorem proves a shaping safe in exact arithmetic. In double precision a potential of 1e12 hides
-differences of 1e-4 all the same.
-"""
 THEOREMS: dict[Claim, str] = {
     "telescoping": "Ng, Harada, Russell 1999",
     "fixed_point": "Wiewiora 2003",
@@ -141,6 +135,8 @@ def certify(
     fall short by more in the other. Between the two it is undecided, unless a theorem proves the
     shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
     a bonus or reward up to rounding; or advice has a last weight of 0 or one value for all actions.
+    It is undecided also then if the potential is so large that it hides, in double precision, a
+    difference of two actions above the tolerance.
 
     Examples
     --------
@@ -287,8 +283,10 @@ def _decided(
     if theorem is None:
         undecided = found.undecided.any()
         return (None, (too_close(met, own, shaped, found),)) if undecided else (True, ())
+    # A theorem holds in exact arithmetic. In double precision a potential of 1e12 hides
+    # differences of 1e-4 all the same.
     hidden = found.short[found.chosen & ~found.optimal].max(initial=0.0)
-    if hidden <= HIDDEN * abs(own.values).max():
+    if hidden <= found.tolerance:
         return True, ()
     return None, (
         f"by theory ({theorem}) the shaping is safe, but the potential is so large that in double "

@@ -53,13 +53,23 @@ class Counterexample:
 
     def __str__(self) -> str:
         best, other = self.actions
+        own, shaped = _told_apart(self.values), _told_apart(self.shaped_values)
         values = (
-            f"{best} is worth {self.values[0]:.4g} and {other} {self.values[1]:.4g}, under shaping "
-            f"{self.shaped_values[0]:.4g} and {self.shaped_values[1]:.4g}"
+            f"{best} is worth {own[0]} and {other} {own[1]}, under shaping {shaped[0]} and "
+            f"{shaped[1]}"
         )
         if self.lost > 0:
             return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {values}"
         return f"in {self.place} shaping gives up {best}, which is as good as any: {values}"
+
+
+def _told_apart(values: tuple[float, float]) -> tuple[str, str]:
+    """Return two numbers in as many digits as tell them apart, from 4 to all 17."""
+    for digits in range(4, 18):
+        one, other = (f"{value:.{digits}g}" for value in values)
+        if one != other:
+            return one, other
+    return f"{values[0]:.4g}", f"{values[1]:.4g}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -270,9 +270,8 @@ class _Plan:
     ) -> tuple[dict[str, Arm], str]:
         """Return all arms for as many seeds as the goal takes, and what ended their adding.
 
-        Where some fail, as :meth:`run`.
-
-        If the first arm fails, no more seeds are added, since the goal is about its gain.
+        Arms that fail at any look are left out, with their controls, as by :meth:`run`. If the
+        first arm fails, no more seeds are added, since the goal is about its gain.
         """
         batches = list[dict[str, Arm]]()
         stopped = "stopped by the failure of the first arm"
@@ -287,7 +286,7 @@ class _Plan:
         with suppress(_FirstArmFailed):
             goal: Any = {"precision": precision, "difference": difference}
             stopped = add_seeds(gain, first=first, most=most, **goal).stopped
-        names = [name for name in batches[0] if name not in failed]
+        names = [name for name in batches[0] if all(name in batch for batch in batches)]
         return {name: concatenated([batch[name] for batch in batches]) for name in names}, stopped
 
 

@@ -128,7 +128,8 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival, or has another number of seeds than its rivals.
+        If an arm is unknown, has no rival, or has another number of seeds than its rivals, or a
+        return is not finite.
 
     Examples
     --------
@@ -187,9 +188,10 @@ def too_few_seeds(seeds: int, needed: int) -> str:
 
 
 def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
-    """Return mine - yours (K,); 0 where they differ by no more than rounding."""
+    """Return mine - yours (K,); 0 where they differ by no more than rounding, NaN with a NaN."""
     noise = ROUNDING * np.maximum(np.abs(mine), np.abs(yours))
-    return np.where(np.abs(mine - yours) > noise, np.subtract(mine, yours), 0.0)
+    apart = np.subtract(mine, yours)
+    return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
 def paired_difference(name: str, rival: str, returns: Mapping[str, FloatArray]) -> FloatArray:
