@@ -148,6 +148,7 @@ def test_what_a_killed_run_left_is_swept_in_every_folder(tmp_path):
         for folder in ("data", "units/maze-1"):
             (tmp_path / "out" / folder).mkdir(parents=True, exist_ok=True)
             (tmp_path / "out" / folder / ".0123456789abcdef.part").write_bytes(b"half")
+        (tmp_path / "out" / ".link.part").symlink_to(tmp_path)
         with StudyStore.opened(tmp_path / "out", {"seeds": 2}, resume=True) as store:
             store.write_json("claims.json", [])
         assert not list((tmp_path / "out").rglob("*.part")), resume

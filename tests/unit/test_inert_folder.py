@@ -20,7 +20,7 @@ from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.sealed_json import digest_of, sealed, unsealed
-from curricle.study.serialization import as_parquet
+from curricle.study.serialization import SCHEMAS, as_parquet
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 RULES = """
@@ -248,6 +248,18 @@ def test_a_small_archive_of_much_is_refused(folder, name):
     refuses(folder, rf"{name} is not as .*(at most [\d,]+ bytes|must not be compressed)")
 
 
+def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatch):
+    monkeypatch.setattr("curricle.study.results.MAX_SNAPSHOT_BYTES", 2**25)
+
+    def edit(study):
+        for task in study["record"]["tasks"]:
+            task["states"] = 10**12
+
+    change(folder / "study.json", edit)
+    put(a_unit(folder), "snapshots.npz", packed("snapshot_values", *[b"\0" * 2**20] * 64))
+    refuses(folder, r"snapshots\.npz is not as .*at most 33,619,968 bytes")
+
+
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
@@ -272,11 +284,25 @@ def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
         ("steps", found["steps"][::-1], "steps must ascend"),
         ("source_steps", np.array([0, 10**15]), "must spend at most"),
         ("greedy_return", found["greedy_return"] / 0.0, "finite"),
+        ("greedy_return", found["greedy_return"].astype(np.int8), "must be an array of float64"),
+        ("source_steps", found["source_steps"].astype(np.int8), "must be an array of int64"),
+        ("seeds", found["seeds"][::-1], "seeds must be those of its unit"),
     ):
         buffer = io.BytesIO()
         np.savez(buffer, **{**found, name: array})
         put(unit, "run.npz", buffer.getvalue())
         refuses(folder, words)
+
+
+def test_units_without_what_belongs_to_them_are_refused(folder):
+    unit = a_unit(folder)
+    change(unit / "unit.json", lambda found: found["files"].pop("run.npz"))
+    (unit / "run.npz").unlink()
+    refuses(folder, "it has no steps")
+    with pytest.raises(StoreError, match=r"run\.npz is not as Curricle writes it: it has no steps"):
+        StudyResults(folder).table("decisions.parquet")
+    change(unit / "unit.json", lambda found: found.update(task="../maze"))
+    refuses(folder, "must hold results of 'maze': got '../maze'")
 
 
 @pytest.mark.parametrize("name", ["curves.parquet", "decisions.parquet"])
@@ -286,8 +312,21 @@ def test_tables_that_are_none_or_too_long_are_refused(folder, name):
     refuses(folder, rf"{name} is not as .*no table")
     put(unit, name, as_parquet(pa.table({"seed": [0]})))
     refuses(folder, f"{name}.*must have the columns")
-    put(unit, name, as_parquet(pa.table({"seed": np.zeros(10**7, np.int64)})))
+    rows = {column: pa.nulls(10**5, kind) for column, kind in SCHEMAS[name].items()}
+    put(unit, name, as_parquet(pa.table(rows)))
     refuses(folder, f"{name}.*must have at most .* rows")
+    put(unit, name, as_parquet(pa.table({column: one[:1] for column, one in rows.items()})))
+    refuses(folder, f"{name}.*must have a value in each row")
+
+
+@pytest.mark.parametrize("name", ["curves.parquet", "decisions.parquet"])
+def test_a_small_table_of_long_texts_is_refused(folder, name):
+    rows = {"int64": [0] * 3, "double": [0.0] * 3, "bool": [True] * 3, "string": [""] * 3}
+    columns = {column: pa.array(rows[kind], kind) for column, kind in SCHEMAS[name].items()}
+    content = as_parquet(pa.table({**columns, "task": ["x" * 10**8] * 3}))
+    assert len(content) < 2**26
+    put(a_unit(folder), name, content)
+    refuses(folder, f"{name}.*its texts must have at most .* bytes")
 
 
 FILES = ["study.json", "analysis.json", "runs.json", "unit.json", "run.npz", "curves.parquet"]
@@ -373,11 +412,14 @@ def test_a_view_that_does_not_fit_is_refused(folder, key):
 
 def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
     def other_arms(analysis):
-        analysis["sections"][0]["arms"] = ["nobody"]
+        section = analysis["sections"][0]
+        section["arms"] = section["certificates"][0]["arms"] = ["nobody"]
         analysis["episodes"]["transfer"]["maze"]["after"]["cells"][0] = [2000]
 
     change(folder / "analysis.json", other_arms)
     assert "predicted start" not in write_report(folder).read_text()
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
+    refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
     change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
     refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
 

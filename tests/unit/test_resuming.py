@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from curricle.cli.study_preview import units_left
-from curricle.errors import StudyError
+from curricle.errors import StoreError, StudyError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.arms import arms_from_json
 from curricle.study.results import ALL_DECISIONS, RESULTS
@@ -105,6 +105,13 @@ def assert_as_from_scratch(folder, *, set=()):
 
 def stale(unit, why, seeds="0-1"):
     return f"{unit}, seeds {seeds}, is stale and trained again: {why}"
+
+
+@pytest.mark.parametrize("text", ["[1]", '[{"versions": 3}]', "{}"])
+def test_a_list_of_runs_that_is_none_is_refused(own, text):
+    (own / "out" / "runs.json").write_text(text)
+    with pytest.raises(StoreError, match=r"runs\.json"):
+        again(own)
 
 
 # -- code --------------------------------------------------------------------------------------

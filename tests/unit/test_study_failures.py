@@ -106,7 +106,11 @@ def test_merged_parts_keep_their_failures(study, tmp_path):
     assert found.seeds == (0, 1, 2, 3)
 
 
-@pytest.mark.parametrize("content", ["[3]", "{}{", '[{"key": 1}]', "7"])
+@pytest.mark.parametrize(
+    "content",
+    ["[3]", "{}{", '[{"key": 1}]', "7"]
+    + [f'[{{"key": "1", "error": "", "seeds": {seeds}}}]' for seeds in ("3", "[[1]]", '["a"]')],
+)
 def test_a_damaged_list_of_failures_is_a_sentence(copied, content):
     (copied / FAILURES).write_text(content)
     with pytest.raises(StoreError, match=FAILURES):

@@ -106,10 +106,10 @@ def read_failures(store: StudyStore) -> list[dict[str, Any]]:
     found = store.read_json(FAILURES) if store.has(FAILURES) else []
     try:
         return [
-            {"key": str(row["key"]), "seeds": list(row["seeds"]), "error": str(row["error"])}
+            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
             for row in found
         ]
-    except (TypeError, KeyError):
+    except (TypeError, KeyError, ValueError, OverflowError):
         raise StoreError(
             f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
             "delete it, and show leaves out no arm"

@@ -293,6 +293,12 @@ class SectionRecord(Plain):
     left_out: tuple[str, ...]
     """What, why, and how to get it, in a sentence each."""
 
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not {arm for one in self.certificates for arm in one.arms} <= {*self.arms}:
+            raise ValueError("certificates must be of the section's arms")
+        return self
+
 
 class EpisodeRecord(Plain):
     """One greedy episode of n steps on a grid."""

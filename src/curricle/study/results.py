@@ -16,11 +16,12 @@ from curricle.comparison.task_summary import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError, StoreError, StudyError
+from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
-from curricle.study.folders import RUNS, STUDY
+from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
 from curricle.study.sealed_json import sealed
 from curricle.study.serialization import (
@@ -121,14 +122,18 @@ class StudyResults:
         arrays = self.store.arrays(unit, *names, most=self.most_bytes)
         return self.store.checked(
             str(unit.path.relative_to(self.store.path)),
-            lambda: check_arrays(arrays, len(unit.seeds), (task.states, task.actions)),
+            lambda: check_arrays(arrays, unit.seeds, (task.states, task.actions)),
         )
 
     @property
     def most_bytes(self) -> int:
-        """The size of the snapshots of the largest task that is shown, at most."""
+        """The size of the snapshots of the largest task that is shown, at most.
+
+        A record may state any size, so the most that a run writes counts too.
+        """
         pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
-        return HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
+        stated = HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
+        return min(stated, HEADERS + MAX_SNAPSHOT_BYTES)
 
     def trained(
         self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
@@ -167,7 +172,11 @@ class StudyResults:
         one_of("an arm", arm, self.record.arms, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
         by_seed = self.stored.get(self.record.keys[arm, task], {})
-        return list(dict.fromkeys(by_seed.values()))
+        units = list(dict.fromkeys(by_seed.values()))
+        for unit in units:
+            if unit.task != task:
+                raise StoreError(f"{unit.path} must hold results of {task!r}: got {unit.task!r}")
+        return units
 
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
@@ -200,8 +209,7 @@ class StudyResults:
     @property
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
-        each = self.store.runs()
-        return self.store.checked(RUNS, lambda: [read_record(RunRecord, one) for one in each])
+        return self.store.runs()
 
     def write_analysis(self, analysis: Analysis) -> None:
         """Write ``analysis.json``."""

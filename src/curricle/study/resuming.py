@@ -1,14 +1,14 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
 from curricle.study.folders import STUDY
+from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.units import seed_ranges
 
@@ -55,10 +55,10 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
             yield f"{label}, is stale and {fate}: {why}"
 
 
-def different_versions(runs: Iterable[Mapping[str, Any]], run: Mapping[str, Any]) -> Iterator[str]:
+def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
     """Yield a sentence for each library that had another version in earlier runs into a folder."""
-    for library, version in run["versions"].items():
-        others = {one["versions"].get(library) for one in runs} - {version, None}
+    for library, version in run.versions.items():
+        others = {one.versions[library] for one in runs if library in one.versions} - {version}
         if others and library != "curricle":
             yield (
                 f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "

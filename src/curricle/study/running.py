@@ -33,7 +33,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.failures import FAILURES, Failures, read_failures
 from curricle.study.folders import CHECKPOINTS
-from curricle.study.record import plain
+from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
@@ -288,7 +288,7 @@ def _error_of(future: "Future[Any]") -> Exception | None:
     return error
 
 
-def _provenance(study: StudyConfig) -> dict[str, Any]:
+def _provenance(study: StudyConfig) -> RunRecord:
     """Return what a run is made with: versions, kind of machine, the study's file and its commit.
 
     Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
@@ -297,15 +297,15 @@ def _provenance(study: StudyConfig) -> dict[str, Any]:
     for name in OF_NETWORKS:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
-    return {
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "file": study.file,
-        "seeds": list(study.seeds),
-        "commit": _commit(study.folder),
-        "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.machine()}",
-        "versions": versions,
-    }
+    return RunRecord(
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        file=study.file,
+        seeds=study.seeds,
+        commit=_commit(study.folder),
+        python=platform.python_version(),
+        machine=f"{platform.system()} {platform.machine()}",
+        versions=versions,
+    )
 
 
 def _commit(folder: Path) -> str | None:

@@ -5,16 +5,16 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from curricle.checks import BEYOND_64_BITS
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import Snapshots
 from curricle.learning.result import HELD, TOTALS, LearningResult
@@ -45,6 +45,13 @@ DECISION_SCHEMA = {
 }
 SCHEMAS = {CURVES: CURVE_SCHEMA, DECISIONS: DECISION_SCHEMA}
 """Columns of the tables of a unit, and their types."""
+DTYPES = {
+    **dict.fromkeys(("steps", "seeds", "source_steps", "episodes", "snapshot_steps"), "int64"),
+    **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
+    **dict.fromkeys(("out_of_memory", "own_rewards"), "bool"),
+    "snapshot_values": "float32",
+}
+"""Of the arrays of a unit that are not of float64."""
 SPENT, MOST_STEPS = ("source_steps", "steps_used"), 2**53
 """Steps that a number of double precision counts."""
 LARGEST_TABLE = 2**28
@@ -145,17 +152,23 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
     return found
 
 
+def checkpoints_of(arrays: Arrays) -> int:
+    """Return how many checkpoints a unit's arrays have; ValueError if they do not say."""
+    if "steps" not in arrays:
+        raise ValueError("it has no steps")
+    return arrays["steps"].size
+
+
 def check_arrays(
     arrays: dict[str, npt.NDArray[Any]],
-    n_seeds: int,
+    seeds: Sequence[int],
     pairs: tuple[int, int],
 ) -> dict[str, npt.NDArray[Any]]:
     """Return a unit's arrays as they are; ValueError if they are not those of a result.
 
     `pairs` are the states and actions of its task.
     """
-    steps = arrays.get("steps")
-    n = 0 if steps is None else steps.size
+    n, n_seeds = checkpoints_of(arrays), len(seeds)
     shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
     shapes |= dict.fromkeys(("training_return", *HELD), (n_seeds, n))
     shapes |= dict.fromkeys(("seeds", "source_steps", *TOTALS), (n_seeds,))
@@ -164,14 +177,17 @@ def check_arrays(
         shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
     for name, shape in shapes.items():
         found = arrays.get(name)
-        if found is None or found.shape != shape or found.dtype.kind not in "ifb" or not n:
+        if found is None or found.shape != shape or not n:
             raise ValueError(f"{name} must be an array of shape {shape}")
+        if found.dtype != (kind := DTYPES.get(name, "float64")):
+            raise ValueError(f"{name} must be an array of {kind}: got {found.dtype}")
     if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
         raise ValueError("steps must ascend from 0")
-    for name, most in (("seeds", BEYOND_64_BITS), *dict.fromkeys(SPENT, MOST_STEPS).items()):
-        found = arrays[name]
-        if found.dtype.kind != "i" or not 0 <= found.min() <= found.max() <= most:
-            raise ValueError(f"{name} must be whole numbers from 0 to {most:,}")
+    if arrays["seeds"].tolist() != list(seeds):
+        raise ValueError("seeds must be those of its unit")
+    for name in SPENT:
+        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
+            raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
     for name in shapes.keys() & {"training_return", *HELD, "snapshot_values"}:
         if np.isinf(arrays[name]).any():
             raise ValueError(f"{name} must have finite numbers")
@@ -214,20 +230,40 @@ def _read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
-    """Return a Parquet table of `most` rows at most; ValueError if its columns are others."""
+    """Return a Parquet table of `most` rows at most; ValueError if its columns are others.
+
+    A text that rows share is stored once, so a small file may have large columns: they are measured
+    before they are made.
+    """
+    texts = [name for name, kind in schema.items() if kind == "string"]
     try:
         with pq.ParquetFile(io.BytesIO(content)) as file:
+            found = {field.name: str(field.type) for field in file.schema_arrow}
+        if found != schema:
+            raise ValueError(f"it must have the columns {', '.join(schema)}")
+        with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
             about = file.metadata
             size = sum(about.row_group(n).total_byte_size for n in range(about.num_row_groups))
             if about.num_rows > most or size > LARGEST_TABLE:
                 raise ValueError(f"it must have at most {most:,} rows, not {about.num_rows:,}")
             table = file.read()
+        if any(column.null_count for column in table.columns):
+            raise ValueError("it must have a value in each row of each column")
+        if (size := sum(_text_size(table[name]) for name in texts)) > LARGEST_TABLE:
+            raise ValueError(f"its texts must have at most {LARGEST_TABLE:,} bytes, not {size:,}")
+        return table.cast(pa.schema(schema.items()))
     except (pa.ArrowException, OSError, MemoryError) as error:
         raise ValueError(f"it is no table: {error}") from None
-    found = {field.name: str(field.type) for field in table.schema}
-    if found != schema or any(column.null_count for column in table.columns):
-        raise ValueError(f"it must have the columns {', '.join(schema)}")
-    return table
+
+
+def _text_size(column: pa.ChunkedArray) -> int:
+    """Return the bytes of all texts of a dictionary-encoded column."""
+    return sum(
+        int(
+            np.asarray(pc.binary_length(chunk.dictionary))[np.asarray(chunk.indices)].sum(dtype=int)
+        )
+        for chunk in column.chunks
+    )
 
 
 def without_snapshots(result: UnitResult) -> UnitResult:

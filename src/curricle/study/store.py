@@ -29,7 +29,7 @@ from curricle.study.folders import (
     check_ours,
     write_errors,
 )
-from curricle.study.record import UnitRecord, read_record
+from curricle.study.record import RunRecord, UnitRecord, plain, read_record
 from curricle.study.sealed_json import as_json, digest_of, sealed, unsealed
 from curricle.study.serialization import (
     CURVES,
@@ -40,6 +40,7 @@ from curricle.study.serialization import (
     VALUES,
     UnitResult,
     as_parquet,
+    checkpoints_of,
     files_of,
     of_seeds,
     read_npz,
@@ -172,7 +173,10 @@ class StudyStore:
                 description["record"]["seeds"] = here["seeds"]
         for part in [*path.rglob(f".*{PART}")]:
             # A killed run left it; it is not complete.
-            shutil.rmtree(part) if part.is_dir() else part.unlink(missing_ok=True)
+            if part.is_dir() and not part.is_symlink():
+                shutil.rmtree(part)
+            else:
+                part.unlink(missing_ok=True)
         with write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
@@ -229,16 +233,16 @@ class StudyStore:
         table = columns if isinstance(columns, pa.Table) else pa.table(dict(columns))
         self.write(name, as_parquet(table))
 
-    def add_run(self, provenance: Mapping[str, Any]) -> None:
+    def add_run(self, run: RunRecord) -> None:
         """Add a run to the list of runs."""
-        self.write_json(RUNS, [*self.runs(), provenance])
+        self.write_json(RUNS, [plain(one) for one in (*self.runs(), run)])
 
-    def runs(self) -> list[dict[str, Any]]:
-        """Return the versions, kind of machine, commit, file and seeds of each run so far."""
-        found: list[dict[str, Any]] = self.read_json(RUNS) if self.has(RUNS) else []
+    def runs(self) -> list[RunRecord]:
+        """Return the runs so far."""
+        found = self.read_json(RUNS) if self.has(RUNS) else []
         if not isinstance(found, list):
             raise StoreError(f"{self.path / RUNS} must be a list of runs")
-        return found
+        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in found])
 
     def checked(self, name: str, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -354,8 +358,8 @@ class StudyStore:
     def table(self, stored: StoredUnit, name: str) -> pa.Table:
         """Return a unit's Parquet table."""
         content, run = self._content(stored.path / name), self.arrays(stored, RUN)
-        rows = len(stored.seeds) * (1 + run["steps"].size)
-        read = partial(read_parquet, content, SCHEMAS[name], rows)
+        n = self.checked(self._name(stored.path / RUN), partial(checkpoints_of, run))
+        read = partial(read_parquet, content, SCHEMAS[name], len(stored.seeds) * (1 + n))
         return self.checked(self._name(stored.path / name), read)
 
     def _content(self, file: Path) -> bytes:
