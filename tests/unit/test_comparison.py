@@ -215,3 +215,11 @@ def test_an_unknown_arm():
     with pytest.raises(CurriculumError) as caught:
         BY_HAND["best"]
     assert str(caught.value) == "an arm must be one of scratch, helped, misled: got 'best'"
+
+
+def test_columns_are_apart_however_long_their_numbers_are():
+    returns = np.array([[-18000.0], [-17000.0], [-19500.0]])
+    curves = {"scratch": returns, "mine": 2 * returns}
+    arms = {name: arm(np.repeat(each, 5, axis=1)) for name, each in curves.items()}
+    row = str(Comparison("maze", arms, 40, 40, 0.0, 1)).split("\n")[-1]
+    assert "[-42,585, -30,082]  -18,167 [-21,292, -15,041]  -18,167 [" in row

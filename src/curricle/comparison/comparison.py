@@ -257,10 +257,10 @@ class Comparison:
             missed = int((~times.reached).sum())
             text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
             text = "> " * (missed > 0) + text
-            line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<23}"
+            line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<21}  "
             if name != SCRATCH:
                 contrast = self.contrasts[name]
-                line += f"{_short(contrast.strong_gain):<22}{_short(contrast.weak_gain):<22}"
+                line += f"{_short(contrast.strong_gain):<20}  {_short(contrast.weak_gain):<20}  "
                 line += contrast.verdict
                 if name in self.verdicts and not self.verdicts[name].too_few:
                     line += f" (p = {contrast.adjusted_p:.2g})"
