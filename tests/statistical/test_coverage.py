@@ -50,6 +50,11 @@ def test_the_page_has_a_row_for_every_kind_and_no_other():
     assert {*coverage.KINDS, *false_alarms.VERDICTS} == {*STATED}
 
 
+def test_the_page_shows_in_bold_what_is_promised():
+    bold = {name for name, row in ROW.findall(PAGE) if "**" in row}
+    assert bold == {*PROMISED}
+
+
 @pytest.mark.parametrize("kind", coverage.KINDS)
 def test_coverage_is_as_the_page_states(kind):
     studies = 500 if kind.startswith(("seeds added", "median")) else STUDIES
