@@ -13,6 +13,7 @@ from curricle.checks import unfit_name
 from curricle.cli.app import main
 from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.study_preview import graph
+from curricle.cli.terminal_tables import print_table, table
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.report.templates import render
@@ -90,6 +91,14 @@ def test_names_that_no_table_can_show_are_refused(name):
 @pytest.mark.parametrize("name", ["5 × 5", "Łódź", "漢字", "x" * 100, r"$\frac{a$", "a, b", "<b>"])
 def test_other_names_are_names(name):
     assert not unfit_name(name)
+
+
+@pytest.mark.parametrize("name", ["[red]b", "[/b]", ":bug:"])
+def test_names_with_the_marks_of_terminals_are_shown_as_they_are(name, capsys):
+    rows = table("", "seeds")
+    rows.add_row(name, "2")
+    print_table(rows)
+    assert name in capsys.readouterr().out
 
 
 def test_pages_write_control_and_format_characters_out():

@@ -28,7 +28,7 @@ def run_with_bars(
     """Run a study and show its progress; the time left is for all seeds of a task."""
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    description = TextColumn("{task.description}")
+    description = TextColumn("{task.description}", markup=False)
     bars = Bars(description, *columns, console=console, disable=not console.is_terminal)
     rows: dict[tuple[str, str], Any] = {}
 

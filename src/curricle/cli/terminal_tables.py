@@ -1,6 +1,7 @@
 """Tables on the terminal: names fold at its width, numbers are never cut."""
 
 import sys
+from functools import partial
 
 from rich.console import Console
 from rich.table import Table
@@ -30,9 +31,10 @@ def table(*columns: str) -> Table:
 
 def print_table(rows: Table) -> None:
     """Print a table to standard output, without colour codes where that is no terminal."""
-    console = Console(file=sys.stdout, highlight=False)
+    plain = partial(Console, file=sys.stdout, highlight=False, markup=False, emoji=False)
+    console = plain()
     if not console.is_terminal:
-        console = Console(file=sys.stdout, highlight=False, width=PIPED_WIDTH, no_color=True)
+        console = plain(width=PIPED_WIDTH, no_color=True)
     with console.capture() as captured:
         console.print(rows)
     for line in captured.get().splitlines():

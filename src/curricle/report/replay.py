@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
-from curricle.learning.result import LearningResult
 from curricle.plotting.grids import MOST_NUMBERS
 from curricle.plotting.scales import minus, rounded
 from curricle.plotting.styles import DIVERGING, SEQUENTIAL, SHADES, shades_of
+from curricle.report.graph import Learnt
 from curricle.report.svg import GridDrawing, move_path, shifted, squares
 from curricle.study.record import (
     Analysis,
@@ -28,8 +28,6 @@ from curricle.study.record import (
 )
 from curricle.tasks.grid_view import GridView
 
-Learnt = Mapping[str, Mapping[str, LearningResult]]
-"""Arm -> task -> its training."""
 CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""
 
