@@ -29,7 +29,7 @@ from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Claim, Shaping
-from curricle.planning.solution import Solution, solve
+from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
@@ -135,8 +135,8 @@ def certify(
     fall short by more in the other. Between the two it is undecided, unless a theorem proves the
     shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
     a bonus or reward up to rounding; or advice has a last weight of 0 or one value for all actions.
-    It is undecided also then if the potential is so large that it hides, in double precision, a
-    difference of two actions above the tolerance.
+    It is undecided also then if a known difference of two actions above the tolerance vanishes, in
+    double precision, beside the numbers that the potential adds to it.
 
     Examples
     --------
@@ -283,14 +283,14 @@ def _decided(
     if theorem is None:
         undecided = found.undecided.any()
         return (None, (too_close(met, own, shaped, found),)) if undecided else (True, ())
-    # A theorem holds in exact arithmetic. In double precision a potential of 1e12 hides
-    # differences of 1e-4 all the same.
-    hidden = found.short[found.chosen & ~found.optimal].max(initial=0.0)
+    # A theorem holds in exact arithmetic. In double precision .01 vanishes beside 1e14.
+    vanishing = (found.short > found.error) & (found.short <= 2 * EPSILON * shaped.largest)
+    hidden = found.short[vanishing].max(initial=0.0)
     if hidden <= found.tolerance:
         return True, ()
     return None, (
-        f"by theory ({theorem}) the shaping is safe, but the potential is so large that in double "
-        f"precision it hides differences of up to {hidden:.2g} between actions",
+        f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
+        f"differences of {hidden:.2g} between actions vanish in double precision",
     )
 
 

@@ -155,6 +155,7 @@ class ShapedValues:
     values: FloatArray  # (N, A)
     bound: float  # their largest possible error
     residual: float  # their largest distance from what theory derives from the task's own values
+    largest: float  # the largest number that they are computed from
 
 
 def shaped_values(shaping: CheckedShaping, own: Solution, met: Reachable) -> ShapedValues:
@@ -177,7 +178,8 @@ def with_reward(own: Solution, met: Reachable, f: FloatArray, shift: FloatArray)
     solution = solve(shaped_task(met, f))
     q = solution.action_values[met.states]
     expected = own.action_values[met.states] - shift[:, None]
-    return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected))
+    largest = max(_largest(q), _largest(f))
+    return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
 
 
 def with_look_ahead(own: Solution, met: Reachable, phi: FloatArray) -> ShapedValues:
@@ -198,7 +200,8 @@ def with_look_ahead(own: Solution, met: Reachable, phi: FloatArray) -> ShapedVal
     acted = (q + phi)[met.states]
     rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
     residual = _largest(acted - own.action_values[met.states])
-    return ShapedValues(acted, solution.error_bound + rounding, residual)
+    largest = max(_largest(phi), _largest(acted))
+    return ShapedValues(acted, solution.error_bound + rounding, residual, largest)
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -238,7 +241,8 @@ def with_advice(own: Solution, met: Reachable, advice: FloatArray) -> ShapedValu
     added = advice[met.states]
     acted = own.action_values[met.states] + added
     rounding = EPSILON * (_largest(acted) + _largest(added))
-    return ShapedValues(acted, own.error_bound + rounding, _largest(added))
+    largest = max(_largest(acted), _largest(added))
+    return ShapedValues(acted, own.error_bound + rounding, _largest(added), largest)
 
 
 def _largest(array: FloatArray) -> float:
