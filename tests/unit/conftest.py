@@ -7,6 +7,7 @@ import pytest
 
 from curricle.study import read_study, run_study
 from tests.comparisons import calls  # noqa: F401  a fixture
+from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
 
 # The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
 # each seed at its own step, and one arm pays for a calibration.

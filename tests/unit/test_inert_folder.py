@@ -3,11 +3,9 @@
 import io
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
-import time
 import zipfile
 from getpass import getuser
 
@@ -18,40 +16,11 @@ import pytest
 import curricle as cr
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
-from curricle.study import StudyResults, read_study, run_study
-from curricle.study.sealed_json import digest_of, sealed, unsealed
+from curricle.study import StudyResults
 from curricle.study.serialization import SCHEMAS, as_parquet
+from tests.sent_folders import a_unit, change, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-RULES = """
-import curricle as cr
-
-def corner(rows):
-    return maze().crop(rows=(0, rows), columns=(2, 5))
-
-def maze():
-    return cr.GridWorld(["....T", ".PPP.", "S...."], time_limit=30)
-
-def same(target, source):
-    return cr.same_position(target, source)
-"""
-STUDY = """
-name = "own"
-seeds = 2
-seeds_per_unit = 2
-budget = 400
-[tasks.corner]
-type = "factory"
-factory = "rules:corner"
-arguments = { rows = 2 }
-[tasks.maze]
-type = "factory"
-factory = "rules:maze"
-[[transfers]]
-source = "corner"
-target = "maze"
-factory = "rules:same"
-"""
 EVIL = """
 from pathlib import Path
 Path("ran").touch()
@@ -98,66 +67,9 @@ print("MODULES", [m for m in sys.modules if m in ("rules", "conftest") or "curri
 """
 
 
-@pytest.fixture(scope="module")
-def sent(tmp_path_factory):
-    """A folder of results whose study and whose own module are gone."""
-    home = tmp_path_factory.mktemp("a_distinctive_home") / "of_somebody"
-    home.mkdir()
-    (home / "rules.py").write_text(RULES)
-    (home / "own.toml").write_text(STUDY)
-    run_study(read_study(home / "own.toml"), home / "out", workers=1)
-    folder = tmp_path_factory.mktemp("sent") / "out"
-    shutil.move(home / "out", folder)
-    shutil.rmtree(home)
-    return folder
-
-
 @pytest.fixture
-def folder(sent, tmp_path):
-    """A copy of that folder, to be changed."""
-    return shutil.copytree(sent, tmp_path / "out")
-
-
-def change(path, edit):
-    """Change a file of JSON with a checksum, as somebody would who wants it to be read."""
-    found = unsealed(path.read_bytes())
-    edit(found)
-    path.write_bytes(sealed(found))
-
-
-def a_unit(folder):
-    """The unit that has snapshots and sources."""
-    return next((folder / "units").glob("maze-*/*/snapshots.npz")).parent
-
-
-def put(unit, name, content):
-    """Put a file into a unit, and its size and checksum into the unit's description."""
-    (unit / name).write_bytes(content)
-    row = [len(content), digest_of(content)]
-    change(unit / "unit.json", lambda found: found["files"].update({name: row}))
-
-
-def read_all(folder):
-    """Read all that the commands read."""
-    study = StudyResults(folder)
-    for arm, task in study.record.keys:
-        study.result(arm, task, values=True)
-        study.decisions(arm, task)
-        study.source_steps(arm, task)
-    study.table("curves.parquet")
-    str(study.comparison)
-    write_report(folder)
-
-
-def refuses(folder, words):
-    """Reading is refused at once, in one sentence."""
-    began = time.perf_counter()
-    with pytest.raises(StoreError, match=words) as caught:
-        read_all(folder)
-    assert time.perf_counter() - began < 5
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 500
-    assert str(folder) in str(caught.value)
+def folder(sent_folder):
+    return sent_folder
 
 
 # -- what is read, and what is not -------------------------------------------------------------
@@ -327,115 +239,3 @@ def test_a_small_table_of_long_texts_is_refused(folder, name):
     assert len(content) < 2**26
     put(a_unit(folder), name, content)
     refuses(folder, f"{name}.*its texts must have at most .* bytes")
-
-
-FILES = ["study.json", "analysis.json", "runs.json", "unit.json", "run.npz", "curves.parquet"]
-
-
-def place_of(folder, name):
-    return folder / name if (folder / name).exists() else a_unit(folder) / name
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
-def test_what_is_no_file_is_not_waited_for(folder, name, kind):
-    path = place_of(folder, name)
-    path.unlink()
-    if kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    else:
-        path.symlink_to("/dev/zero")
-    refuses(folder, name.replace(".", r"\."))
-
-
-@pytest.mark.parametrize("name", ["study.json", "analysis.json", "runs.json", "unit.json"])
-@pytest.mark.parametrize("text", ["[" * 10**5, '{"a":' * 10**5, "[]", "{}", "null", "[1]", "\xff"])
-def test_other_json_is_refused(folder, name, text):
-    path = place_of(folder, name)
-    path.write_text(text, encoding="latin-1")
-    if (name, text) == ("runs.json", "[]"):
-        read_all(folder)
-    else:
-        refuses(folder, name.replace(".", r"\."))
-
-
-def nested(depth):
-    found = []
-    for _ in range(depth):
-        found = [found]
-    return found
-
-
-CHANGES = {
-    "a name that is a number": ("name", 3),
-    "seeds that are words": ("seeds", ["a"]),
-    "an unknown key": ("more", 1),
-    "a target that is not there": ("target", "mace"),
-    "no arms": ("arms", None),
-    "a deep value": ("tasks", nested(400)),
-    "a task that is not there": ("tasks", []),
-    "a checkpoint every 0 steps": ("eval_freq", 0),
-}
-
-
-@pytest.mark.parametrize("what", CHANGES)
-def test_a_record_of_another_form_is_refused(folder, what):
-    key, value = CHANGES[what]
-    change(folder / "study.json", lambda study: study["record"].update({key: value}))
-    refuses(folder, r"study\.json is not as Curricle writes it: ")
-
-
-VIEWS = {
-    "shape": [10**9, 10**9],
-    "cells": [10**6],
-    "states": [-1],
-    "ended": [99],
-    "directions": [7, 7, 7, 7],
-    "actions": ["only"],
-    "markers": [["A", "red;}</style>"]],
-    "objects": [["treasure chest", 0, 0, True]],
-}
-
-
-@pytest.mark.parametrize("key", VIEWS)
-def test_a_view_that_does_not_fit_is_refused(folder, key):
-    def edit(study):
-        for task in study["record"]["tasks"]:
-            task["view"][key] = VIEWS[key]
-
-    change(folder / "study.json", edit)
-    refuses(folder, r"study\.json is not as Curricle writes it: tasks\.0")
-
-
-def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
-    def other_arms(analysis):
-        section = analysis["sections"][0]
-        section["arms"] = section["certificates"][0]["arms"] = ["nobody"]
-        analysis["episodes"]["transfer"]["maze"]["after"]["cells"][0] = [2000]
-
-    change(folder / "analysis.json", other_arms)
-    assert "predicted start" not in write_report(folder).read_text()
-    change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
-    refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
-    change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
-    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
-
-
-def test_names_are_text_in_a_page(folder):
-    bad = "</script><script>alert(1)</script>"
-
-    def edit(study):
-        study["record"]["name"] = bad
-        study["record"]["tasks"][0]["text"] = bad
-        study["record"]["arms"]["transfer"]["transfers"][0]["words"] = bad
-
-    change(folder / "study.json", edit)
-    assert bad not in write_report(folder).read_text()
-
-
-def test_another_version_is_refused_in_one_sentence(folder):
-    change(folder / "study.json", lambda study: study.update(schema_version=1))
-    refuses(folder, r"has schema version 1 and this Curricle reads 2: run the study again")

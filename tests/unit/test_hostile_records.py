@@ -1,0 +1,127 @@
+"""Records and files of a results folder that are not as Curricle writes them are refused."""
+
+import os
+
+import pytest
+
+from curricle.report.study_report import write_report
+from tests.sent_folders import a_unit, change, read_all, refuses
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+@pytest.fixture
+def folder(sent_folder):
+    return sent_folder
+
+
+FILES = ["study.json", "analysis.json", "runs.json", "unit.json", "run.npz", "curves.parquet"]
+
+
+def place_of(folder, name):
+    return folder / name if (folder / name).exists() else a_unit(folder) / name
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
+def test_what_is_no_file_is_not_waited_for(folder, name, kind):
+    path = place_of(folder, name)
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("/dev/zero")
+    refuses(folder, name.replace(".", r"\."))
+
+
+@pytest.mark.parametrize("name", ["study.json", "analysis.json", "runs.json", "unit.json"])
+@pytest.mark.parametrize("text", ["[" * 10**5, '{"a":' * 10**5, "[]", "{}", "null", "[1]", "\xff"])
+def test_other_json_is_refused(folder, name, text):
+    path = place_of(folder, name)
+    path.write_text(text, encoding="latin-1")
+    if (name, text) == ("runs.json", "[]"):
+        read_all(folder)
+    else:
+        refuses(folder, name.replace(".", r"\."))
+
+
+def nested(depth):
+    found = []
+    for _ in range(depth):
+        found = [found]
+    return found
+
+
+CHANGES = {
+    "a name that is a number": ("name", 3),
+    "seeds that are words": ("seeds", ["a"]),
+    "an unknown key": ("more", 1),
+    "a target that is not there": ("target", "mace"),
+    "no arms": ("arms", None),
+    "a deep value": ("tasks", nested(400)),
+    "a task that is not there": ("tasks", []),
+    "a checkpoint every 0 steps": ("eval_freq", 0),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_record_of_another_form_is_refused(folder, what):
+    key, value = CHANGES[what]
+    change(folder / "study.json", lambda study: study["record"].update({key: value}))
+    refuses(folder, r"study\.json is not as Curricle writes it: ")
+
+
+VIEWS = {
+    "shape": [10**9, 10**9],
+    "cells": [10**6],
+    "states": [-1],
+    "ended": [99],
+    "directions": [7, 7, 7, 7],
+    "actions": ["only"],
+    "markers": [["A", "red;}</style>"]],
+    "objects": [["treasure chest", 0, 0, True]],
+}
+
+
+@pytest.mark.parametrize("key", VIEWS)
+def test_a_view_that_does_not_fit_is_refused(folder, key):
+    def edit(study):
+        for task in study["record"]["tasks"]:
+            task["view"][key] = VIEWS[key]
+
+    change(folder / "study.json", edit)
+    refuses(folder, r"study\.json is not as Curricle writes it: tasks\.0")
+
+
+def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
+    def other_arms(analysis):
+        section = analysis["sections"][0]
+        section["arms"] = section["certificates"][0]["arms"] = ["nobody"]
+        analysis["episodes"]["transfer"]["maze"]["after"]["cells"][0] = [2000]
+
+    change(folder / "analysis.json", other_arms)
+    assert "predicted start" not in write_report(folder).read_text()
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
+    refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
+    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
+
+
+def test_names_are_text_in_a_page(folder):
+    bad = "</script><script>alert(1)</script>"
+
+    def edit(study):
+        study["record"]["name"] = bad
+        study["record"]["tasks"][0]["text"] = bad
+        study["record"]["arms"]["transfer"]["transfers"][0]["words"] = bad
+
+    change(folder / "study.json", edit)
+    assert bad not in write_report(folder).read_text()
+
+
+def test_another_version_is_refused_in_one_sentence(folder):
+    change(folder / "study.json", lambda study: study.update(schema_version=1))
+    refuses(folder, r"has schema version 1 and this Curricle reads 2: run the study again")
