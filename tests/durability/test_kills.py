@@ -56,6 +56,7 @@ function = "own:halves"
 source = "short"
 target = "long"
 mapping = "same_position"
+unmapped_value = 0.0
 """
 RETRAINED = """
 name = "retrained"

@@ -85,7 +85,7 @@ def integers(bits: int, n: int) -> int:
     Examples
     --------
     >>> integers(splitmix64(2), 6)
-    3
+    1
     """
     number("n", whole_number("n", n, 1, TaskError), TaskError, high=2**32)
     return ((_bits("bits", bits) & (2**32 - 1)) * int(n)) >> 32
