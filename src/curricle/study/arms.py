@@ -133,7 +133,7 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
     ------
     ConfigError
         When the user's own modules are not, or no longer, those of `code`, the JSON of
-        :attr:`Arms.code`.
+        ``Arms.code``.
     """
     arms = Arms.of(StudyConfig.from_data(json.loads(config), Path(folder)))
     here, there = arms.code, json.loads(code)

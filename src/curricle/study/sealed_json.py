@@ -15,7 +15,7 @@ def sealed(value: Mapping[str, Any]) -> bytes:
 
 
 def unsealed(content: bytes) -> dict[str, Any] | None:
-    """Return what :func:`sealed` was called on; None if the content has changed since.
+    """Return what ``sealed`` was called on; None if the content has changed since.
 
     Examples
     --------

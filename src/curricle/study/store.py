@@ -216,7 +216,7 @@ class StudyStore:
             raise StoreError(f"{self.path / name} must be JSON: {error}") from None
 
     def read_sealed(self, name: str) -> dict[str, Any]:
-        """Return what :func:`sealed` was called on; StoreError if the file has changed since."""
+        """Return what ``sealed`` was called on; StoreError if the file has changed since."""
         found = unsealed(self._bytes(name, LARGEST_JSON))
         if found is None:
             raise self._damage(self.path / name)

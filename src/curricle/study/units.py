@@ -110,7 +110,7 @@ class UnitInput(NamedTuple):
     folder: str
     """Of the study's own modules."""
     code: str
-    """JSON of :attr:`Arms.code`: the modules must be as they were when the run began."""
+    """JSON of ``Arms.code``: the modules must be as they were when the run began."""
     unit: Unit
     sources: Mapping[str, StoredValues]
     checkpoints: str | None = None

@@ -2,14 +2,68 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import connection, get_context, parent_process, resource_tracker
+from functools import cache
+from multiprocessing import connection, parent_process, resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Thread
 from typing import Any
 
 POSIX = hasattr(signal, "pthread_sigmask")
+REAPER = """
+import os, signal, sys
+held = []
+for line in sys.stdin:  # it ends with the last process that can write to it
+    try:
+        held.append(os.pidfd_open(int(line)))
+    except OSError:  # that worker has ended
+        pass
+for worker in held:
+    try:
+        signal.pidfd_send_signal(worker, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+"""
+"""Ends the workers that it was told of when the process that told it is gone (Linux).
+
+Workers end by themselves too, but not while they start: they import libraries for seconds.
+"""
+
+
+class _Worker(SpawnProcess):
+    """A process that the reaper hears of as soon as it has been started."""
+
+    def start(self) -> None:
+        super().start()
+        if hasattr(os, "pidfd_open"):
+            told = _reaper(os.getpid()).stdin
+            assert told is not None
+            told.write(f"{self.pid}\n")
+            told.flush()
+
+
+class _Workers(SpawnContext):
+    """The way to start processes afresh, as those of a :class:`WorkerProcesses`."""
+
+    Process = _Worker
+
+
+@cache
+def _reaper(process: int) -> subprocess.Popen[str]:
+    """Return the reaper of this process, of that number; the first call starts it."""
+    reaper = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", REAPER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # signals to the run are not for it
+        text=True,
+    )
+    return reaper
 
 
 class WorkerProcesses(ProcessPoolExecutor):
@@ -33,7 +87,7 @@ class WorkerProcesses(ProcessPoolExecutor):
     def __init__(self, workers: int | None = None):
         if POSIX:
             _start_tracker()
-        super().__init__(workers, get_context("spawn"), initializer=end_with_parent)
+        super().__init__(workers, _Workers(), initializer=end_with_parent)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Submit a call, as any executor does."""
@@ -73,6 +127,7 @@ def end_with_parent() -> None:
     """Ignore interrupts, and end this process when the one that started it is gone.
 
     A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
+    It is what ends workers where there is no reaper.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
