@@ -129,7 +129,8 @@ def test_the_exit_code_and_show_tell_of_it(study, tmp_path, monkeypatch, capfd):
     out = tmp_path / "out"
     code, _, complaint = command("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
     assert code == 3
-    assert complaint.splitlines()[-1] == (
+    # The arm's other seeds may have begun before these failed; then they are named as well.
+    assert complaint.splitlines()[-1].startswith(
         "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole: "
         "LookupError: a rule of the thesis is not met"
     )
