@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from curricle.study import workers
+
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 
 PARENT = """
@@ -58,3 +60,13 @@ def test_workers_end_with_their_parent_in_silence(tmp_path):
     # The pipe ends when the last process that writes to it does.
     found = {how: parent.communicate(timeout=2)[0] for how, parent in parents.items()}
     assert found == dict.fromkeys(ENDS, b"")
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="the reaper needs Linux")
+def test_a_run_goes_on_without_its_reaper():
+    with workers._reaper(os.getpid()) as reaper:
+        reaper.kill()
+        reaper.wait()
+        with workers.WorkerProcesses(1) as pool:
+            assert pool.submit(pow, 2, 10).result() == 1024
+    workers._reaper.cache_clear()

@@ -235,10 +235,7 @@ class MappedPotential(Frozen):
             values.max(initial=0.0), -values.min(initial=0.0)
         ) + abs(self.lookup.shift)
         if largest > LARGEST_POTENTIAL:
-            raise PotentialError(
-                f"phi must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside "
-                f"larger numbers: the sources' values give {largest:g}"
-            )
+            raise _too_large("phi", f"the sources' values give {largest:g}")
 
     @cached_property
     def values(self) -> FloatArray:
@@ -305,21 +302,22 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
 
 
 def finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a copy of values as float64, or raise PotentialError naming one that is too large."""
+    """Return a copy of values as float64.
+
+    Raises PotentialError naming a value that is not finite or larger than ``LARGEST_POTENTIAL``.
+    """
     values = numbers(name, given, PotentialError)
-    check_size(values, name)
-    return values
-
-
-def check_size(values: FloatArray, name: str) -> None:
-    """Raise PotentialError where a value is not finite or larger than ``LARGEST_POTENTIAL``."""
     bad = np.argwhere(~(abs(values) <= LARGEST_POTENTIAL))
     if not len(bad):
-        return
+        return values
     place = tuple(int(i) for i in bad[0])
     if np.isfinite(values[place]):
-        raise PotentialError(
-            f"{name} must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside "
-            f"larger numbers: entry {place} is {values[place]:g}"
-        )
+        raise _too_large(name, f"entry {place} is {values[place]:g}")
     raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
+
+
+def _too_large(name: str, where: str) -> PotentialError:
+    return PotentialError(
+        f"{name} must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside larger "
+        f"numbers: {where}"
+    )

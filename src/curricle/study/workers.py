@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import connection, parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -28,22 +28,22 @@ for worker in held:
     except ProcessLookupError:
         pass
 """
-"""Ends the workers that it was told of when the process that told it is gone (Linux).
+"""Ends the workers whose numbers it read when the process that wrote them is gone (Linux).
 
 Workers end by themselves too, but not while they start: they import libraries for seconds.
 """
 
 
 class _Worker(SpawnProcess):
-    """A process that the reaper hears of as soon as it has been started."""
+    """A process whose number the reaper gets as soon as it has been started."""
 
     def start(self) -> None:
         super().start()
         if hasattr(os, "pidfd_open"):
-            told = _reaper(os.getpid()).stdin
-            assert told is not None
-            told.write(f"{self.pid}\n")
-            told.flush()
+            pipe = _reaper(os.getpid()).stdin
+            assert pipe is not None
+            with suppress(BrokenPipeError):  # without its reaper a run goes on
+                pipe.write(f"{self.pid}\n".encode())
 
 
 class _Workers(SpawnContext):
@@ -53,17 +53,16 @@ class _Workers(SpawnContext):
 
 
 @cache
-def _reaper(process: int) -> subprocess.Popen[str]:
+def _reaper(process: int) -> subprocess.Popen[bytes]:
     """Return the reaper of this process, of that number; the first call starts it."""
-    reaper = subprocess.Popen(
+    return subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", REAPER],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # signals to the run are not for it
-        text=True,
+        bufsize=0,
     )
-    return reaper
 
 
 class WorkerProcesses(ProcessPoolExecutor):
