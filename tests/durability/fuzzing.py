@@ -3,7 +3,6 @@
 import contextlib
 import io
 import signal
-import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,7 @@ from curricle.study import read_study
 SECONDS = 10
 """Of processor time: a study that takes more hangs, however busy the machine is."""
 COMPILING = 60
-"""Of processor time, where loops may be compiled: a study that takes so long is tried again."""
+"""Of processor time, for what seems to hang and may be compiling loops: it is then tried again."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 
@@ -74,10 +73,11 @@ def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -
     """
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
-    started = time.process_time()
-    found = _outcome(path, what, COMPILING)
-    quick = time.process_time() - started < SECONDS
-    return found if quick else _outcome(path, what, SECONDS)
+    found = _outcome(path, what, SECONDS)
+    if found[0] == "hang":
+        _outcome(path, what, COMPILING)
+        found = _outcome(path, what, SECONDS)
+    return found
 
 
 def _outcome(path: Path, what: Callable[[Path], None], seconds: float) -> tuple[str, str]:
