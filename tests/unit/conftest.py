@@ -91,10 +91,14 @@ def quick_disk(monkeypatch):
 
 @pytest.fixture(scope="session")
 def contents():
-    """A function: folder -> what its files hold, by their names, and its empty folders."""
+    """A function: folder -> what its files hold, by name, and its folders; no caches of Python."""
 
     def read(folder):
-        entries = (entry for entry in folder.rglob("*") if entry.name not in OF_RUNS)
+        entries = (
+            entry
+            for entry in folder.rglob("*")
+            if entry.name not in OF_RUNS and "__pycache__" not in entry.parts
+        )
         return {
             str(entry.relative_to(folder)): entry.read_bytes() if entry.is_file() else None
             for entry in entries
