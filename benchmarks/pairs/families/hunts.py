@@ -1,0 +1,74 @@
+"""Development: pursuit; the target has one predator more than the source, or more cells."""
+
+from typing import Any
+
+import numpy as np
+
+import curricle as cr
+from benchmarks.pairs.pair import Family
+from benchmarks.pairs.worlds import reversed_actions
+
+
+def pursuit(size: int, predators: int, **rules: Any) -> cr.FiniteMDP:
+    """Return a pursuit as tables, which are evaluated exactly."""
+    return cr.Pursuit(size, predators, time_limit=100, discount=0.95, **rules).mdp
+
+
+def shifted(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
+    """Return the mapping to a smaller grid, both players moved so that the prey is well inside."""
+    large, small = (round(np.sqrt(t.states.component("prey").size)) for t in (target, source))
+
+    def read(state: Any, action: Any) -> Any:
+        at = {name: np.divmod(cell, large) for name, cell in state.items()}
+        corner = [np.clip(axis - small // 2, 0, large - small) for axis in at["prey"]]
+        cells = {}
+        for name, place in at.items():
+            row, column = (axis - first for axis, first in zip(place, corner, strict=True))
+            inside = (row >= 0) & (row < small) & (column >= 0) & (column < small)
+            cells[name] = np.where(inside, row * small + column, -1)
+        return cells, action
+
+    return cr.from_function(target, source, read)
+
+
+def roles_swapped(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
+    """Return the mapping that takes the prey for the predator."""
+
+    def read(state: Any, action: Any) -> Any:
+        return {"prey": state["predator"], "predator": state["prey"]}, action
+
+    return cr.from_function(target, source, read)
+
+
+def hunts() -> Family:
+    """Return the family: two predators on 3x3 (100,000 steps), one on 5x5 (60,000)."""
+    family = Family("hunts", "development")
+    hunt = family.target("two predators", pursuit(3, 2), 100_000)
+    chase, either = pursuit(3, 1), pursuit(3, 2, capture="any")
+    prey = np.zeros((9, 5))
+    prey[:, 0] = 1.0
+    still = pursuit(3, 1, prey=prey)
+    fleeing = pursuit(3, 1, step_reward=1.0)
+    both, idle, away = (
+        [cr.project(hunt, source, predator=f"predator_{i}") for i in (1, 2)]
+        for source in (chase, still, fleeing)
+    )
+    least: dict[str, Any] = {"aggregate": cr.minimum}
+    family.add("near", "one chases", chase, *both, budget=12_000, **least)
+    family.add("near", "one of the two", chase, both[0], budget=12_000)
+    family.add("far", "the prey stays", still, *idle, budget=12_000, **least)
+    family.add("far", "either may catch", either, cr.project(hunt, either), budget=30_000)
+    family.add("wrong goal", "paid while it is free", fleeing, *away, budget=12_000, **least)
+    family.spoil("one chases")
+
+    field = family.target("5x5", pursuit(5, 1), 60_000)
+    small = pursuit(3, 1)
+    mapping = shifted(field, small)
+    family.add("near", "3x3 around the prey", small, mapping, budget=12_000)
+    family.add(
+        "mirrored", "3x3, moves reversed", small,
+        reversed_actions(field, small, mapping), budget=12_000,
+    )  # fmt: skip
+    same = pursuit(5, 1)
+    family.add("useless", "roles swapped", same, roles_swapped(field, same), budget=30_000)
+    return family

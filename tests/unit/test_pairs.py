@@ -1,0 +1,117 @@
+"""The benchmark of pairs: what its families and pairs have in common."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from benchmarks.pairs import family_names, pairs
+from benchmarks.pairs.families import DEVELOPMENT, VERIFICATION
+from benchmarks.pairs.pair import SENSIBLE
+from curricle.transfer import ENDED
+
+EVERYWHERE = (
+    "near",
+    "far",
+    "wrong goal",
+    "mirrored",
+    "useless",
+    "negated",
+    "unlearnt",
+    "too large",
+)
+NAMED = ("river-swim", "chain", "deep-sea", "taxi", "frozen-lake", "four-rooms")
+
+
+def test_families_are_disjoint_and_many():
+    assert not set(DEVELOPMENT) & set(VERIFICATION)
+    assert min(len(DEVELOPMENT), len(VERIFICATION)) >= 6
+    assert set(NAMED) <= set(VERIFICATION)
+    assert len(pairs()) >= 120
+    for split, families in ("development", DEVELOPMENT), ("verification", VERIFICATION):
+        assert {pair.family for pair in pairs(split)} == set(families)
+    assert len(pairs("development")) + len(pairs("verification")) == len(pairs())
+
+
+def test_names_are_unique_and_begin_with_the_family():
+    names = Counter(pair.name for pair in pairs())
+    assert names.most_common(1)[0][1] == 1
+    assert all(pair.name.startswith(f"{pair.family}/") for pair in pairs())
+
+
+def test_an_unknown_family_is_refused():
+    with pytest.raises(ValueError, match="family must be one of mazes"):
+        pairs(family="maze")
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_each_family_goes_from_helpful_to_harmful(family):
+    found = pairs(family=family)
+    assert set(EVERYWHERE) == {pair.kind for pair in found}
+    assert [pair.sensible for pair in found] == [pair.kind in SENSIBLE for pair in found]
+    assert len({pair.split for pair in found}) == 1
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_each_pair_is_a_curriculum_with_nothing_set_but_budgets(family):
+    for pair in pairs(family=family):
+        curriculum = pair.curriculum()
+        assert curriculum.target == "target"
+        assert curriculum.setting("budget", "target") == pair.target_budget
+        assert curriculum.setting("budget", "source") == pair.source_budget
+        assert {edge.scale for edge in curriculum.transfers} == {pair.scale}
+        assert pair.target_budget % pair.eval_freq == 0
+        assert pair.total % pair.eval_freq == 0
+        assert pair.total >= pair.target_budget + pair.source_budget
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_mappings_cover_some_of_the_target_and_use_the_source(family):
+    for pair in pairs(family=family):
+        for mapping in pair.mappings:
+            coverage = mapping.coverage()
+            assert coverage.mapped > 0.05, pair.name
+            assert coverage.never_used < 0.7 * coverage.source_pairs, pair.name
+
+
+def test_targets_with_one_name_are_one_task_and_small():
+    tasks = {}
+    for pair in pairs():
+        assert tasks.setdefault((pair.family, pair.target_name), pair.target) is pair.target
+        mdp = pair.target.mdp
+        assert mdp.states.size * mdp.actions.size < 20_000
+        assert mdp.discount < 1
+        assert mdp.time_limit is not None
+    ends = [bool(task.mdp.terminal.any()) for task in tasks.values()]
+    rewards = [task.mdp.reward[task.mdp.probability > 0] for task in tasks.values()]
+    assert 3 <= sum(ends) <= len(ends) - 3  # episodic and continuing
+    assert sum(bool((r <= 0).all()) for r in rewards) >= 3
+    assert sum(bool((r >= 0).all()) for r in rewards) >= 3
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_the_negated_potential_is_the_negation(family):
+    by_name = {pair.name: pair for pair in pairs(family=family)}
+    negated = [pair for pair in by_name.values() if pair.kind == "negated"]
+    assert negated
+    for pair in negated:
+        whole = by_name[pair.name.removesuffix(", negated")]
+        values = np.random.default_rng(0).normal(
+            size=(pair.source.states.size, pair.source.actions.size)
+        )
+        for one, other in zip(pair.transfers(), whole.transfers(), strict=True):
+            assert np.array_equal(one.mapping.index, other.mapping.index)
+            mapped = one.mapping.index != ENDED
+            np.testing.assert_array_equal(
+                one.potential(values)[mapped], -other.potential(values)[mapped]
+            )
+
+
+def test_a_source_has_a_share_of_what_it_needs_or_far_more_than_the_target():
+    by_name = {pair.name: pair for pair in pairs()}
+    for pair in by_name.values():
+        if pair.kind == "unlearnt":
+            whole = by_name[pair.name.removesuffix(", unlearnt")]
+            assert pair.source_budget < whole.source_budget / 20
+        if pair.kind == "too large":
+            assert pair.source_budget == 2 * pair.target_budget
