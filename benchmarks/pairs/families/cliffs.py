@@ -33,13 +33,13 @@ def cliffs() -> Family:
     swapped = redrawn(CLIFF, {(3, 0): "G", (3, 11): "S"})
     back = grid(swapped, **rules)
     no_cliff = grid([line.replace("C", ".") for line in CLIFF], **rules)
-    family.add("near", "half the cliff", half, by_cell(cliff, half), budget=2_500)
+    family.add("near", "half the cliff", half, by_cell(cliff, half), budget=5_000)
     family.add("near", "no cliff", no_cliff, by_cell(cliff, no_cliff), budget=6_000)
     family.add("far", "the last cells", last, by_cell(cliff, last), budget=800)
     family.add("wrong goal", "the way back", back, by_cell(cliff, back), budget=4_000)
     family.add(
         "mirrored", "half the cliff mirrored", half,
-        by_cell(cliff, half, lambda row, column: (row, 17 - column)), budget=2_500,
+        by_cell(cliff, half, lambda row, column: (row, 17 - column)), budget=5_000,
     )  # fmt: skip
     family.spoil("half the cliff")
 

@@ -9,8 +9,13 @@ from benchmarks.pairs.worlds import by_place, reversed_actions, task_of
 LEFT_RIGHT = cr.Component("move", 2, labels=("left", "right"))
 
 
-def river(n: int, *, first: int = 0, bank: float = 0.005, sea: float = 1.0) -> cr.FiniteMDP:
-    """Return RiverSwim (Strehl & Littman 2008) with n states, numbered from `first`."""
+def river(
+    n: int, *, first: int = 0, bank: float = 0.005, sea: float = 1.0, anywhere: bool = True
+) -> cr.FiniteMDP:
+    """Return RiverSwim (Strehl & Littman 2008) with n states, numbered from `first`.
+
+    Sources start anywhere, ten times as often; the target starts on the bank.
+    """
     last = first + n - 1
 
     def outcomes(point: Any, action: int) -> Any:
@@ -26,14 +31,15 @@ def river(n: int, *, first: int = 0, bank: float = 0.005, sea: float = 1.0) -> c
     return task_of(
         [(at,) for at in range(first, last + 1)],
         ("place",), LEFT_RIGHT, outcomes,
-        starts=lambda point: point[0] == first, discount=0.99, time_limit=200,
+        starts=lambda point: anywhere or point[0] == first,
+        discount=0.99, time_limit=20 if anywhere else 200,
     )  # fmt: skip
 
 
 def rivers() -> Family:
     """Return RiverSwim with 20 and 12 states, 60,000 and 40,000 steps."""
     family = Family("river-swim", "verification")
-    target = family.target("20 states", river(20), 60_000)
+    target = family.target("20 states", river(20, anywhere=False), 60_000)
     small, middle = river(6), river(10)
     late = river(6, first=14, bank=0.0)
     home = river(20, sea=0.0, bank=1.0)
@@ -46,18 +52,29 @@ def rivers() -> Family:
     family.add("wrong goal", "20 paid at home", home, by_place(target, home), budget=10_000)
     family.add("mirrored", "20 mirrored", small,
                by_place(target, small, lambda x: (19 - x) * 6 // 20), budget=10_000)  # fmt: skip
-    dull = river(6, sea=0.0, bank=0.0)
-    family.add("useless", "20 from nothing", dull, by_place(target, dull, lambda x: x * 6 // 20),
+    dull = river(6, sea=0.0)
+    family.add("useless", "20 from a dry river", dull,
+               by_place(target, dull, lambda x: x * 6 // 20),
                budget=5_000)  # fmt: skip
     family.spoil("20 from 6")
-    target = family.target("12 states", river(12), 40_000)
+    target = family.target("12 states", river(12, anywhere=False), 40_000)
     family.add("near", "12 from 6", small, by_place(target, small, lambda x: x // 2),
                budget=10_000)  # fmt: skip
     return family
 
 
-def chain(n: int, *, slip: float = 0.1, near_end: float = 0.02, far_end: float = 1.0) -> Any:
-    """Return a chain: a little to the left of the start, much at the right end."""
+def chain(
+    n: int,
+    *,
+    slip: float = 0.1,
+    near_end: float = 0.02,
+    far_end: float = 1.0,
+    anywhere: bool = True,
+) -> cr.FiniteMDP:
+    """Return a chain: a little to the left of the start, much at the right end.
+
+    Sources start anywhere, the target at place 2.
+    """
 
     def outcomes(point: Any, action: int) -> Any:
         found = []
@@ -71,7 +88,7 @@ def chain(n: int, *, slip: float = 0.1, near_end: float = 0.02, far_end: float =
     return task_of(
         [(at,) for at in range(-1, n + 1)],
         ("place",), LEFT_RIGHT, outcomes,
-        ends=lambda point: point[0] in (-1, n), starts=lambda point: point[0] == 2,
+        ends=lambda point: point[0] in (-1, n), starts=lambda point: anywhere or point[0] == 2,
         discount=0.98, time_limit=150,
     )  # fmt: skip
 
@@ -79,7 +96,7 @@ def chain(n: int, *, slip: float = 0.1, near_end: float = 0.02, far_end: float =
 def chains() -> Family:
     """Return chains of 30 and 18 places, 40,000 and 20,000 steps."""
     family = Family("chain", "verification")
-    target = family.target("30 places", chain(30), 40_000)
+    target = family.target("30 places", chain(30, anywhere=False), 40_000)
     short, middle = chain(8), chain(15)
     left, sure = chain(30, near_end=1.0, far_end=0.0), chain(15, slip=0.0)
     family.add("near", "30 from 8", short, by_place(target, short, lambda x: (x * 8) // 30),
@@ -97,16 +114,19 @@ def chains() -> Family:
     family.add("useless", "30 from 15, both ends pay", even,
                by_place(target, even, lambda x: x // 2), budget=10_000)  # fmt: skip
     family.spoil("30 from 8")
-    target = family.target("18 places", chain(18), 20_000)
+    target = family.target("18 places", chain(18, anywhere=False), 20_000)
     family.add("near", "18 from 8", short, by_place(target, short, lambda x: (x * 8) // 18),
                budget=5_000)  # fmt: skip
     return family
 
 
-def sea(n: int, *, origin: int = 0, cost: float = 0.01, treasure: float = 1.0) -> cr.FiniteMDP:
+def sea(
+    n: int, *, origin: int = 0, cost: float = 0.01, treasure: float = 1.0, anywhere: bool = True
+) -> cr.FiniteMDP:
     """Return DeepSea (Osband et al. 2019): n rows down; only going right all the time pays.
 
-    Rows and columns are numbered from `origin`. In the last row the dive ends.
+    Rows and columns are numbered from `origin`. In the last row the dive ends. Sources start
+    anywhere, the target at the top left.
     """
     end = (origin + n, origin)
 
@@ -121,7 +141,7 @@ def sea(n: int, *, origin: int = 0, cost: float = 0.01, treasure: float = 1.0) -
     return task_of(
         [*((row, column) for row in rows for column in rows), end],
         ("row", "column"), LEFT_RIGHT, outcomes,
-        ends=lambda point: point == end, starts=lambda point: point == (origin, origin),
+        ends=lambda point: point == end, starts=lambda point: anywhere or point == (origin, origin),
         discount=0.99, time_limit=n,
     )  # fmt: skip
 
@@ -139,7 +159,7 @@ def by_depth(target: cr.FiniteMDP, source: cr.FiniteMDP, cell: Any) -> Any:
 def seas() -> Family:
     """Return DeepSea 10 deep and 8 deep, 30,000 steps each."""
     family = Family("deep-sea", "verification")
-    target = family.target("10 deep", sea(10), 30_000)
+    target = family.target("10 deep", sea(10, anywhere=False), 30_000)
     shallow, half = sea(6), sea(5)
     late, paid = sea(6, origin=4), sea(10, treasure=0.0, cost=-0.2)
     kept = sea(10, treasure=-1.0)
@@ -158,7 +178,7 @@ def seas() -> Family:
     family.add("useless", "10 turned", half, same(half, lambda r, c: (c // 2, r // 2)),
                budget=5_000)  # fmt: skip
     family.spoil("10 from the last 6")
-    target = family.target("8 deep", sea(8), 30_000)
+    target = family.target("8 deep", sea(8, anywhere=False), 30_000)
     family.add("near", "8 from 4, one for four", four := sea(4),
                by_depth(target, four, lambda r, c: (r // 2, c // 2)), budget=3_000)  # fmt: skip
     return family

@@ -42,7 +42,7 @@ def lock(
 
 
 def locks() -> Family:
-    """Return the family: eight digits (40,000 steps), eight that slip at a fine (40,000)."""
+    """Return the family: eight digits (40,000 steps), eight that slip at a fine (10,000)."""
     family = Family("locks", "development")
     target = family.target("eight digits", lock(CODE), 40_000)
     tail, end = lock(CODE[3:], first=3), lock(CODE[6:], first=6)
@@ -60,9 +60,9 @@ def locks() -> Family:
     family.spoil("the last five")
 
     fined: dict[str, Any] = {"slip": 0.1, "fine": 0.005, "back": 1}
-    target = family.target("fined", lock(SLIPPERY, **fined), 40_000)
+    target = family.target("fined", lock(SLIPPERY, **fined), 10_000)
     tail = lock(SLIPPERY[4:8], first=4, **fined)
     dry = lock(SLIPPERY, fine=0.005)
-    family.add("near", "fined, the last four", tail, by_place(target, tail), budget=6_000)
-    family.add("far", "fined, no slips", dry, by_place(target, dry), budget=6_000)
+    family.add("near", "fined, the last four", tail, by_place(target, tail), budget=2_000)
+    family.add("far", "fined, no slips", dry, by_place(target, dry), budget=2_000)
     return family

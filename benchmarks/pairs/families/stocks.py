@@ -71,9 +71,9 @@ def one_of_two(target: cr.FiniteMDP, source: cr.FiniteMDP, good: str) -> Any:
 
 
 def stocks() -> Family:
-    """Return one good (20,000 steps) and two (40,000)."""
+    """Return one good (10,000 steps) and two (20,000)."""
     family = Family("stocks", "verification")
-    target = family.target("one good", stock(30, DEMAND), 20_000)
+    target = family.target("one good", stock(30, DEMAND), 10_000)
 
     def same(source: Any, place: Any = lambda n: n, move: Any = lambda a: a) -> Any:
         return by_place(target, source, place, move, name="stock")
@@ -81,17 +81,17 @@ def stocks() -> Family:
     small, slack = stock(12, DEMAND), stock(30, SLACK)
     dear = stock(30, DEMAND, price=2.5)
     hoard = stock(30, DEMAND, price=0.0, holding=-1.0)
-    family.add("near", "less room", small, same(small), budget=5_000)
-    family.add("near", "less demand", slack, same(slack), budget=8_000)
-    family.add("far", "half the price", dear, same(dear), budget=8_000)
-    family.add("wrong goal", "paid for stock", hoard, same(hoard), budget=8_000)
-    family.add("mirrored", "full for empty", slack, same(slack, lambda n: 30 - n), budget=8_000)
+    family.add("near", "less room", small, same(small), budget=2_000)
+    family.add("near", "less demand", slack, same(slack), budget=3_000)
+    family.add("far", "half the price", dear, same(dear), budget=3_000)
+    family.add("wrong goal", "paid for stock", hoard, same(hoard), budget=6_000)
+    family.add("mirrored", "full for empty", slack, same(slack, lambda n: 30 - n), budget=3_000)
     family.add("useless", "orders reversed", small, same(small, move=lambda a: 3 - a),
-               budget=5_000)  # fmt: skip
+               budget=2_000)  # fmt: skip
     family.spoil("less demand")
-    two = family.target("two goods", two_stocks(9), 40_000)
+    two = family.target("two goods", two_stocks(9), 20_000)
     alone = stock(9, (0.4, 0.4, 0.2), order=2.0)
     maps = [one_of_two(two, alone, good) for good in ("stock", "other")]
-    family.add("near", "two alone", alone, *maps, budget=5_000, aggregate=cr.total)
-    family.add("far", "one alone", alone, maps[0], budget=5_000)
+    family.add("near", "two alone", alone, *maps, budget=2_000, aggregate=cr.total)
+    family.add("far", "one alone", alone, maps[0], budget=2_000)
     return family

@@ -46,10 +46,10 @@ def by_names(taxi: cr.FiniteMDP, source: cr.FiniteMDP, change: Any = lambda stat
 
 
 def taxis() -> Family:
-    """Return Taxi-v4, 60,000 steps."""
+    """Return Taxi-v4, 100,000 steps."""
     family = Family("taxi", "verification")
     taxi = family.target(
-        "Taxi-v4", cr.from_gymnasium("Taxi-v4", discount=0.99, time_limit=200), 60_000
+        "Taxi-v4", cr.from_gymnasium("Taxi-v4", discount=0.99, time_limit=200), 100_000
     )
     state = taxi.states.decode()
     riding = state["passenger"] == RIDING
@@ -85,16 +85,16 @@ def taxis() -> Family:
         return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}
 
     by_name = cr.project(taxi, one)
-    family.add("near", "two places", two, cr.project(taxi, two), budget=15_000)
-    family.add("near", "fetching alone", fetch, by_names(taxi, fetch), budget=15_000)
-    family.add("far", "one destination", one, by_name, budget=10_000)
-    family.add("far", "the ride alone", ride, by_names(taxi, ride), budget=15_000)
+    family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
+    family.add("near", "fetching alone", fetch, by_names(taxi, fetch), budget=20_000)
+    family.add("far", "one destination", one, by_name, budget=15_000)
+    family.add("far", "the ride alone", ride, by_names(taxi, ride), budget=20_000)
     family.add("wrong goal", "every destination as one", one, by_names(taxi, one, same_way),
-               budget=10_000)  # fmt: skip
+               budget=15_000)  # fmt: skip
     other = changed(taxi, everything)
     family.add("wrong goal", "the next destination", other, by_names(taxi, other, next_place),
                budget=20_000)  # fmt: skip
     family.add("mirrored", "turned round", other, by_names(taxi, other, turned), budget=20_000)
-    family.add("useless", "paid for illegal stops", lost, by_names(taxi, lost), budget=10_000)
+    family.add("useless", "paid for illegal stops", lost, by_names(taxi, lost), budget=15_000)
     family.spoil("fetching alone")
     return family
