@@ -4,6 +4,10 @@ from .choice_flips import flips as flips
 from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
 from .forecasting import Forecast as Forecast, ForecastRow as ForecastRow, forecast as forecast
+from .learnt_sources import (
+    SourceLearning as SourceLearning,
+    source_learning as source_learning,
+)
 from .task_differences import differences as differences
 from .verdicts import (
     Verdict as Verdict,

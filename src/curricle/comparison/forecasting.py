@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from curricle.checks import one_of
+from curricle.comparison.learnt_sources import SourceLearning, source_learning
 from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues, calibrated
@@ -102,14 +103,14 @@ class Forecast:
     optimum, random_return : float
         Expected return of an optimal policy (NaN if the target is too large to solve), and of the
         random policy, with which learning from scratch starts.
-    solved : bool
-        Whether potentials are compared with the exact Q*.
-    exact : bool
-        Whether returns are exact too.
+    solved, exact : bool
+        Whether potentials are compared with the exact Q*, and whether returns are exact too.
     trained : dict of str to SourceValues
         The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
     perfect : bool
         Whether the sources were solved instead of trained.
+    sources : dict of str to SourceLearning
+        How much of its own task each source learnt; of tables that were trained.
     """
 
     target: str
@@ -121,6 +122,7 @@ class Forecast:
     exact: bool
     trained: Mapping[str, SourceValues] = field(repr=False)
     perfect: bool = False
+    sources: Mapping[str, SourceLearning] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ForecastRow:
         by_name = {one.name: one for one in self.rows}
@@ -148,6 +150,7 @@ class Forecast:
             f"Forecast of the start of learning {self.target!r}, not of what it gains, "
             f"{self.computed_from}: optimum {self.optimum:.4g}, random policy "
             f"{self.random_return:.4g} ({how})",
+            *map(str, self.sources.values()),
             *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]
         lines = [_wrapped(line) for line in lines]
@@ -252,9 +255,8 @@ def forecast(
         seeds = seed_tuple(seeds)[:1]
         sources = _solved(curriculum, [edge.source for edge in edges], seeds)
     else:
-        sources = curriculum.train(
-            seeds, only=curriculum.ancestors(name), trained=trained, workers=workers
-        ).sources
+        before = curriculum.ancestors(name)
+        sources = curriculum.train(seeds, only=before, trained=trained, workers=workers).sources
     make_row = partial(_row, any_target=any_target, workers=workers)
     found = _aggregate_rows(curriculum, name, sources, aggregates, seed_tuple(seeds), make_row)
     found.sort(key=lambda row: -np.nan_to_num(row.mean("start")))
@@ -275,6 +277,7 @@ def forecast(
         exact=any_target.evaluation.method == "exact",
         trained=sources,
         perfect=perfect,
+        sources={} if perfect else source_learning(curriculum, sources, workers=workers),
     )
 
 

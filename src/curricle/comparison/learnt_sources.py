@@ -1,0 +1,232 @@
+"""Did a source learn its own task? Its greedy return, against its optimum or a fresh learner's.
+
+A source that never learnt its own task hands on values of what it did not reach, and these can be
+worse than none. No step of an environment is charged for finding out: where the source can be
+solved its optimum is known from its model; elsewhere a fresh learner takes twice the steps, in
+simulation, and is said to have done so.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import FloatArray
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.node import Node
+from curricle.curriculum.sources import SourceValues
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.planning.greedy import EqualValues, Values
+from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.target import Target
+from curricle.tasks.live import is_live
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model
+
+LEARNT = 0.9
+"""Share of the way from random to the reference from which a source learnt its own task."""
+NOT_LEARNT = 0.5
+"""Share below which it did not."""
+BATCHES = 10
+"""Parts into which the rollouts of an evaluation are divided, for their standard error."""
+STANDARD_ERRORS = 2.0
+"""Within which two returns are called the same."""
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
+"""What a source is measured by."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceLearning(Frozen):
+    """How much of its own task a source learnt. Prints as a sentence.
+
+    Attributes
+    ----------
+    name : str
+    seeds : tuple of int
+        K of them.
+    returns : (K,) float64
+        Of the greedy policy of each seed's values, in the source's own task.
+    random_return : float
+        Of the uniformly random policy there.
+    reference : float
+        The return of an optimal policy, or the mean of a fresh learner's; NaN if unknown.
+    measured_by : str
+        What the reference is: ``"its optimum"``, ``"a fresh learner"``, or nothing.
+    noise : float
+        Standard error of the mean of `returns` that is due to rollouts, with that of the random
+        return and of the reference; 0 where all are exact.
+    fresh_steps : int
+        Steps of the fresh learner, a seed; 0 without one. They are no steps of the curriculum.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum({"corner": corner, "maze": maze},
+    ...     [Transfer("corner", "maze", same_position(maze, corner))], budget=2_000)
+    >>> print(source_learning(plan, plan.train(seeds=2, only="corner").sources)["corner"])
+    corner learnt 100 % of the way to its optimum
+    """
+
+    name: str
+    seeds: tuple[int, ...]
+    returns: FloatArray
+    random_return: float
+    reference: float
+    measured_by: str
+    noise: float = 0.0
+    fresh_steps: int = field(default=0, kw_only=True)
+
+    @property
+    def shares(self) -> FloatArray:
+        """(K,) shares of the way from random to the reference; NaN if there is no such way."""
+        way = self.reference - self.random_return
+        if not way > STANDARD_ERRORS * self.noise:
+            return np.full(len(self.seeds), np.nan)
+        return np.asarray((self.returns - self.random_return) / way)
+
+    @property
+    def share(self) -> float:
+        """The mean of the shares; NaN if there is no way from random to the reference."""
+        return float(self.shares.mean())
+
+    @property
+    def learnt(self) -> bool | None:
+        """Whether it learnt at least nine tenths of the way; None if that is unknown."""
+        return None if np.isnan(self.share) else self.share >= LEARNT
+
+    def __str__(self) -> str:
+        got, random = f"{self.returns.mean():.4g}", f"{self.random_return:.4g}"
+        if self.measured_by == UNKNOWN:
+            # No better than random is a fact, whatever the optimum is.
+            if self.returns.mean() - self.random_return <= STANDARD_ERRORS * self.noise:
+                return (
+                    f"{self.name} did NOT learn its own task: {got}, no better than random "
+                    f"({random}); its values may mislead"
+                )
+            return f"{self.name} returns {got} where random is {random}; its optimum is not known"
+        by = self.measured_by
+        if self.fresh_steps:
+            by += f" of {self.fresh_steps:,} steps"
+        if np.isnan(self.share):
+            return (
+                f"{self.name} cannot be judged: {by} returns {self.reference:.4g}, no more than "
+                f"random ({random})"
+            )
+        if self.share < NOT_LEARNT:
+            return (
+                f"{self.name} did NOT learn its own task: {got} where random is {random} and {by} "
+                f"{self.reference:.4g}; its values may mislead"
+            )
+        only = "" if self.learnt else "only "
+        words = f"{self.name} learnt {only}{_percent(self.share)} of the way to {by}"
+        if self.shares.min() < NOT_LEARNT:
+            failed = int((self.shares < NOT_LEARNT).sum())
+            words += f", but {failed} of {len(self.seeds)} seeds did NOT learn it"
+        return words
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent; 100 % only where no more than a thousandth is missing."""
+    return f"{100 * share:.0f} %" if share >= 0.999 else f"{min(99, round(100 * share)):d} %"
+
+
+def source_learning(
+    curriculum: Curriculum,
+    sources: Mapping[str, SourceValues],
+    names: Sequence[str] | None = None,
+    *,
+    fresh: bool = True,
+    workers: int | None = None,
+) -> dict[str, SourceLearning]:
+    """Return for each source how much of its own task it learnt.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    sources : dict of str to SourceValues
+        What was learnt, such as ``CurriculumResult.sources``.
+    names : sequence of str, optional
+        Of the sources to judge; by default all of `sources` that others build on. Those whose
+        values were not kept in dense tables, such as networks, are left out.
+    fresh : bool
+        Whether a source that cannot be solved is measured by a fresh learner of twice its steps,
+        which takes twice as long as the source did. Tasks that are played live never are.
+    workers : int, optional
+        Threads over seeds.
+    """
+    if names is None:
+        read = {edge.source for edge in curriculum.transfers}
+        names = [name for name in sources if name in read]
+    return {
+        name: _learning(curriculum.node(name), sources[name], fresh, workers)
+        for name in names
+        if _judgeable(curriculum.tasks[name], sources[name])
+    }
+
+
+def _judgeable(task: Any, learnt: SourceValues) -> bool:
+    """Return whether values are in a dense table, and their greedy policy's episodes bounded."""
+    if is_observation_task(task) or not isinstance(learnt.values, np.ndarray):
+        return False
+    generative = generative_model(task)
+    return generative.time_limit is not None or generative.discount < 1
+
+
+def _learning(node: Node, learnt: SourceValues, fresh: bool, workers: int | None) -> SourceLearning:
+    generative, evaluation = generative_model(node.task), node.evaluation
+    if generative.time_limit is None:  # nothing else has a bound
+        evaluation = replace(evaluation, discounted=True)
+    target = Target.of(node.task, evaluation)
+    evaluation = target.evaluation
+    equal = EqualValues(np.zeros((1, generative.actions.size)))
+    random, random_noise = _return(node.task, equal, evaluation)
+    returns, noise = _returns(node.task, learnt.values, evaluation)
+    reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
+    if target.solution is not None:
+        best = Values(target.solution.optimal.astype(np.float64))
+        reference, reference_noise = _return(node.task, best, evaluation)
+        by = OPTIMUM
+    elif fresh and not is_live(node.task):
+        steps = 2 * int(learnt.steps_used.max())
+        found, reference_noise = _returns(
+            node.task, _fresh_values(node, learnt.seeds, steps, workers), evaluation
+        )
+        reference, by = float(found.mean()), FRESH
+    total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
+    return SourceLearning(
+        node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
+    )
+
+
+def _fresh_values(node: Node, seeds: tuple[int, ...], steps: int, workers: int | None) -> Any:
+    """Return the values, (K, S, A), of a learner without sources, on random streams of its own."""
+    alone = node.replace(
+        name=f"{node.name}/fresh",
+        budget=steps,
+        eval_freq=steps,
+        evaluation=GreedyEvaluation(method="off"),
+    )
+    return alone.train(seeds, workers=workers).values
+
+
+def _returns(task: Any, values: Any, evaluation: GreedyEvaluation) -> tuple[FloatArray, float]:
+    """Return the greedy return of each of K tables, and the standard error of their mean."""
+    each = [_return(task, Values(table), evaluation) for table in values]
+    returns, noise = np.array(each).T
+    return returns, float(np.sqrt((noise**2).sum()) / len(each))
+
+
+def _return(task: Any, view: Any, evaluation: GreedyEvaluation) -> tuple[float, float]:
+    """Return the expected return of a greedy policy, and its standard error; 0 if it is exact."""
+    if evaluation.method == "exact":
+        return greedy_policy_return(task, view, evaluation), 0.0
+    episodes = -(-evaluation.rollouts(task) // BATCHES)
+    part = replace(evaluation, episodes=episodes)
+    found = [
+        greedy_policy_return(task, view, part, seed=k, stream="source_learning")
+        for k in range(BATCHES)
+    ]
+    return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(BATCHES))
