@@ -1,0 +1,85 @@
+"""What each pair is played with: ways in, the guard, calibration, and what knows nothing."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import curricle as cr
+from benchmarks.pairs.pair import Pair
+from curricle.learning import linear
+
+RAW = "raw"
+CONTROLS = ("placebo", "negated")
+"""Controls of the raw potential; their arms are ``raw, placebo`` and the like."""
+
+
+def raw(pair: Pair) -> cr.Curriculum:
+    """Return Q started at the potential, as it is."""
+    return pair.curriculum(shaping=cr.QInitialisation())
+
+
+def guarded(pair: Pair) -> cr.Curriculum:
+    """Return the same with a guard."""
+    return pair.curriculum(shaping=cr.QInitialisation(guard=cr.Guard()))
+
+
+def calibrated(pair: Pair) -> cr.Curriculum:
+    """Return the same from a calibrated potential."""
+    return pair.curriculum(calibrate=True, shaping=cr.QInitialisation())
+
+
+def advice(pair: Pair) -> cr.Curriculum:
+    """Return advice on actions, gone after half the target's budget."""
+    fading = linear(1.0, 0.0, steps=pair.target_budget // 2)
+    return pair.curriculum(shaping=cr.DecayingAdvice(weight=fading))
+
+
+def state(pair: Pair) -> cr.Curriculum:
+    """Return shaping by the potential of states."""
+    return pair.curriculum(shaping=cr.StateShaping())
+
+
+def bonus(pair: Pair) -> cr.Curriculum:
+    """Return phi as a reward, which is not potential-based."""
+    return pair.curriculum(shaping=cr.RewardBonus())
+
+
+def default(pair: Pair) -> cr.Curriculum:
+    """Return a curriculum with nothing set but budgets."""
+    return pair.curriculum()
+
+
+ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {
+    RAW: raw,
+    "guarded": guarded,
+    "calibrated": calibrated,
+    "default": default,
+    "advice": advice,
+    "state": state,
+    "bonus": bonus,
+}
+"""Look-ahead advice is carried out as Q started at phi, so it has no arm of its own.
+
+Look-back advice is for SARSA.
+"""
+AGGREGATES = ("minimum", "mean", "maximum", "total")
+"""Raw potentials by other aggregates; only pairs with several mappings are played with these."""
+WAYS_IN = (RAW, "advice", "state", "bonus")
+
+
+def curricula(pair: Pair, names: Sequence[str]) -> dict[str, cr.Curriculum]:
+    """Return the arms of these names that suit a pair."""
+    found = {name: ARMS[name](pair) for name in names if name in ARMS}
+    for name in AGGREGATES:
+        if name in names and len(pair.mappings) > 1:
+            found[name] = replace(raw(pair), aggregate=getattr(cr, name))
+    return found
+
+
+def scratch_learners(pair: Pair) -> dict[str, Any]:
+    """Return further learners from scratch: an optimistic start, at the largest value possible."""
+    mdp = pair.target.mdp
+    largest = float(mdp.reward[mdp.probability > 0].max())
+    # A reward at the end comes once; one that goes on comes for 1 / (1 - discount) steps.
+    value = largest if mdp.terminal.any() else largest / (1 - mdp.discount)
+    return {"optimistic": cr.QLearning(initial_value=max(value, 0.0))} if value > 0 else {}
