@@ -13,7 +13,7 @@ from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.arms import CONTROLS, RAW, curricula, raw
 from curricle.comparison.comparison import Comparison
 from curricle.planning.target import Target
-from curricle.statistics import mean_return
+from curricle.statistics import asymptotic_performance, mean_return
 from curricle.statistics.curves import SCRATCH
 
 EXACT = cr.GreedyEvaluation(method="exact")
@@ -69,7 +69,9 @@ def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[
         charged, weak = played.charged(found.scratch), found._weak(arm)
         times, contrast = found.times(arm), found.contrasts.get(arm)
         gain = played.strong_gain(found.scratch)
-        weak_gain = mean_return(weak) - mean_return(found._weak(SCRATCH))
+        weak_base = found._weak(SCRATCH)
+        weak_gain = mean_return(weak) - mean_return(weak_base)
+        weak_final_gain = asymptotic_performance(weak) - asymptotic_performance(weak_base)
         for k in range(found.seeds):
             yield {
                 "pair": pair.name,
@@ -80,6 +82,7 @@ def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[
                 "scratch_mean_return": float(base[k]),
                 "weak_mean_return": float(mean_return(weak)[k]),
                 "weak_gain": float(weak_gain[k]),
+                "weak_final_gain": float(weak_final_gain[k]),
                 "start_return": float(played.curve.values[k, 0]),
                 "final_return": float(charged.values[k, -1]),
                 "steps_to_threshold": float(times.steps[k]),

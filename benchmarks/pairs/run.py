@@ -56,7 +56,7 @@ def run(
     parts = out.with_suffix(out.suffix + ".parts")
     parts.mkdir(parents=True, exist_ok=True)
     code = code_digest()
-    files = {pair.name: parts / _part_name(pair.name, arms, seeds, code) for pair in chosen}
+    files = {pair.name: parts / part_name(pair.name, arms, seeds, code) for pair in chosen}
     missing = [name for name, file in files.items() if not file.exists()]
     report(f"{len(chosen)} pairs, {len(chosen) - len(missing)} played before")
     if missing:
@@ -67,7 +67,8 @@ def run(
     _write(pa.concat_tables([pq.read_table(file) for file in files.values()]), out)
 
 
-def _part_name(pair: str, arms: Sequence[str], seeds: int, code: str) -> str:
+def part_name(pair: str, arms: Sequence[str], seeds: int, code: str) -> str:
+    """Return the name of the file of a played pair."""
     of = repr((pair, sorted(arms), seeds, code))
     return hashlib.blake2b(of.encode(), digest_size=12).hexdigest() + ".parquet"
 

@@ -1,0 +1,192 @@
+"""The runner of the benchmark of pairs: its rows, its parts, and the tables printed from them."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from benchmarks.pairs import run, tables
+from benchmarks.pairs.arms import ARMS, RAW, curricula
+from benchmarks.pairs.playing import pair_named
+from benchmarks.pairs.results import Played, read, realised
+from curricle import compare
+
+CORNER, LOST = "mazes/2, treasure", "locks/the last two"
+COLUMNS = {
+    "pair", "family", "split", "kind", "sensible", "target", "arm", "seed", "gain", "weak_gain",
+    "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
+    "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
+    "source_steps", "calibration_steps", "source_return", "source_optimum",
+    "source_random_return", "source_budget", "target_budget", "total", "guard_share", "verdict",
+    "reason", "pair_seconds",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    out = tmp_path_factory.mktemp("pairs") / "two.parquet"
+    arms = f"{RAW},guarded,calibrated,default"
+    run.main(["--pair", CORNER, "--pair", LOST, "--seeds", "2", "--arms", arms, "--workers", "1",
+              "--out", str(out)])  # fmt: skip
+    return out
+
+
+def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
+    table = pq.read_table(played)
+    assert set(table.column_names) >= COLUMNS
+    rows = table.to_pylist()
+    keys = [(row["pair"], row["arm"], row["seed"]) for row in rows]
+    assert len(set(keys)) == len(keys)
+    assert {(pair, seed) for pair, _, seed in keys} == {
+        (p, k) for p in (CORNER, LOST) for k in (0, 1)
+    }
+    arms = {
+        "scratch",
+        RAW,
+        f"{RAW}, negated",
+        f"{RAW}, placebo",
+        "guarded",
+        "calibrated",
+        "default",
+    }
+    assert arms <= {arm for _, arm, _ in keys}
+
+
+def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
+    (pair,) = (one for one in read([played]) if one.name == CORNER)
+    found = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, workers=1)
+    gain = found[RAW].strong_gain(found.scratch)
+    np.testing.assert_array_equal(pair.arms[RAW]["gain"], gain)
+    np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
+    assert pair.facts["source_budget"] == 1_500
+    assert set(pair.arms[RAW]["source_steps"]) == {1_500}
+    assert set(pair.arms["scratch"]["gain"]) == {0.0}
+    assert (pair.arms["calibrated"]["calibration_steps"] > 0).all()
+
+
+def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
+    first = pq.read_table(played)
+    parts = sorted(played.with_suffix(".parquet.parts").iterdir())
+    assert len(parts) == 2
+    kept = {part: part.stat().st_mtime_ns for part in parts}
+    parts[0].unlink()
+    arms = [RAW, "guarded", "calibrated", "default"]
+    chosen = [pair_named(CORNER), pair_named(LOST)]
+    run.run(chosen, arms, 2, played, 1)
+    again = sorted(played.with_suffix(".parquet.parts").iterdir())
+    assert again == parts
+    assert again[1].stat().st_mtime_ns == kept[parts[1]]
+    second = pq.read_table(played)
+    shares = [np.asarray(table["guard_share"]) for table in (first, second)]
+    np.testing.assert_array_equal(*shares)  # NaN where there is no guard
+    apart = ["pair_seconds", "guard_share"]
+    assert second.drop_columns(apart).equals(first.drop_columns(apart))
+
+
+def test_other_seeds_arms_or_code_are_other_parts():
+    names = {
+        run.part_name(*given)
+        for given in (
+            ("a", [RAW], 2, "code"),
+            ("b", [RAW], 2, "code"),
+            ("a", ["guarded"], 2, "code"),
+            ("a", [RAW], 3, "code"),
+            ("a", [RAW], 2, "other"),
+        )
+    }
+    assert len(names) == 5
+    assert run.part_name("a", [RAW, "state"], 2, "x") == run.part_name("a", ["state", RAW], 2, "x")
+
+
+def test_unknown_arms_and_pairs_are_refused(capsys):
+    for arguments, text in (["--arms", "rae"], "got rae"), (["--pair", "none"], "no pair is of"):
+        with pytest.raises(SystemExit):
+            run.parsed(arguments)
+        assert text in capsys.readouterr().err
+
+
+def test_each_pair_has_a_curriculum_for_each_arm():
+    for name in CORNER, "hunts/one chases":
+        pair = pair_named(name)
+        found = curricula(pair, run.ALL_ARMS)
+        several = len(pair.mappings) > 1
+        assert len(found) == (len(run.ALL_ARMS) if several else len(ARMS))
+        assert {one.setting("budget", "target") for one in found.values()} == {pair.target_budget}
+
+
+def test_the_tables_print_every_bar(played, capsys):
+    tables.main([str(played)])
+    text = capsys.readouterr().out
+    assert text.count("MET: ") == 2 * 4
+    assert "1, treasure" not in text
+    assert "2, treasure" in text
+    assert "of 2 pairs" in text
+    assert realised([played])[LOST][0] > 0.5
+
+
+# -- tables, on pairs with known numbers -----------------------------------------------------------
+
+
+def known(name, **gains):
+    """Return a pair whose arms gain these shares of the way, scratch covering half of it."""
+    noise = np.array([-0.001, 0.0, 0.001])
+    facts = {
+        "family": "f", "split": "development", "kind": "near", "sensible": True, "target": "t",
+        "random_return": -10.0, "optimum": 10.0, "target_budget": 100, "source_return": 1.0,
+        "source_random_return": 0.0, "source_optimum": 2.0,
+    }  # fmt: skip
+    arms = {
+        arm: {
+            "gain": 20 * (gain + noise), "weak_gain": 20 * (gain + noise),
+            "weak_final_gain": 20 * (gain + noise), "mean_return": 20 * gain + 0 * noise,
+            "weak_mean_return": 20 * gain + 0 * noise, "calibration_steps": 5 + 0 * noise,
+            "verdict": np.array(["pays"] * 3), "reason": np.array([""] * 3),
+        }
+        for arm, gain in {"scratch": 0.0, **gains}.items()
+    }  # fmt: skip
+    return Played(f"f/{name}", facts, arms)
+
+
+def bar_of(lines):
+    return next(line for line in lines if line.startswith(("MET", "NOT MET")))
+
+
+def test_a_loss_is_a_share_of_what_scratch_covers():
+    pair = known("a", guarded=-0.06)
+    assert pair.base() == pytest.approx(0.5)
+    assert pair.losses("guarded").estimate == pytest.approx(0.12)
+
+
+def test_the_guard_must_cap_harm_and_keep_gains():
+    good = known("good", raw=0.2, guarded=0.19)
+    capped = known("capped", raw=-0.4, guarded=-0.04)
+    assert bar_of(tables.guard([good, capped])).startswith("MET")
+    harmed = known("harmed", raw=-0.4, guarded=-0.06)
+    found = bar_of(tables.guard([good, harmed]))
+    assert found.startswith("NOT MET")
+    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
+    lost = known("lost", raw=0.2, guarded=0.1)
+    assert "keeps 50%" in bar_of(tables.guard([lost]))
+
+
+def test_calibration_may_lose_a_twentieth_of_the_gain():
+    near = known("near", raw=0.4, calibrated=0.385)
+    assert bar_of(tables.calibration([near])).startswith("MET")
+    worse = known("worse", raw=0.4, calibrated=0.37)
+    assert bar_of(tables.calibration([worse])).startswith("NOT MET")
+    assert bar_of(tables.calibration([worse] + 19 * [near])).startswith("MET")
+
+
+def test_default_settings_pay_or_tie_where_a_person_would_call_it_sensible():
+    pays, loses = known("pays", default=0.1), known("loses", default=-0.2)
+    assert bar_of(tables.defaults([pays])).startswith("MET")
+    assert bar_of(tables.defaults([pays, loses])).startswith("NOT MET")
+    loses.facts["sensible"] = False
+    assert bar_of(tables.defaults([pays, loses])).startswith("MET")
+
+
+def test_optimism_must_be_called_by_its_name():
+    pair = known("20 from 6", raw=0.5, **{"raw, placebo": 0.5})
+    pair.facts["family"] = "river-swim"
+    assert bar_of(tables.optimism([pair])).startswith("NOT MET")
+    pair.arms["raw"]["reason"] = np.array(["by optimism alone"] * 3)
+    assert bar_of(tables.optimism([pair])).startswith("MET")
