@@ -6,6 +6,7 @@ A verdict may be wrong in 5 % of studies; allowed are 3 standard errors of the s
 import numpy as np
 import pytest
 
+from curricle.comparison.reasons import Reason
 from curricle.comparison.verdicts import verdicts_of
 
 pytestmark = pytest.mark.slow
@@ -65,3 +66,42 @@ def test_a_control_that_equals_the_curriculum_hides_among_weak_ones():
         weaker = {name: returns[name] - 9.0 for name in names[1:]}
         wrong.append(verdicts_of({**returns, **weaker}, {"arm": names})["arm"].direction > 0)
     assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
+
+
+@pytest.mark.parametrize("spread", [0.2, 1.0])
+@pytest.mark.parametrize(("controls", "seeds"), [(1, 10), (3, 20)])
+def test_knowledge_of_more_than_a_tenth_is_seldom_called_optimism(controls, seeds, spread):
+    """The true gain is 10, that over the strongest control 1.05: "optimism" is wrong."""
+    names = [f"control {n}" for n in range(controls)]
+    wrong = []
+    for drawn in studies(["arm", "scratch", *names], seeds, "normal"):
+        returns = {name: spread * values for name, values in drawn.items()}
+        returns["arm"] = returns["arm"] + 10
+        returns |= {name: returns[name] + 8.95 - n for n, name in enumerate(names)}
+        pays, over = (verdicts_of(returns, {"arm": those})["arm"] for those in (["scratch"], names))
+        wrong.append(Reason(pays, over).why in ("level", "mostly level"))
+    assert np.mean(wrong) <= ALLOWED
+
+
+@pytest.mark.parametrize("seeds", [10, 20])
+def test_a_curriculum_that_knows_nothing_is_seldom_said_to_pay_by_what_it_knows(seeds):
+    """It equals the strongest control; both halves are right in 97.5 % of studies each."""
+    names = ["constant mean", "constant maximum", "placebo"]
+    wrong = []
+    for returns in studies(["arm", "scratch", *names], seeds, "exponential"):
+        returns = {name: values + 5 * (name != "scratch") for name, values in returns.items()}
+        pays, over = (verdicts_of(returns, {"arm": those})["arm"] for those in (["scratch"], names))
+        wrong.append(Reason(pays, over).why in ("knowledge", "mostly level"))
+    assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
+
+
+@pytest.mark.parametrize("seeds", [6, 20])
+def test_a_curriculum_that_equals_the_best_of_several_from_scratch_seldom_differs(seeds):
+    """Against three learners from scratch: one as good, or all."""
+    names = ["scratch", "scratch, one", "scratch, two"]
+    for weaker in (0.0, 4.0):
+        wrong = []
+        for returns in studies(["arm", *names], seeds, "normal"):
+            lower = {name: returns[name] - weaker * n for n, name in enumerate(names)}
+            wrong.append(verdicts_of({**returns, **lower}, {"arm": names})["arm"].direction != 0)
+        assert np.mean(wrong) <= ALLOWED

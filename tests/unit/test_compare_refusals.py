@@ -139,8 +139,8 @@ RING = cr.ComputedMDP(
         (
             {"mine": pursuit(storage={"hunt": cr.Storage(kind="sparse")})},
             {"controls": ["scaled", "pretraining"]},
-            "controls other than 'scaled' need dense tables of the target: the storage of 'hunt' "
-            "is sparse in arm 'mine'",
+            "controls other than 'constant' and 'scaled' need dense tables of the target: the "
+            "storage of 'hunt' is sparse in arm 'mine'",
         ),
         (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
         (

@@ -1,15 +1,16 @@
 """One arm of a comparison: the curves of its seeds on an axis common to all arms."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.comparison.levels import Level, concatenated_levels
 from curricle.comparison.verdicts import difference
 from curricle.learning.result import LearningResult
-from curricle.statistics.curves import Curve, charge_source
+from curricle.statistics.curves import SCRATCH, Curve, charge_source
 from curricle.statistics.metrics import mean_return
 
 
@@ -25,6 +26,10 @@ class Arm:
         As in :class:`LearningResult`.
     control : bool
         Whether it is a control of another arm.
+    scratch : bool
+        Whether it learns the target from scratch with a learner of its own.
+    level : Level or None
+        What a control that knows nothing of the task adds to every value.
 
     Examples
     --------
@@ -39,6 +44,8 @@ class Arm:
     training_return: FloatArray = field(repr=False)
     guard_share: FloatArray = field(repr=False)
     control: bool
+    scratch: bool = False
+    level: Level | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -49,6 +56,8 @@ class Arm:
         eval_freq: int,
         *,
         control: bool = False,
+        scratch: bool = False,
+        level: Level | None = None,
     ) -> Self:
         """Return an arm from the target's learning result.
 
@@ -63,7 +72,13 @@ class Arm:
             np.take_along_axis(found, place, axis=1)
             for found in (result.greedy_return, result.training_return, result.guard_share)
         )
-        return cls(Curve(np.arange(n) * eval_freq, greedy, spent), training, guard_share, control)
+        curve = Curve(np.arange(n) * eval_freq, greedy, spent)
+        return cls(curve, training, guard_share, control, scratch, level)
+
+    @property
+    def initial_value(self) -> float | None:
+        """The initial value that is the same as this control, mean over seeds; None if none is."""
+        return None if self.level is None else self.level.initial_value
 
     def charged(self, scratch: "Arm") -> Curve:
         """Return the curve over total steps, source steps included (:func:`charge_source`)."""
@@ -72,7 +87,9 @@ class Arm:
     def take(self, seeds: IntArray) -> "Arm":
         """Return the arm with the seeds in these rows, in this order."""
         curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
-        return Arm(curve, self.training_return[seeds], self.guard_share[seeds], self.control)
+        level = None if self.level is None else self.level.take(seeds)
+        training, guard_share = self.training_return[seeds], self.guard_share[seeds]
+        return Arm(curve, training, guard_share, self.control, self.scratch, level)
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -91,4 +108,18 @@ def concatenated(arms: Sequence[Arm]) -> Arm:
     )
     training = np.concatenate([arm.training_return for arm in arms])
     guard_share = np.concatenate([arm.guard_share for arm in arms])
-    return Arm(curve, training, guard_share, arms[0].control)
+    levels = [arm.level for arm in arms if arm.level is not None]
+    level = concatenated_levels(levels) if levels else None
+    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level)
+
+
+def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:
+    """Return the name of the arm that learns from scratch with the highest mean return."""
+    own = arms[SCRATCH]
+    names = [name for name in scratch_names(arms) if name not in failed]
+    return max(names, key=lambda name: float(mean_return(arms[name].charged(own)).mean()))
+
+
+def scratch_names(arms: Mapping[str, Arm]) -> tuple[str, ...]:
+    """Return the names of the arms that learn from scratch."""
+    return tuple(name for name, arm in arms.items() if name == SCRATCH or arm.scratch)

@@ -13,19 +13,27 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import fit_name, instance, number, whole_number
-from curricle.comparison.arms import Arm, concatenated
+from curricle.checks import number, whole_number
+from curricle.comparison.arms import Arm, best_from_scratch, concatenated
+from curricle.comparison.comparable import (
+    check_comparable,
+    curricula_by_name,
+    most_source_steps,
+)
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import (
     Change,
     Control,
+    changed_potentials,
     check_controls,
     check_fit,
     learn_changed,
+    level_of,
     source_control,
     value_controls,
 )
-from curricle.comparison.task_differences import differences
+from curricle.comparison.levels import VisitedPairs
+from curricle.comparison.scratch import GivenScratch, scratch_curricula
 from curricle.comparison.verdicts import ONE_LOOK
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
@@ -48,6 +56,7 @@ def compare(
     *,
     seeds: int | Sequence[int] = 30,
     controls: Sequence[Control] = (),
+    scratch: GivenScratch = (),
     threshold: float | None = None,
     window: int = 5,
     precision: float | None = None,
@@ -62,6 +71,10 @@ def compare(
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
     spends all of it in the target, every other arm the rest after its sources, seed by seed.
 
+    Whether a curriculum pays is asked against learning from scratch, against the best of them where
+    there are several. Why it pays, by what it knows or by its optimism alone, is asked against the
+    controls that know nothing: ``placebo`` and ``constant``.
+
     An arm that raises an error is listed in :attr:`Comparison.failed`, and the others stand. An
     error of scratch, or of all arms, is raised.
 
@@ -72,8 +85,11 @@ def compare(
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
-        Of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run for each
-        curriculum (``curricle.comparison.controls`` explains them).
+        Of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and ``negated``,
+        run for each curriculum (``curricle.comparison.controls`` explains them).
+    scratch : sequence of learners, or dict of str to learner
+        Learners that learn the target from scratch too, beside its own, each an arm with the same
+        total. A dict names them, else their settings do.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
@@ -110,7 +126,7 @@ def compare(
     >>> list(found.arms), found.total
     (['scratch', 'transfer', 'transfer, placebo'], 5500)
     """
-    plan = _Plan.of(arms, controls, workers, progress)
+    plan = _Plan.of(arms, controls, scratch, workers, progress)
     window = whole_number("window", window, 1, SettingError)
     most = plan.budget // plan.eval_freq + 1
     if window > most:
@@ -131,7 +147,7 @@ def compare(
         first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
         found, stopped = plan.run_until(first, precision, difference, most_seeds, failed)
         looks = Looks.doubling(first, most_seeds)
-    if len(found) == 1:  # scratch alone
+    if all(name == SCRATCH or arm.scratch for name, arm in found.items()):
         raise next(iter(failed.values()))
     if threshold is None:
         threshold = default_threshold(target, found[SCRATCH])
@@ -146,6 +162,7 @@ class _Plan:
 
     arms: Mapping[str, Curriculum]
     controls: Sequence[Control]
+    scratch: Mapping[str, Curriculum]
     target: str
     budget: int
     total: int
@@ -158,10 +175,11 @@ class _Plan:
         cls,
         arms: Curriculum | Mapping[str, Curriculum],
         controls: Sequence[Control],
+        scratch: GivenScratch,
         workers: int | None,
         progress: Callable[[str], Any] | None,
     ) -> "_Plan":
-        arms = _check_arms(arms)
+        arms = curricula_by_name(arms)
         check_controls(controls)
         check_comparable(arms)
         first = next(iter(arms.values()))
@@ -176,11 +194,16 @@ class _Plan:
             raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
         for name, arm in arms.items():
             check_fit(controls, name, arm)
+        others = scratch_curricula(scratch, first)
+        for name in others:
+            if name in arms:
+                raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
         eval_freq = spacing(first.setting("eval_freq", target), budget)
         most = max(most_source_steps(arm) for arm in arms.values())
         total = -(-(limits(budget)[0] + most) // eval_freq) * eval_freq
         done = progress or (lambda name: None)
-        return cls(dict(arms), controls, target, limits(budget)[0], total, eval_freq, workers, done)
+        given = dict(arms), controls, others, target, limits(budget)[0]
+        return cls(*given, total, eval_freq, workers, done)
 
     @property
     def first(self) -> Curriculum:
@@ -191,25 +214,34 @@ class _Plan:
         """Return all arms for these seeds, scratch first.
 
         An arm in `failed` is left out; one that raises an error is added to it, with its controls
-        if it is a curriculum. Errors of scratch are raised.
+        if it is a curriculum. Errors of the target's own learner from scratch are raised.
         """
-        node = self.first.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
-        scratch = node.train(seeds, workers=self.workers)
+        found = {SCRATCH: self._from_scratch(self.first, seeds)}
         self.progress(SCRATCH)
-        found = {SCRATCH: self._arm(scratch, np.zeros(len(seeds), np.int64))}
+
+        def add(name: str, train: Callable[[], Arm]) -> None:
+            if name not in failed:
+                try:
+                    found[name] = train()
+                except Exception as error:  # of any kind: a task may be the user's own code
+                    failed[name] = error
+                else:
+                    self.progress(name)
+
+        for name, curriculum in self.scratch.items():
+            add(name, partial(self._from_scratch, curriculum, seeds))
         for name, curriculum in self.arms.items():
             for label, train in self._with_controls(curriculum, seeds):
-                full_name = f"{name}, {label}" if label else name
-                if full_name not in failed:
-                    try:
-                        found[full_name] = train()
-                    except Exception as error:  # of any kind: a task may be the user's own code
-                        failed[full_name] = error
-                    else:
-                        self.progress(full_name)
+                add(f"{name}, {label}" if label else name, train)
                 if name in failed:
                     break
         return found
+
+    def _from_scratch(self, curriculum: Curriculum, seeds: Sequence[int]) -> Arm:
+        """Return the target of a curriculum learnt without its sources."""
+        node = curriculum.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
+        result = node.train(seeds, workers=self.workers)
+        return self._arm(result, np.zeros(len(seeds), np.int64), scratch=True)
 
     def _with_controls(
         self, curriculum: Curriculum, seeds: Sequence[int]
@@ -224,16 +256,28 @@ class _Plan:
         yield "", own
         (result,) = trained
         spent = result.source_steps(self.target)
-        for label, change in value_controls(self.controls):
-            yield label, partial(self._value_control, result, change, spent)
+        pairs = VisitedPairs.of(curriculum)
+        for label, change in value_controls(self.controls, pairs):
+            train = partial(self._value_control, result, change, spent, label, pairs)
+            yield label, train
         for control in ("random_start", "pretraining"):
             if control in self.controls:
                 train = partial(self._source_control, curriculum, control, seeds, spent)
                 yield control.replace("_", " "), train
 
-    def _value_control(self, result: CurriculumResult, change: Change, spent: IntArray) -> Arm:
-        """Return a control whose potential is changed."""
-        return self._arm(learn_changed(result, change, self.workers), spent, control=True)
+    def _value_control(
+        self,
+        result: CurriculumResult,
+        change: Change,
+        spent: IntArray,
+        label: str,
+        pairs: VisitedPairs,
+    ) -> Arm:
+        """Return a control whose potential is changed; its level over `pairs` if it has one."""
+        changed = changed_potentials(result, change)
+        level = level_of(label, changed, pairs, result.curriculum)
+        found = learn_changed(result, changed, self.workers)
+        return self._arm(found, spent, control=True, level=level)
 
     def _source_control(
         self,
@@ -257,8 +301,8 @@ class _Plan:
         longer = curriculum.replace(self.target, budget=self.total, eval_freq=self.eval_freq)
         return longer.train(seeds, charge=True, workers=self.workers)
 
-    def _arm(self, result: LearningResult, spent: IntArray, *, control: bool = False) -> Arm:
-        return Arm.of(result, spent, self.total, self.eval_freq, control=control)
+    def _arm(self, result: LearningResult, spent: IntArray, **kind: Any) -> Arm:
+        return Arm.of(result, spent, self.total, self.eval_freq, **kind)
 
     def run_until(
         self,
@@ -281,7 +325,9 @@ class _Plan:
             name = next(iter(self.arms))
             if name in failed:
                 raise _FirstArmFailed
-            return batches[-1][name].strong_gain(batches[-1][SCRATCH])
+            # The best from scratch at the first look. Verdicts are against all that learn from
+            # scratch, and hold whatever decided when to stop.
+            return batches[-1][name].strong_gain(batches[-1][best_from_scratch(batches[0], failed)])
 
         with suppress(_FirstArmFailed):
             goal: Any = {"precision": precision, "difference": difference}
@@ -292,21 +338,6 @@ class _Plan:
 
 class _FirstArmFailed(Exception):
     """The arm failed whose gain decides whether more seeds are added."""
-
-
-def _check_arms(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:
-    """Return arms by name, or raise CurriculumError unless they are curricula."""
-    if isinstance(arms, Curriculum):
-        return {"transfer": arms}
-    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
-    if not arms:
-        raise CurriculumError("a comparison needs at least one curriculum: got none")
-    for name, arm in arms.items():
-        fit_name("an arm", name, CurriculumError)
-        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
-        if name == SCRATCH:
-            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
-    return arms
 
 
 def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> float:
@@ -328,38 +359,3 @@ def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
     best, worst = target.optimum, target.random_return
     # Undiscounted, the policy that is optimal with the discount need not beat a random one.
     return None if best <= worst else fraction_of_optimum(best, worst, FRACTION)
-
-
-def most_source_steps(curriculum: Curriculum) -> int:
-    """Return an upper bound of the steps that a curriculum's sources take."""
-    most = 0
-    for name in curriculum.ancestors(curriculum.target):
-        most += curriculum.node(name).most_steps
-        retrain = curriculum.setting("retrain", name)
-        if retrain is not None:
-            sources = {edge.source for edge in curriculum.in_edges(name)}
-            most += retrain.times * retrain.steps * len(sources)
-    return most
-
-
-def check_comparable(arms: Mapping[str, Curriculum]) -> None:
-    """Raise CurriculumError unless all arms have one target with the same settings."""
-    (name, first), *others = arms.items()
-    target = first.target
-    for other_name, other in others:
-        pair = f"{name!r} and {other_name!r}"
-        if other.target != target:
-            raise CurriculumError(
-                f"arms must share their target: {pair} have {target!r} and {other.target!r}"
-            )
-        apart = differences(first.tasks[target], other.tasks[target])
-        if apart:
-            raise CurriculumError(
-                f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        for which in ("evaluation", "budget", "learner", "eval_freq"):
-            mine, yours = first.setting(which, target), other.setting(which, target)
-            if mine != yours:
-                raise CurriculumError(
-                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
-                )

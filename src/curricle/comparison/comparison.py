@@ -9,7 +9,8 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
-from curricle.comparison.arms import Arm
+from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
+from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
 from curricle.errors import CurriculumError, in_words
 from curricle.statistics.curves import SCRATCH, Curve
@@ -30,6 +31,9 @@ UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 @dataclass(frozen=True, eq=False)
 class Contrast:
     """One arm against learning from scratch, over K seeds.
+
+    Of several arms that learn from scratch it is the best (:attr:`Comparison.best_scratch`); the
+    strong gain is an interval for the smallest of the true gains over each (:class:`Verdict`).
 
     Weak transfer ignores the source steps and is measured over the target's own budget. Strong
     transfer charges them and is measured over the total budget. Gains are returns.
@@ -54,6 +58,9 @@ class Contrast:
     verdict : str
         "pays", "costs more than it brings", "no difference shown", or that there are too few seeds
         for any verdict; empty for a control, which only its curriculum is compared with.
+    reason : str
+        Why it pays: "by what it knows", "by optimism alone" and the like (:class:`Reason`); empty
+        where that was not asked.
     """
 
     jumpstart: Interval
@@ -66,6 +73,12 @@ class Contrast:
     p: float
     adjusted_p: float
     verdict: str
+    reason: str = ""
+
+    @property
+    def answer(self) -> str:
+        """The verdict with its reason, such as "pays, by what it knows"."""
+        return ", ".join(filter(None, (self.verdict, self.reason)))
 
 
 MEASURES = tuple(one.name for one in fields(Contrast) if one.type is Interval)
@@ -79,7 +92,7 @@ class Comparison:
     ----------
     target : str
     arms : dict of str to Arm
-        The learner from scratch first.
+        The target's own learner from scratch first, named "scratch".
     budget : int
         Target steps, over which weak transfer is measured.
     total : int
@@ -113,8 +126,18 @@ class Comparison:
 
     @property
     def scratch(self) -> Arm:
-        """The arm that learns the target from scratch."""
+        """The arm whose learner, the target's own, learns it from scratch."""
         return self.arms[SCRATCH]
+
+    @cached_property
+    def scratches(self) -> tuple[str, ...]:
+        """The arms that learn the target from scratch."""
+        return scratch_names(self.arms)
+
+    @cached_property
+    def best_scratch(self) -> str:
+        """The one of them with the highest mean return."""
+        return best_from_scratch(self.arms)
 
     @property
     def seeds(self) -> int:
@@ -134,8 +157,22 @@ class Comparison:
             if arm.control:
                 own = next(reversed(found))
                 found[own] = (*found[own], name)
-            elif name != SCRATCH:
+            elif name not in self.scratches:
                 found[name] = ()
+        return found
+
+    @cached_property
+    def know_nothing(self) -> dict[str, tuple[str, ...]]:
+        """Those of the controls of each curriculum that know nothing of the task.
+
+        None without a constant one: a placebo alone does not tell knowledge from optimism, since
+        learning from values at random is slower than from one value for all.
+        """
+        found: dict[str, tuple[str, ...]] = {}
+        for name, those in self.controls.items():
+            levels = {one: level for one in those if (level := self[one].level) is not None}
+            asked = any(level.constant for level in levels.values())
+            found[name] = tuple(levels) if asked else ()
         return found
 
     @cached_property
@@ -154,14 +191,34 @@ class Comparison:
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
-        """Whether each curriculum pays: whether it gains more than learning from scratch."""
-        return self.against(SCRATCH)
+        """Whether each curriculum pays: whether it gains more than learning from scratch.
+
+        Where several learners do that, more than each of them.
+        """
+        questions = dict.fromkeys(self.controls, self.scratches)
+        return verdicts_of(self.returns, questions, looks=self.looks)
 
     @cached_property
     def control_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum that has controls gains more than all of them."""
         questions = {name: those for name, those in self.controls.items() if those}
         return verdicts_of(self.returns, questions, looks=self.looks)
+
+    @cached_property
+    def knowledge_verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum gains more than all of its controls that know nothing."""
+        questions = {name: those for name, those in self.know_nothing.items() if those}
+        return verdicts_of(self.returns, questions, looks=self.looks)
+
+    @cached_property
+    def reasons(self) -> dict[str, Reason]:
+        """Why each curriculum pays: by what it knows, or by its optimism alone."""
+        found = {}
+        for name, pays in self.verdicts.items():
+            over = self.knowledge_verdicts.get(name)
+            level = None if over is None else self.arms[over.rival].level
+            found[name] = Reason(pays, over, 0.0 if level is None else level.mean)
+        return found
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
@@ -176,7 +233,8 @@ class Comparison:
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
         """Each arm against learning from scratch."""
-        return {name: self._contrast(name) for name in self.arms if name != SCRATCH}
+        names = [name for name in self.arms if name not in self.scratches]
+        return {name: self._contrast(name) for name in names}
 
     def _weak(self, name: str) -> Curve:
         """Return an arm's curve over the target's budget, without its source steps."""
@@ -185,11 +243,11 @@ class Comparison:
         return Curve(curve.steps[:n], curve.values[:, :n])
 
     def _contrast(self, name: str) -> Contrast:
-        arm, scratch = self[name], self.scratch
-        alone = verdicts_of(self.returns, {name: (SCRATCH,)}, looks=self.looks)[name]
-        verdict = self.verdicts.get(name)
-        weak, base = self._weak(name), self._weak(SCRATCH)
-        strong, whole = arm.charged(scratch), scratch.curve
+        arm, scratch = self[name], self[self.best_scratch]
+        alone = verdicts_of(self.returns, {name: self.scratches}, looks=self.looks)[name]
+        verdict, reason = self.verdicts.get(name), self.reasons.get(name)
+        weak, base = self._weak(name), self._weak(self.best_scratch)
+        strong, whole = arm.charged(self.scratch), scratch.curve
         saved = partial(steps_saved, threshold=self.threshold, window=self.window)
         of_mean, of_difference, of_improvement = (
             partial(interval_of, confidence=self.confidence)
@@ -200,7 +258,7 @@ class Comparison:
             weak_steps_saved=of_mean(saved(base, weak)),
             strong_steps_saved=of_mean(saved(whole, strong)),
             weak_gain=of_difference(mean_return(weak), mean_return(base)),
-            strong_gain=of_mean(arm.strong_gain(scratch)),
+            strong_gain=alone.gain if alone.rivals > 1 else of_mean(arm.strong_gain(scratch)),
             asymptotic_gain=of_difference(
                 asymptotic_performance(strong), asymptotic_performance(whole)
             ),
@@ -208,6 +266,7 @@ class Comparison:
             p=alone.p,
             adjusted_p=float("nan") if verdict is None else verdict.adjusted_p,
             verdict="" if verdict is None else verdict.against_scratch,
+            reason="" if reason is None else reason.words,
         )
 
     def rows(self) -> list[dict[str, Any]]:
@@ -230,17 +289,22 @@ class Comparison:
         intervals["mean_return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
-        own = self.control_verdicts.get(name)
+        own, level = self.control_verdicts.get(name), self[name].level
+        knows = self.knowledge_verdicts.get(name)
         intervals["gain_over_controls"] = UNKNOWN if own is None else own.gain
+        intervals["gain_by_knowledge"] = UNKNOWN if knows is None else knows.gain
         for measure, interval in intervals.items():
             row[measure] = interval.estimate
             row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
         row["p"] = float("nan") if contrast is None else contrast.p
         row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
         row["verdict"] = "" if contrast is None else contrast.verdict
+        row["reason"] = "" if contrast is None else contrast.reason
+        row["against"] = "" if contrast is None else self.best_scratch
         row["strongest_control"] = "" if own is None else own.rival
         row["beats_controls"] = "" if own is None else own.answer
         row["beats_controls_p"] = float("nan") if own is None else own.adjusted_p
+        row["level"] = float("nan") if level is None else level.mean
         return row
 
     def __str__(self) -> str:
@@ -252,33 +316,79 @@ class Comparison:
             f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
             f"{'strong gain':<22}{'weak gain':<22}verdict",
         ]
-        for name in self.arms:
-            times = self.times(name)
-            missed = int((~times.reached).sum())
-            text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
-            text = "> " * (missed > 0) + text
-            line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<21}  "
-            if name != SCRATCH:
-                contrast = self.contrasts[name]
-                line += f"{_short(contrast.strong_gain):<20}  {_short(contrast.weak_gain):<20}  "
-                line += contrast.verdict
-                if name in self.verdicts and not self.verdicts[name].too_few:
-                    line += f" (p = {contrast.adjusted_p:.2g})"
-            lines.append(line.rstrip())
-        lines += [self.control_sentence(name) for name in self.control_verdicts]
+        lines += [self._line(name, width) for name in self.arms]
+        lines += self.sentences
         lines += [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
         return "\n".join(lines)
 
+    def _line(self, name: str, width: int) -> str:
+        """Return an arm's line of the table; its name has `width` characters."""
+        times = self.times(name)
+        missed = int((~times.reached).sum())
+        text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
+        text = "> " * (missed > 0) + text
+        line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<21}  "
+        if name in self.contrasts:
+            contrast = self.contrasts[name]
+            line += f"{_short(contrast.strong_gain):<20}  {_short(contrast.weak_gain):<20}  "
+            line += contrast.verdict
+            if name in self.verdicts and not self.verdicts[name].too_few:
+                line += f" (p = {contrast.adjusted_p:.2g})"
+            line += f", {contrast.reason}" if contrast.reason else ""
+        elif name == self.best_scratch and len(self.scratches) > 1:
+            line = f"{line:{width + 89}}the best from scratch: gains are over it"
+        return line.rstrip()
+
+    @property
+    def sentences(self) -> list[str]:
+        """What the table does not say: the answers about controls, and a cheaper way."""
+        lines = [self.control_sentence(name) for name in self.control_verdicts]
+        lines += [
+            _sentence(name, verdict, "controls that know nothing")
+            for name, verdict in self.knowledge_verdicts.items()
+            if self.know_nothing[name] != self.controls[name]
+        ]
+        lines += [line for name in self.controls if (line := self.cheaper_way(name))]
+        open_ = not_asked(list(self.reasons.values()))
+        return [*lines, open_] if open_ else lines
+
+    def cheaper_way(self, name: str) -> str:
+        """Return how to have what a curriculum gains without its sources; empty if not known.
+
+        That is a higher initial value, where the curriculum is not shown to pay by what it knows
+        and a constant control gains more than learning from scratch.
+        """
+        ways = [one for one in self.know_nothing[name] if self[one].initial_value is not None]
+        if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
+            return ""
+        best = max(ways, key=lambda one: float(self.returns[one].mean()))
+        gain = self.contrasts[best].strong_gain
+        if not float(gain.low) > 0:
+            return ""
+        return (
+            f"cheaper than {name}: initial_value={self[best].initial_value:.4g} without any "
+            f"source, which is its {best.removeprefix(f'{name}, ')} and gains {_signed(gain)}"
+        )
+
     def control_sentence(self, name: str) -> str:
         """Return whether a curriculum gains more than its controls, in words."""
-        verdict = self.control_verdicts[name]
-        strongest = verdict.rival.removeprefix(f"{name}, ")
-        if verdict.rivals == 1:
-            return f"{name} gains more than its {strongest}: {verdict}"
-        return (
-            f"{name} gains more than each of its {verdict.rivals} controls: {verdict}; the "
-            f"strongest is {strongest}"
-        )
+        return _sentence(name, self.control_verdicts[name], "controls")
+
+
+def _sentence(name: str, verdict: Verdict, controls: str) -> str:
+    """Return whether an arm gains more than its rivals, `controls`, in words."""
+    strongest = verdict.rival.removeprefix(f"{name}, ")
+    if verdict.rivals == 1:
+        return f"{name} gains more than its {strongest}: {verdict}"
+    return (
+        f"{name} gains more than each of its {verdict.rivals} {controls}: {verdict}; the "
+        f"strongest is {strongest}"
+    )
+
+
+def _signed(interval: Interval) -> str:
+    """Return an interval without its number of seeds, with its sign."""
+    return "+" * (float(interval.estimate) > 0) + _short(interval)
 
 
 def _short(interval: Interval) -> str:

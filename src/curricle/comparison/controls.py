@@ -6,10 +6,17 @@
   longer training helped.
 - ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
   of that size do.
+- ``constant``: the same value everywhere, once the mean of phi and once its maximum over the pairs
+  that learning can visit (``curricle.comparison.levels`` says which). If one of them helps as much,
+  phi's optimism did it: a higher ``initial_value`` does so without any source.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 
+``placebo`` and ``constant`` know nothing of the task. A curriculum that pays, and gains more than
+they do, pays by what it knows.
+
 An observation task has no numbered states, so ``placebo`` and ``random_start`` are refused there.
+``scaled`` and ``constant`` need no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +26,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from curricle.checks import one_of
+from curricle.comparison.levels import Level, VisitedPairs, initial_value_of
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
@@ -33,8 +41,13 @@ from curricle.transfer.mapping import StateActionMapping, identity
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.potentials import ObservationPotential
 
-Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated"]
+Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
+PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM = "placebo", "constant mean", "constant maximum"
+KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)
+"""Labels of the controls that know nothing of the task."""
+WITHOUT_TABLES = ("constant", "scaled")
+"""Controls that need no dense tables of the target."""
 SOURCE = "control source"
 
 
@@ -47,7 +60,7 @@ def check_controls(controls: Sequence[str]) -> None:
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
 
-    TaskError if the target has no tables, which all controls but ``scaled`` need.
+    TaskError if the target has no tables, which all controls but ``constant`` and ``scaled`` need.
     """
     if not controls:
         return
@@ -58,12 +71,12 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         )
     if is_observation_task(curriculum.tasks[name]):
         _check_observed(controls, arm, curriculum)
-    elif any(control != "scaled" for control in controls):
+    elif any(control not in WITHOUT_TABLES for control in controls):
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
-                "controls other than 'scaled' need dense tables of the target: the storage of "
-                f"{name!r} is sparse in arm {arm!r}"
+                "controls other than 'constant' and 'scaled' need dense tables of the target: the "
+                f"storage of {name!r} is sparse in arm {arm!r}"
             )
 
 
@@ -116,10 +129,18 @@ Change = Callable[[AnyPotential, int], AnyPotential]
 """phi and a seed -> another phi."""
 
 
-def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
-    """Yield the name and the function of each control that changes phi's values."""
+def value_controls(
+    controls: Sequence[Control], pairs: VisitedPairs
+) -> Iterator[tuple[str, Change]]:
+    """Yield the name and the function of each control that changes phi's values.
+
+    `pairs` are those of the target that learning can visit.
+    """
     if "placebo" in controls:
-        yield "placebo", _shuffled
+        yield PLACEBO, _shuffled
+    if "constant" in controls:
+        yield CONSTANT_MEAN, lambda phi, _: phi.rescaled(0.0, float(pairs.values(phi).mean()))
+        yield CONSTANT_MAXIMUM, lambda phi, _: phi.rescaled(0.0, float(pairs.values(phi).max()))
     if "scaled" in controls:
         yield "scaled x 0.5", lambda phi, _: phi.rescaled(0.5)
         yield "scaled x 2", lambda phi, _: phi.rescaled(2.0)
@@ -127,14 +148,32 @@ def value_controls(controls: Sequence[Control]) -> Iterator[tuple[str, Change]]:
         yield "negated", _negated
 
 
-def learn_changed(result: CurriculumResult, change: Change, workers: int | None) -> LearningResult:
-    """Return the target trained as in its curriculum, sources charged, from changed potentials."""
+def changed_potentials(result: CurriculumResult, change: Change) -> list[AnyPotential]:
+    """Return the potential of each seed of a curriculum's target, changed."""
+    name = result.curriculum.target
+    pairs = zip(result.potentials[name], result[name].seeds, strict=True)
+    return [change(phi, k) for phi, k in pairs]
+
+
+def level_of(
+    label: str, changed: Sequence[AnyPotential], pairs: VisitedPairs, curriculum: Curriculum
+) -> Level | None:
+    """Return the level of a control that knows nothing, from its potentials; else None."""
+    if label not in KNOW_NOTHING:
+        return None
+    means = np.array([pairs.values(phi).mean() for phi in changed])
+    constant = label != PLACEBO
+    return Level(means, initial_value_of(curriculum) if constant else None, constant)
+
+
+def learn_changed(
+    result: CurriculumResult, changed: Sequence[AnyPotential], workers: int | None
+) -> LearningResult:
+    """Return the target trained as in its curriculum, sources charged, from other potentials."""
     curriculum = result.curriculum
     name = curriculum.target
-    seeds = result[name].seeds
-    changed = [change(phi, k) for phi, k in zip(result.potentials[name], seeds, strict=True)]
     return curriculum.node(name).train(
-        seeds,
+        result[name].seeds,
         changed,
         warm_ups=[one.warm_up for one in result.calibrations.get(name, ())],
         charged=result.source_steps(name),

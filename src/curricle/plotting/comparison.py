@@ -47,7 +47,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     >>> [axes.get_title() for axes in figure.axes]
     ['learning curves (strong transfer)', 'final returns', 'gain over scratch']
     """
-    if len(comparison.arms) < 2:
+    if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
@@ -101,8 +101,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
         axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
-        if name == SCRATCH:
-            columns.append(("reference", ""))
+        if name in comparison.scratches:
+            columns.append(("reference" if name == comparison.best_scratch else "", ""))
             continue
         gain = comparison.contrasts[name].strong_gain
         verdict = comparison.verdicts.get(name)
@@ -121,7 +121,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.spines["left"].set_visible(False)
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
-    axes.set(title="gain over scratch", xlabel="mean return, minus that of scratch")
+    xlabel = f"mean return, minus that of {comparison.best_scratch}"
+    axes.set(title="gain over scratch", xlabel=xlabel)
 
 
 def _too_few(comparison: Comparison) -> str:

@@ -74,6 +74,8 @@ class ArmStyle:
 def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     """Return how each arm is drawn; a control has the colour of the curriculum before it, greyer.
 
+    Learners from scratch are black, those beside the target's own dashed.
+
     Examples
     --------
     >>> from curricle.comparison.arms import Arm
@@ -86,8 +88,11 @@ def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     """
     styles = {SCRATCH: ArmStyle(SCRATCH, COLOURS["black"], "-", False)}
     parent, place, own, controls = "", -1, COLOURS["grey"], 0
+    for number, name in enumerate(comparison.scratches[1:]):
+        dashes = CONTROL_DASHES[number % len(CONTROL_DASHES)]
+        styles[name] = ArmStyle(name, COLOURS["black"], dashes, False)
     for name, arm in comparison.arms.items():
-        if name == SCRATCH:
+        if name in comparison.scratches:
             continue
         if arm.control:
             dashes = CONTROL_DASHES[controls % len(CONTROL_DASHES)]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.reasons import not_asked
 from curricle.plotting.scales import rounded, without_seeds
-from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 
@@ -86,13 +86,34 @@ def headline(comparison: Comparison) -> str:
     gain, seeds = signed(comparison.contrasts[most].strong_gain), comparison.seeds
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
     return (
-        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against learning from "
-        f"scratch, source steps counted, over {seeds} seeds."
+        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against "
+        f"{_baseline(comparison)}, source steps counted, over {seeds} seeds.{_why(comparison)}"
+    )
+
+
+def _baseline(comparison: Comparison) -> str:
+    """Return what curricula are compared with, in words."""
+    several = len(comparison.scratches) > 1
+    return (
+        f"the best learner from {comparison.best_scratch}" if several else "learning from scratch"
+    )
+
+
+def _why(comparison: Comparison) -> str:
+    """Return why those curricula pay that were asked, a sentence for each reason."""
+    by_words: dict[str, list[str]] = {}
+    for name, reason in comparison.reasons.items():
+        if reason.words:
+            by_words.setdefault(reason.words, []).append(name)
+    if len(comparison.verdicts) == 1:
+        return "".join(f" It pays {words}." for words in by_words)
+    return "".join(
+        f" {words[0].upper()}{words[1:]}: {', '.join(names)}." for words, names in by_words.items()
     )
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
-    """Return the finding about each arm besides the scratch baseline, in their order.
+    """Return the finding about each arm besides those from scratch, in their order.
 
     Examples
     --------
@@ -107,8 +128,7 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     ('pays', '+1.50 mean return over all 100 steps, its 50 source steps counted (p...')
     """
     rows = {row["arm"]: row for row in comparison.rows()}
-    names = [name for name in comparison.arms if name != SCRATCH]
-    return tuple(_finding(comparison, name, rows) for name in names)
+    return tuple(_finding(comparison, name, rows) for name in comparison.contrasts)
 
 
 def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
@@ -120,13 +140,26 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         f"{signed(contrast.strong_gain)} mean return over all {comparison.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{sure}.",
         f"Over target steps only: {signed(contrast.weak_gain)}.",
-        _reached(comparison, row, rows[SCRATCH]),
+        _reached(comparison, row, rows[comparison.best_scratch]),
     ]
     if name in comparison.control_verdicts:
         words = comparison.control_sentence(name).removeprefix(f"{name} ")
         sentences.append(f"{words[0].upper()}{words[1:]}.")
+    if name in comparison.verdicts:
+        sentences += _reason(comparison, name)
     control = comparison[name].control
-    return Finding(name, control, tone, contrast.verdict, tuple(sentences), contrast.strong_gain)
+    return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
+
+
+def _reason(comparison: Comparison, name: str) -> list[str]:
+    """Return the sentences about why a curriculum pays that the verdict does not hold."""
+    reason, cheaper = comparison.reasons[name], comparison.cheaper_way(name)
+    found = [f"{cheaper[0].upper()}{cheaper[1:]}."] if cheaper else []
+    if reason.why in ("level", "mostly level") and reason.share < 1:
+        found.append(f"At most {reason.share:.0%} of its gain is by what it knows.")
+    if open_ := not_asked([reason]):
+        found.append(f"{open_[0].upper()}{open_[1:]}.")
+    return found
 
 
 def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any]) -> str:
@@ -236,7 +269,8 @@ def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell
     if measure not in TIMED:
         return Cell(text, bounds)
     arm, scratch = (
-        comparison.times(name, strong=measure not in WEAK).reached for name in (row["arm"], SCRATCH)
+        comparison.times(name, strong=measure not in WEAK).reached
+        for name in (row["arm"], comparison.best_scratch)
     )
     if not arm.any() and not scratch.any():
         return Cell("–", "never reached")

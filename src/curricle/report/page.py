@@ -111,7 +111,7 @@ class ShownStudy:
 def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
     """Return the page of a study; SettingError when it has no arm besides the scratch baseline."""
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
-    if len(comparison.arms) < 2:
+    if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     found, drawn = findings(comparison), graphs(curricula, learnt, study.reasons)
     shown, not_shown = replays(curricula, learnt, study.analysis)

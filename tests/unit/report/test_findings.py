@@ -1,5 +1,6 @@
 """Findings and measures of a comparison in words."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, strategies as st
 
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.levels import Level
 from curricle.report.findings import findings, forest, headline, table, too_few
 from curricle.statistics.curves import Curve
 
@@ -122,3 +124,32 @@ def test_every_arm_and_control_is_on_the_page(pages, pursuit):
     for contrast in pursuit.comparison.contrasts.values():
         assert contrast.verdict in words
     assert "8 seeds; brackets are 95" in words
+
+
+def asked(height, level=30.0):
+    """A comparison of a curriculum with a constant control that gains as much as `height`."""
+    constant = replace(line(height, 20, control=True), level=Level(np.full(8, level), 0.0, True))
+    return compared(good=line(10, 20), **{"good, constant mean": constant})
+
+
+def test_why_a_curriculum_pays_is_part_of_its_verdict_and_of_the_headline():
+    for height, words in ((4, "by what it knows"), (10.001, "by optimism alone")):
+        found = asked(height)
+        assert findings(found)[0].verdict == f"pays, {words}"
+        assert findings(found)[0].tone == "pays"
+        assert headline(found).endswith(f"over 8 seeds. It pays {words}.")
+
+
+def test_the_cheaper_way_is_a_sentence_of_a_finding():
+    own, constant = findings(asked(10.001))
+    words = [one for one in own.sentences if one.startswith("Cheaper than good: initial_value=30 ")]
+    assert len(words) == 1
+    assert own.sentences[-1].endswith("% of its gain is by what it knows.")
+    assert not any(
+        "heaper" in one for one in (*constant.sentences, *findings(asked(4))[0].sentences)
+    )
+
+
+def test_a_finding_says_that_the_reason_was_not_asked():
+    assert findings(compared(good=line(10)))[0].sentences[-1].startswith("By what it knows, or by")
+    assert not headline(compared(good=line(10))).count("knows")

@@ -1,0 +1,94 @@
+"""Curricula whose gain is their optimism are called that, with 20 seeds each.
+
+In a long chain and in RiverSwim a learner from scratch whose values start at 0 hardly ever meets
+the reward at the end. Any potential far above 0 makes it look there. Seeds are fixed.
+"""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import FiniteMDP, QLearning, Transfer
+from curricle.transfer import StateActionMapping
+
+pytestmark = pytest.mark.slow
+
+
+def line(outcomes, ends=0, **settings):
+    """Return places in a row; the last `ends` of them are terminal."""
+    n = len(outcomes) + ends
+    return FiniteMDP.from_outcomes(
+        [*outcomes, *[[[], []]] * ends],
+        terminal=[False] * len(outcomes) + [True] * ends,
+        start=0,
+        states=cr.Space([cr.Component("place", n)]),
+        actions=cr.Space([cr.Component("move", 2, labels=("left", "right"))]),
+        discount=0.99,
+        **settings,
+    )
+
+
+def chain(n):
+    """Left and right; 1 at the end."""
+    moves = [[[(1.0, max(s - 1, 0), 0.0)], [(1.0, s + 1, float(s == n - 2))]] for s in range(n - 1)]
+    return line(moves, ends=1, time_limit=60)
+
+
+def river_swim(n):
+    """Strehl and Littman 2008: 0.005 for staying at the source of the river, 1 at its other end."""
+    moves = [
+        [[(1.0, s - 1, 0.0)], [(0.05, s - 1, 0.0), (0.6, s, 0.0), (0.35, s + 1, 0.0)]]
+        for s in range(1, n - 1)
+    ]
+    first = [[(1.0, 0, 0.005)], [(0.4, 0, 0.0), (0.6, 1, 0.0)]]
+    last = [[(1.0, n - 2, 0.0)], [(0.4, n - 2, 0.0), (0.6, n - 1, 1.0)]]
+    return line([first, *moves, last], time_limit=300)
+
+
+def stretched(long, short, source_learner, source_steps):
+    """Return the curriculum in which each place of a line reads the one as far along another."""
+    n, m = (len(task.terminal) - task.terminal.sum() for task in (long, short))
+    place = np.minimum(np.arange(len(long.terminal)) * m // n, m - 1)
+    pairs = StateActionMapping(long, short, place[:, None] * 2 + np.arange(2))
+    return cr.Curriculum(
+        tasks={"short": short, "long": long},
+        transfers=[Transfer("short", "long", pairs)],
+        budget={"short": source_steps, "long": 100_000},
+        learner={"short": source_learner},
+    )
+
+
+@pytest.fixture(scope="module")
+def of_chain():
+    return stretched(chain(30), chain(8), QLearning(epsilon=0.5), 5_000)
+
+
+@pytest.fixture(scope="module")
+def of_river():
+    return stretched(river_swim(20), river_swim(6), QLearning(initial_value=50.0), 10_000)
+
+
+@pytest.mark.parametrize("plan", ["of_chain", "of_river"])
+def test_optimism_is_called_by_its_name(plan, request):
+    plan = request.getfixturevalue(plan)
+    found = cr.compare(plan, seeds=20, controls=["constant", "placebo"])
+    contrast, reason = found.contrasts["transfer"], found.reasons["transfer"]
+    assert contrast.verdict == "pays"
+    assert contrast.reason in ("by optimism alone", "nearly all by optimism")
+    assert reason.share < 0.1
+    # The cheaper way is one: it needs no source, and gains as much within a tenth.
+    words = found.cheaper_way("transfer")
+    value = float(words.partition("initial_value=")[2].split()[0])
+    assert value > 0.1
+    free = cr.compare(plan, seeds=20, scratch={"optimistic": QLearning(initial_value=value)})
+    gain = free.returns["scratch, optimistic"] - free.returns["scratch"]
+    assert gain.mean() > 0.9 * float(contrast.strong_gain.estimate)
+    assert free.best_scratch == "scratch, optimistic"
+    assert free.contrasts["transfer"].verdict != "pays"
+
+
+def test_what_is_optimism_in_the_long_run_may_be_knowledge_in_the_short(of_chain):
+    """In a fifth of the steps its order of the places counts, and it is called that."""
+    short = of_chain.replace("long", budget=20_000)
+    found = cr.compare(short, seeds=20, controls=["constant", "placebo"])
+    assert found.contrasts["transfer"].answer == "pays, by what it knows"

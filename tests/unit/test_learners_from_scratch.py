@@ -1,0 +1,153 @@
+"""Several learners from scratch: each an arm, and the verdict against the best of them."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import QLearning, compare
+from curricle.comparison import Arm, Comparison, verdicts_of
+from curricle.errors import CurriculumError, SettingError
+from curricle.plotting.styles import arm_styles
+from curricle.report.findings import findings, headline
+from curricle.statistics import Curve
+from tests.comparisons import MAZE, assert_same, copied, corner, pursuit
+
+FAST = QLearning(learning_rate=0.5)
+
+
+def flat(returns, **kind):
+    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
+    return Arm(Curve(np.array([0, 10]), values), values, values, False, **kind)
+
+
+def column(height, seed=0):
+    return height + 0.1 * np.random.default_rng(seed).permutation(9)
+
+
+def by_hand(mine, *others):
+    arms = {"scratch": flat(column(0.0))}
+    for n, height in enumerate(others):
+        arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
+    return Comparison("maze", arms | {"mine": flat(column(mine, 7))}, 10, 10, 0.5, 1)
+
+
+def test_each_is_an_arm_with_the_same_total(calls):
+    given = {"fast": FAST, "sarsa": cr.SARSA()}
+    found = compare(corner(), seeds=[3, 5], controls=["placebo"], scratch=given)
+    names = ["scratch", "scratch, fast", "scratch, sarsa", "transfer", "transfer, placebo"]
+    assert list(found.arms) == names
+    assert found.scratches == tuple(names[:3])
+    for name, learner in zip(names[1:], given.values(), strict=False):
+        alone = cr.learn(MAZE, learner, 3500, seeds=[3, 5], eval_freq=100, stream="maze")
+        np.testing.assert_array_equal(found[name].curve.values, alone.greedy_return)
+        assert found[name].curve.source_steps.tolist() == [0, 0]
+    assert [call["budget"] for call in calls[:3]] == [3500] * 3
+    assert all(name.startswith("transfer") for name in found.contrasts)
+
+
+def test_arms_that_were_there_before_are_the_same_bit_for_bit():
+    one = compare(corner(), seeds=2, controls=["placebo"])
+    other = compare(corner(), seeds=2, controls=["placebo"], scratch=[FAST])
+    for name in one.arms:
+        assert_same(one[name], other[name])
+    assert one.threshold == other.threshold
+
+
+def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(calls):
+    """Without sources there is nothing to shape; look-back advice is for SARSA alone."""
+    plan = corner(learner={"maze": cr.SARSA()}, shaping={"maze": cr.LookBackAdvice()})
+    compare(plan, seeds=1, scratch=[QLearning()])
+    assert calls[1]["shaping"] == []
+
+
+def test_the_verdict_is_against_the_best():
+    found = by_hand(5.0, 3.0, 8.0, 1.0)
+    assert found.best_scratch == "scratch, 1"
+    verdict, contrast = found.verdicts["mine"], found.contrasts["mine"]
+    assert (verdict.rival, verdict.rivals) == ("scratch, 1", 4)
+    assert contrast.verdict == "costs more than it brings"
+    assert contrast.strong_gain.estimate == pytest.approx((column(5, 7) - column(8, 2)).mean())
+    assert contrast.weak_gain.estimate == pytest.approx(contrast.strong_gain.estimate)
+    row = found.rows()[-1]
+    assert (row["against"], row["verdict"]) == ("scratch, 1", "costs more than it brings")
+    assert found.against("scratch")["mine"].answer == "yes"
+    alone = by_hand(5.0).contrasts["mine"]
+    assert alone.verdict == "pays"
+
+
+def test_it_is_the_test_of_verdicts_of():
+    found = by_hand(5.0, 3.0, 4.9)
+    wanted = verdicts_of(found.returns, {"mine": found.scratches})["mine"]
+    verdict, gain = found.verdicts["mine"], found.contrasts["mine"].strong_gain
+    assert (verdict.p, verdict.rival) == (wanted.p, "scratch, 1")
+    assert (gain.low, gain.high) == (wanted.gain.low, wanted.gain.high)
+
+
+def test_the_table_names_the_best():
+    lines = str(by_hand(9.0, 3.0, 8.0, 1.0)).split("\n")
+    assert [line.endswith("the best from scratch: gains are over it") for line in lines[2:7]] == [
+        False, False, True, False, False,
+    ]  # fmt: skip
+    assert lines[4].index("the best") == lines[1].index("verdict")
+    assert lines[6].endswith("pays (p = 0.0039)")
+    assert "best" not in str(by_hand(9.0))
+
+
+def test_the_report_and_the_pictures_show_all_of_them():
+    found = by_hand(9.0, 3.0, 8.0)
+    assert [one.arm for one in findings(found)] == ["mine"]
+    assert "scratch, 1" in headline(found).replace("\xa0", " ")
+    styles = arm_styles(found)
+    assert list(styles) == ["scratch", "scratch, 0", "scratch, 1", "mine"]
+    looks = {(one.colour, str(one.dashes)) for one in styles.values()}
+    assert len(looks) == 4
+    assert {styles[name].colour for name in found.scratches} == {"#000000"}
+    cr.plot(found)
+
+
+def test_learners_are_named_after_their_settings():
+    given = [QLearning(epsilon=0.5, initial_value=3.0), cr.SARSA()]
+    found = compare(corner(), seeds=1, scratch=given)
+    assert found.scratches[1:] == (
+        "scratch, QLearning(epsilon=0.5, initial_value=3.0)",
+        "scratch, SARSA",
+    )
+
+
+def test_one_that_fails_is_left_out():
+    """Double Q-learning has no sparse tables."""
+    plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
+    found = compare(plan, seeds=1, scratch={"two": cr.DoubleQLearning(), "fast": FAST})
+    assert list(found.arms) == ["scratch", "scratch, fast", "transfer"]
+    assert "sparse tables are for QLearning" in str(found.failed["scratch, two"])
+
+
+def test_seeds_are_added_until_the_gain_over_the_best_is_known():
+    plan = corner(target=1000)
+    grown = compare(plan, seeds=2, precision=1e-9, most_seeds=5, scratch=[FAST])
+    once = compare(plan, seeds=5, scratch=[FAST])
+    for name in once.arms:
+        assert_same(grown[name], once[name])
+    assert grown.scratches == once.scratches
+
+
+@pytest.mark.parametrize(
+    ("scratch", "message"),
+    [
+        (FAST, "scratch, unless it names learners in a dict, must be a Sequence: got QLearning"),
+        ([FAST, FAST], r"learners from scratch must differ: QLearning\(learning_rate=0.5\) is"),
+        ([QLearning()], "must differ from the target's own: QLearning is QLearning"),
+        ([3], "learner int from scratch: learner of maze must be a Learner: got 3"),
+        ({"": FAST}, "a learner from scratch must"),
+        ({"x\n": FAST}, "a learner from scratch must"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_trained(scratch, message, calls):
+    with pytest.raises(SettingError, match=message):
+        compare(corner(), seeds=1, scratch=scratch)
+    assert calls == []
+
+
+def test_an_arm_cannot_have_the_name_of_a_learner():
+    with pytest.raises(CurriculumError, match="the name 'scratch, fast' is taken by a learner"):
+        compare({"scratch, fast": copied(MAZE)}, seeds=1, scratch={"fast": FAST})
