@@ -43,7 +43,7 @@ def print_preview(study: StudyConfig) -> None:
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
     """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
-    curricula = len(arms.curricula) - 1
+    curricula = len(arms.curricula) - len(arms.scratches)
     if SCRATCH not in arms.curricula or not curricula:
         return ""
     return too_few_seeds(len(study.seeds), seeds_needed(curricula))

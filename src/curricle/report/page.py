@@ -136,7 +136,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
         sections=forecast_sections(study.analysis, curricula, learnt),
         replays=shown,
         menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
-        first=_first(shown, comparison.target),
+        first=_first(shown, comparison),
         not_shown=not_shown,
         settings=_shared(_settings(curricula)),
         reasons=_shared(
@@ -152,10 +152,11 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
     )
 
 
-def _first(shown: Sequence[Replay], target: str) -> str:
+def _first(shown: Sequence[Replay], comparison: Comparison) -> str:
     """Return the key of the replay to begin with: the first curriculum in the target."""
+    own = (one for one in shown if one.task == comparison.target)
     return next(
-        (one.key for one in shown if one.task == target and one.arms != (SCRATCH,)),
+        (one.key for one in own if not {*one.arms} <= {*comparison.scratches}),
         shown[0].key if shown else "",
     )
 

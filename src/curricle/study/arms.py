@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from curricle.comparison.comparable import check_comparable, most_source_steps
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
+from curricle.comparison.scratch import from_scratch
+from curricle.curriculum.curriculum import OF_TARGETS, Curriculum
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_config import StudyConfig
@@ -38,6 +39,8 @@ class Arms:
         that share a source train it once.
     dependencies : dict of (str, str) to dict
         All that: settings, sources, Curricle's version, and the digests of the user's own modules.
+    scratches : tuple of str
+        The arms that learn the target from scratch.
     """
 
     curricula: Mapping[str, Curriculum]
@@ -47,6 +50,7 @@ class Arms:
     eval_freq: int
     keys: Mapping[tuple[str, str], str]
     dependencies: Mapping[tuple[str, str], Dependencies]
+    scratches: tuple[str, ...]
 
     @property
     def live(self) -> bool:
@@ -93,28 +97,32 @@ class Arms:
                 f"arms are compared at one total of steps: the budget of {target!r} is "
                 f"{node.budget}; give it in steps, or run one arm with scratch = false"
             )
+        scratches: dict[str, Curriculum] = {}
         if study.scratch:
-            settings: dict[str, Any] = {
-                which: {target: first.setting(which, target)}
-                for which in SETTINGS
-                if which not in OF_TARGETS
-            }
-            given = {SCRATCH: Curriculum({target: first.tasks[target]}, **settings), **given}
+            scratches = {SCRATCH: from_scratch(first), **study.scratch_curricula()}
+            given = {**scratches, **given}
         if total is not None:
             given = {
                 name: arm.replace(target, budget=total, eval_freq=node.eval_freq)
                 for name, arm in given.items()
             }
-        data = study.to_data()["arms"]
+        plain = study.to_data()
+        data = plain["arms"]
         if study.scratch:
-            data = {SCRATCH: _scratch_data(next(iter(data.values())), target), **data}
+            own = _scratch_data(next(iter(data.values())), target)
+            others = {
+                f"{SCRATCH}, {name}": _with_learner(own, target, learner)
+                for name, learner in plain["scratch_learners"].items()
+            }
+            data = {SCRATCH: own, **others, **data}
         keys: dict[tuple[str, str], str] = {}
         dependencies: dict[tuple[str, str], Dependencies] = {}
         for arm, curriculum in given.items():
             found = dependencies_of(data[arm], curriculum, total, study.folder, choose)
             for name, key, depends in found:
                 keys[arm, name], dependencies[arm, name] = key, depends
-        return cls(given, target, budget, total, node.eval_freq, keys, dependencies)
+        named = tuple(scratches)
+        return cls(given, target, budget, total, node.eval_freq, keys, dependencies, named)
 
 
 def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
@@ -123,6 +131,12 @@ def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
     for which in OF_TARGETS:
         tasks[target].pop(which, None)
     return {"tasks": tasks, "transfers": []}
+
+
+def _with_learner(arm: dict[str, Any], target: str, learner: Any) -> dict[str, Any]:
+    """Return an arm, as data, whose target another learner learns."""
+    task = {**arm["tasks"][target], "learner": learner}
+    return {**arm, "tasks": {**arm["tasks"], target: task}}
 
 
 @lru_cache(maxsize=4)

@@ -160,6 +160,8 @@ class ArmRecord(Plain):
     transfers: tuple[TransferRecord, ...]
     potential: str
     """The row of a forecast that has the potential of its target."""
+    scratch: bool = False
+    """Whether it learns the target from scratch with a learner of its own."""
 
     def in_edges(self, task: str) -> list[TransferRecord]:
         """Return the transfers into a task."""
@@ -195,7 +197,7 @@ class CurriculaRecord(Plain):
         """Return the arms besides scratch; those with the same tasks and transfers together."""
         found: dict[Any, list[str]] = {}
         for name, arm in self.arms.items():
-            if name != SCRATCH:
+            if name != SCRATCH and not arm.scratch:
                 nodes = tuple((each, node.task) for each, node in arm.nodes.items())
                 same = nodes, tuple(one.number for one in arm.transfers)
                 found.setdefault(same, []).append(name)

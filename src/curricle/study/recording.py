@@ -1,6 +1,6 @@
 """From the tasks and curricula of a study to its record in plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from curricle.comparison.comparing import threshold_of_optimum
@@ -30,7 +30,7 @@ Keys = Mapping[tuple[str, str], str]
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.curricula, arms.keys)
+    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches)
     first = next(iter(arms.curricula.values()))
     threshold = study.threshold
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
@@ -52,8 +52,13 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     )
 
 
-def curricula_record(curricula: Mapping[str, Curriculum], keys: Keys) -> CurriculaRecord:
-    """Return the record of curricula by arm; `keys` are those of the stored results, if any."""
+def curricula_record(
+    curricula: Mapping[str, Curriculum], keys: Keys, scratches: Collection[str] = ()
+) -> CurriculaRecord:
+    """Return the record of curricula by arm; `keys` are those of the stored results, if any.
+
+    `scratches` are the arms that learn the target from scratch.
+    """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
         nodes = {
@@ -74,7 +79,12 @@ def curricula_record(curricula: Mapping[str, Curriculum], keys: Keys) -> Curricu
             )
             for one in curriculum.transfers
         )
-        arms[arm] = ArmRecord(nodes=nodes, transfers=transfers, potential=_potential(curriculum))
+        arms[arm] = ArmRecord(
+            nodes=nodes,
+            transfers=transfers,
+            potential=_potential(curriculum),
+            scratch=arm in scratches,
+        )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 
 

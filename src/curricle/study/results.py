@@ -362,5 +362,5 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"arm {name!r} of {study.store.path} must spend at most {record.total:,} steps on its "
             f"sources: it states {spent.max():,}"
         )
-    arm = Arm.of(result, spent, total, record.eval_freq)
+    arm = Arm.of(result, spent, total, record.eval_freq, scratch=record.arms[name].scratch)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

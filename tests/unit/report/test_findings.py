@@ -52,7 +52,7 @@ def test_controls_do_not_count_in_the_headline():
 def test_a_curriculum_is_compared_with_its_own_controls():
     found = compared(good=line(10), weak=line(4, control=True), strong=line(9, control=True))
     curriculum, *controls = findings(found)
-    words = curriculum.sentences[-1].replace("\xa0", " ")
+    words = curriculum.sentences[3].replace("\xa0", " ")
     assert words.startswith("Gains more than each of its 2 controls: yes, +1.01 [")
     assert words.endswith("the strongest is strong.")
     assert not any("(p" in one.sentences[0] for one in controls)

@@ -67,6 +67,19 @@ def _over(old: Any, new: Any, key: str) -> Any:
     return merged(old, new)
 
 
+def complete_learners(study: Raw, curriculum: Raw) -> Any:
+    """Return a study's further learners from scratch, each over that of a curriculum's target.
+
+    What is malformed stays so.
+    """
+    given, targets = study["scratch_learners"], NameGraph.of(curriculum).targets
+    if not isinstance(given, dict) or len(targets) != 1:
+        return given
+    own = table(table(curriculum.get("tasks")).get(targets[0])).get("learner")
+    own = {"type": LEARNERS[0].model_fields["type"].default} if own is None else own
+    return {name: _over(own, learner, "learner") for name, learner in given.items()}
+
+
 def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
 

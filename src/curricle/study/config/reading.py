@@ -11,7 +11,13 @@ from pydantic import ValidationError
 from curricle.checks import unfit_name
 from curricle.errors import ConfigError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.config.merging import Raw, assignment, complete_curriculum, merged
+from curricle.study.config.merging import (
+    Raw,
+    assignment,
+    complete_curriculum,
+    complete_learners,
+    merged,
+)
 from curricle.study.config.parsing import parsed, text_of
 from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.renamed_keys import renamed_keys
@@ -77,10 +83,12 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, table(patch)) for arm, patch in arms.items()}
     running = {key: study[key] for key in RunTable.model_fields if key in study}
+    if "scratch_learners" in running:
+        running["scratch_learners"] = complete_learners(study, next(iter(complete.values())))
     wrong: list[tuple[KeyPath, str]] = []
     with _collected(wrong):
         FileTable.model_validate(study, context={"folder": folder})
-    wrong += _wrong_arms(study, complete)
+    wrong += [*_wrong_arms(study, complete), *_wrong_learners(study)]
     in_arms: list[tuple[KeyPath, str]] = []
     config: StudyConfig | None = None
     with _collected(in_arms):
@@ -129,6 +137,18 @@ def _wrong_arms(study: Raw, complete: dict[str, Raw]) -> Iterator[tuple[KeyPath,
     if len(set(targets.values())) > 1:
         each = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
         yield ("arms",), f"must all have the same target: {each}"
+
+
+def _wrong_learners(study: Raw) -> Iterator[tuple[KeyPath, str]]:
+    """Yield what is wrong with the names of further learners from scratch."""
+    given, arms = table(study.get("scratch_learners")), table(study.get("arms"))
+    if given and study.get("scratch") is False:
+        yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
+    for name in given:
+        if why := unfit_name(name):
+            yield ("scratch_learners", name), f"has a name that {why}"
+        if f"{SCRATCH}, {name}" in arms:
+            yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 
 def _wrong_numbers(arm: str, chosen: Any, there: int) -> Iterator[tuple[KeyPath, str]]:

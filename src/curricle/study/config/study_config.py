@@ -7,10 +7,12 @@ from typing import Any, Self
 
 from pydantic import PrivateAttr
 
+from curricle.comparison.scratch import scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.deep.learner import DeepLearner
-from curricle.errors import ConfigError
+from curricle.errors import ConfigError, CurricleError
 from curricle.study.config.building import CurriculumBuilder
+from curricle.study.config.derived_tables import built
 from curricle.study.config.positions import Positions, Problems
 from curricle.study.config.study_tables import ArmTables, RunTable
 from curricle.study.config.tables import unknown
@@ -25,7 +27,7 @@ class StudyConfig(RunTable):
 
     Parameters
     ----------
-    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch
+    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners
         The keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
@@ -101,6 +103,24 @@ class StudyConfig(RunTable):
             Naming all that cannot be built.
         """
         return self._built(*self.arms)
+
+    def scratch_curricula(self) -> dict[str, Curriculum]:
+        """Return the further learners from scratch as arms, ``scratch, NAME``.
+
+        Raises
+        ------
+        ConfigError
+            Naming each that does not fit the target, or is its own learner.
+        """
+        first, found = next(iter(self.curricula.values())), Problems(self._positions)
+        made: dict[str, Curriculum] = {}
+        for name, table in self.scratch_learners.items():
+            try:
+                made |= scratch_curricula({name: built(table, self.folder)}, first)
+            except CurricleError as error:
+                found.add([(("scratch_learners", name), f"cannot be compared: {error}")])
+        found.raise_any()
+        return made
 
     def curriculum(self, arm: str) -> Curriculum:
         """Return the curriculum of one arm; ConfigError as in :attr:`curricula`."""

@@ -12,7 +12,7 @@ from pydantic import (
 
 from curricle.checks import BEYOND_64_BITS
 from curricle.learning.seeds import MOST_SEEDS
-from curricle.study.config.settings import Settings
+from curricle.study.config.settings import AnyLearner, Settings
 from curricle.study.config.tables import (
     Count,
     Flag,
@@ -57,6 +57,10 @@ def _ranges(text: str) -> list[int]:
     return numbers
 
 
+Unvalidated = WrapValidator(lambda value, _: as_table(value))
+"""A table that is validated only once it is complete, but is in the JSON Schema."""
+
+
 class RunTable(Table):
     """How a study is run and read: its top-level keys that are no settings of tasks."""
 
@@ -76,6 +80,10 @@ class RunTable(Table):
     )
     scratch: Flag = Field(
         default=True, description="Whether learning the target from scratch is an arm too."
+    )
+    scratch_learners: dict[Name, AnyLearner] = Field(
+        default={},
+        description="Further learners from scratch by name, each what it changes in the target's.",
     )
 
 
@@ -110,10 +118,6 @@ class ArmTables(Table):
         return (*cls.model_fields, *Settings.model_fields)
 
 
-Unvalidated = WrapValidator(lambda value, _: as_table(value))
-"""A table that is validated only once it is complete, but is in the JSON Schema."""
-
-
 class ArmPatch(Settings):
     """An arm as written: what it changes in the study's curriculum."""
 
@@ -133,6 +137,10 @@ class FileTable(RunTable, Settings):
     )
     transfers: tuple[TransferTable, ...] = Field(
         default=(), description="The transfers between tasks."
+    )
+    scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field(
+        default={},
+        description="Further learners from scratch by name, each what it changes in the target's.",
     )
     arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field(
         default={}, description="What is compared: by name, what each changes; one arm by default."

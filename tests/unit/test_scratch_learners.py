@@ -1,0 +1,120 @@
+"""Further learners from scratch in a study file: read, refused, trained and compared."""
+
+import pytest
+
+from curricle import SARSA, QLearning, read_study
+from curricle.errors import ConfigError
+from curricle.study import StudyConfig, run_study
+from curricle.study.arms import Arms
+from curricle.study.record import plain, read_record
+from curricle.study.recording import study_record
+from curricle.study.results import StudyRecord
+
+FILE = """
+name = "corner"
+seeds = 2
+window = 1
+learner.learning_rate = 0.2
+
+[tasks.maze]
+type = "maze"
+map = '''
+....T
+.PPP.
+S....
+'''
+time_limit = 50
+budget = 1_000
+
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [0, 2]
+columns = [2, 5]
+budget = 200
+
+[[transfers]]
+source = "corner"
+target = "maze"
+mapping = "same_position"
+"""
+FURTHER = """
+[scratch_learners.optimistic]
+initial_value = 50.0
+
+[scratch_learners.sarsa]
+type = "SARSA"
+"""
+NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
+
+
+def study(tmp_path, text=FURTHER, changes=()):
+    path = tmp_path / "corner.toml"
+    path.write_text(FILE + text, "utf-8")
+    return read_study(path, set=changes)
+
+
+def test_each_changes_the_targets_own_learner(tmp_path):
+    arms = Arms.of(study(tmp_path))
+    assert tuple(arms.curricula) == (*NAMES, "transfer")
+    assert arms.scratches == NAMES
+    learners = [arms.curricula[name].setting("learner", "maze") for name in NAMES]
+    assert learners[:2] == [
+        QLearning(learning_rate=0.2),
+        QLearning(learning_rate=0.2, initial_value=50.0),
+    ]
+    assert learners[2] == SARSA(learning_rate=0.2)
+    assert all(arms.curricula[name].order == ("maze",) for name in NAMES)
+    assert {arms.curricula[name].setting("budget", "maze") for name in arms.curricula} == {1200}
+
+
+def test_without_them_nothing_changes(tmp_path):
+    """The keys of stored units are those of a study that has no such learners."""
+    plain_keys, keys = Arms.of(study(tmp_path, "")).keys, Arms.of(study(tmp_path)).keys
+    assert plain_keys == {place: key for place, key in keys.items() if place[0] not in NAMES[1:]}
+    assert len(set(keys.values())) == len(keys)
+
+
+def test_they_survive_as_plain_data(tmp_path):
+    one = study(tmp_path)
+    again = StudyConfig.from_data(one.to_data(), one.folder)
+    assert again == one
+    assert Arms.of(again).keys == Arms.of(one).keys
+    record = study_record(one, Arms.of(one))
+    assert [name for name, arm in record.arms.items() if arm.scratch] == [*NAMES]
+    assert read_record(StudyRecord, plain(record)).arms == record.arms
+    assert record.groups() == [("transfer",)]
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "message"),
+    [
+        (
+            "[scratch_learners.a]\nepsilon = 2.0",
+            [],
+            r"scratch_learners\.a cannot be compared: epsilon must",
+        ),
+        ("[scratch_learners.a]\nepsilom = 0.2", [], r"scratch_learners\.a\.epsilom is unknown"),
+        ("[scratch_learners]\na = 3", [], r"scratch_learners\.a must be a table"),
+        ("[scratch_learners.a]\nlearning_rate = 0.2", [], "must differ from the target's own"),
+        (FURTHER, ["scratch=false"], "scratch_learners are compared with the target's own"),
+        (
+            FURTHER + '[arms."scratch, sarsa"]\naggregate = "minimum"',
+            [],
+            "must have another name: a learner has it",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        Arms.of(study(tmp_path, text, changes))
+
+
+def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
+    found = run_study(study(tmp_path), tmp_path / "results", workers=1)
+    comparison = found.comparison
+    assert comparison.scratches == NAMES
+    assert list(comparison.contrasts) == ["transfer"]
+    assert comparison.verdicts["transfer"].rivals == 3
+    assert {len(found.results[name]["maze"].steps) for name in NAMES} == {121}
+    assert "the best from scratch" in str(comparison)
