@@ -8,6 +8,8 @@ from .learnt_sources import (
     SourceLearning as SourceLearning,
     source_learning as source_learning,
 )
+from .levels import Level as Level
+from .reasons import Reason as Reason
 from .task_differences import differences as differences
 from .verdicts import (
     Verdict as Verdict,
