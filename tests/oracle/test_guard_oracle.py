@@ -1,116 +1,129 @@
 """The guarded loop against two learners in plain Python, draw for draw."""
 
-import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.guard import FADING, MIN_EPISODES, Guard
-from curricle.tasks.draws import stream_start
+from curricle.learning.guard import Guard
 
-from .conftest import draw_best, integers, pick, plain_sum, random_bits, splitmix64, uniform
+from .guarded_naively import learn_guarded_naively
+
+LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
+WAYS = {
+    cr.QInitialisation: {},
+    cr.LookAheadAdvice: {},
+    cr.LookBackAdvice: {},
+    cr.RewardBonus: {},
+    cr.DecayingAdvice: {"weight": cr.learning.linear(1.0, 0.0, steps=1000)},
+    cr.StateShaping: {},
+}
+PAIRS = [
+    (way, kind)
+    for way in WAYS
+    for kind in (LEARNERS if way is not cr.LookBackAdvice else [cr.SARSA])
+]
+GUARD = Guard(share_behind=0.3, share_ahead=0.8, memory=7)
 
 
-def guarded_naively(task, learner, steps, potential, guard, *, eval_freq, seed=0):
-    """Return both tables, who is ahead, and what is written down at the checkpoints."""
+def assert_same(task, learner, steps, shaping, *, seed=0):
+    """Equal to the last bit.
+
+    Where there is no time limit a turn ends after 3 / (1 - discount) steps, and the other learner
+    goes on from there.
+    """
     mdp = task.mdp
-    gamma, limit, rate = mdp.discount, mdp.time_limit or math.inf, learner.learning_rate
-    n_states, n_actions = mdp.outcome_row.shape
-    tables = [np.zeros((n_states, n_actions)), potential.values.copy()]
-    tables[0][~mdp.terminal] += learner.initial_value
-    tables[1][~mdp.terminal] += learner.initial_value
-    draw = random_bits(stream_start(seed, ""))
-    mean, variance, seen, acted = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
-    squares = [0.0, 0.0]
-    ahead = acting = 1
-    share, fresh, episodes, returns = guard.share, True, 0, []
-    training, guard_share, counts = [math.nan], [share], [0]
-    for step in range(1, steps + 1):
-        if fresh:
-            state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
-            discounted, weight = 0.0, 1.0
-        bits = next(draw)
-        if (bits >> 32) / 2**32 < learner.epsilon:
-            action = integers(bits, n_actions)
-        else:
-            action = draw_best(tables[acting][state].tolist(), bits)[0]
-        row = mdp.outcome_row[state, action]
-        outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
-        after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
-        ended = bool(mdp.terminal[after])
-        for q in tables:
-            target = reward + (0.0 if ended else gamma * q[after].max())
-            q[state, action] += rate * (target - q[state, action])
-        length, total, state = length + 1, total + reward, after
-        discounted, weight = discounted + weight * reward, weight * gamma
-        fresh = ended or length >= limit
-        if fresh:
-            episodes += 1
-            returns.append(total)
-            part = max(1.0 / guard.memory, 1.0 / (seen[acting] + 1.0))
-            surprise = discounted - mean[acting]
-            mean[acting] += part * surprise
-            variance[acting] = (1.0 - part) * (variance[acting] + part * surprise * surprise)
-            squares[acting] = (1.0 - part) * (1.0 - part) * squares[acting] + part * part
-            seen[acting] += 1.0
-            if min(seen) >= MIN_EPISODES:
-                gap = mean[1] - mean[0]
-                ahead = 1 if gap >= 0.0 else 0
-                freedoms = [1.0 / one - 1.0 for one in squares]
-                first, second = (v / n for v, n in zip(variance, freedoms, strict=True))
-                both, z = first + second, guard.standard_errors
-                freedom = 1.0
-                if both > 0.0:
-                    of = first / both
-                    freedom = 1.0 / (of * of / freedoms[0] + (1 - of) * (1 - of) / freedoms[1])
-                z = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-                if gap * gap > both * freedom * math.expm1(z * z / freedom):
-                    share += guard.pace * (
-                        (1.0 - guard.min_share if ahead else guard.min_share) - share
-                    )
-            acted[acting] += length
-            acting = 1 if acted[1] <= share * (acted[0] + acted[1]) else 0
-            acted = [FADING * x for x in acted]
-        if step % eval_freq == 0:
-            training.append(plain_sum(returns) / len(returns) if returns else math.nan)
-            guard_share.append(share)
-            counts.append(episodes)
-            returns = []
-    return tables, ahead, training, guard_share, counts
+    cut = mdp.time_limit is None and mdp.discount < 1
+    turn = round(3 / (1 - mdp.discount)) if cut else np.inf
+    result = cr.learn(task, learner, steps, shaping=shaping, eval_freq=50, seeds=[seed])
+    naive = learn_guarded_naively(
+        task, learner, steps, shaping, eval_freq=50, seed=seed, turn=turn
+    )
+    np.testing.assert_array_equal(result.values[0], naive.values)
+    np.testing.assert_array_equal(result.training_return[0], naive.training_return)
+    np.testing.assert_array_equal(result.guard_share[0], naive.guard_share)
+    np.testing.assert_array_equal(result.episodes[0], naive.episodes)
+    return result, naive
+
+
+@pytest.mark.parametrize("time_limit", [None, 5])
+@pytest.mark.parametrize(("way", "kind"), PAIRS)
+def test_guarded_learning_equals_the_naive_one(way, kind, time_limit, random_mdp, random_shaping):
+    task = random_mdp(4, time_limit=time_limit)
+    learner = kind(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
+    shaping = random_shaping(task, way, 1, **WAYS[way])
+    shaping = replace(shaping, guard=GUARD)
+    result, naive = assert_same(task, learner, 1500, shaping)
+    assert {acting for acting, _, _ in naive.turns} == {0, 1}
+    assert result.own_rewards[0] == (way.own_rewards or not naive.ahead)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_guarded_learning_equals_the_naive_one(seed, random_mdp, random_shaping):
-    task = random_mdp(seed, time_limit=[None, 6][seed % 2])
-    guard = Guard(share=0.6, min_share=0.2, pace=0.3, standard_errors=0.5, memory=7)
-    learner = cr.QLearning(learning_rate=0.3, epsilon=0.3, initial_value=0.5)
+@pytest.mark.parametrize("rate", [0.5, cr.learning.harmonic(0.9, 0.05, half=20)])
+@pytest.mark.parametrize("kind", [cr.QLearning, cr.DoubleQLearning])
+def test_other_tasks_guards_and_rates(kind, rate, seed, random_mdp, random_shaping):
+    task = random_mdp(seed, time_limit=[None, 6][seed % 2], discount=[0.5, 1.0][seed % 2])
+    guard = Guard(share_behind=[0.1, 0.5][seed % 2], share_ahead=0.6, memory=2 + seed)
     shaping = random_shaping(task, cr.QInitialisation, seed, guard=guard)
-    result = cr.learn(task, learner, 3000, shaping=shaping, eval_freq=100, seeds=[seed])
-    tables, ahead, training, guard_share, counts = guarded_naively(
-        task, learner, 3000, shaping.potential, guard, eval_freq=100, seed=seed
-    )
-    np.testing.assert_array_equal(result.values[0], tables[ahead])
-    np.testing.assert_array_equal(result.training_return[0], training)
-    np.testing.assert_array_equal(result.guard_share[0], guard_share)
-    np.testing.assert_array_equal(result.episodes[0], counts)
-    assert len(set(guard_share)) > 5  # the comparison moved
+    _, naive = assert_same(task, kind(learning_rate=rate, epsilon=0.2), 1500, shaping, seed=seed)
+    assert {acting for acting, _, _ in naive.turns} == {0, 1}
+
+
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_turns_of_a_task_without_episodes(kind, endless, random_shaping):
+    """At discount 0.9 a turn has 30 steps."""
+    shaping = random_shaping(endless, cr.QInitialisation, 2, guard=GUARD)
+    learner = kind(learning_rate=0.3, epsilon=0.3)
+    _, naive = assert_same(endless, learner, 1500, shaping)
+    assert [length for _, _, length in naive.turns[:-1]] == [30] * 50
+
+
+@pytest.fixture(scope="module")
+def endless():
+    rng = np.random.default_rng(3)
+    p = rng.integers(1, 5, (4, 3, 4))
+    p = p / p.sum(axis=2, keepdims=True)
+    return cr.FiniteMDP.from_dense(p, rng.normal(size=(4, 3, 4)), terminal=np.zeros(4, bool), start=0, discount=0.9)
+
+
+def test_the_bound_of_the_docstring_holds(random_mdp, random_shaping):
+    """Steps of the learner with the potential in turns begun while it was not ahead."""
+    behind = 0
+    for seed in range(12):
+        task = random_mdp(seed, time_limit=8)
+        guard = Guard(share_behind=[0.05, 0.2][seed % 2], memory=5)
+        shaping = random_shaping(task, cr.QInitialisation, seed, guard=guard)
+        learner = cr.QLearning(learning_rate=0.2, epsilon=0.2)
+        _, naive = assert_same(task, learner, 2000, shaping, seed=seed)
+        without = [(acting, length) for acting, ahead, length in naive.turns if not ahead]
+        steps, of_shaped = sum(n for _, n in without), sum(a * n for a, n in without)
+        longest = max(n for acting, _, n in naive.turns if acting)
+        assert of_shaped <= guard.share_behind * steps + 3 * longest
+        behind += steps
+    assert behind > 2000
 
 
 def test_guard_share_is_not_a_number_without_a_guard():
     assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).guard_share).all()
 
 
-def test_the_table_handed_on_is_the_one_evaluated_last(random_mdp, random_shaping):
+@pytest.mark.parametrize("kind", LEARNERS)
+def test_the_table_handed_on_is_the_one_evaluated_last(kind, random_mdp, random_shaping):
     task = random_mdp(3, time_limit=10)
-    result = cr.learn(
-        task,
-        budget=2000,
-        eval_freq=100,
-        seeds=4,
-        shaping=random_shaping(task, cr.QInitialisation, guard=Guard()),
-    )
+    shaping = random_shaping(task, cr.StateShaping)
+    shaping = replace(shaping, guard=Guard())
+    result = cr.learn(task, kind(), 2000, eval_freq=100, seeds=20, shaping=shaping, snapshots=4)
+    assert len({share > 0.5 for share in result.guard_share[:, -1]}) == 2  # both were handed on
     for values, last in zip(result.values, result.greedy_return[:, -1], strict=True):
-        phi = cr.StateActionPotential(task, values)
-        again = cr.learn(task, cr.QLearning(learning_rate=0.0), 1, shaping=cr.QInitialisation(phi))
-        assert again.greedy_return[0, 0] == pytest.approx(last, abs=1e-12)
+        assert returned(task, values) == pytest.approx(last, abs=1e-12)
+    kept = result.snapshots
+    for step, values in zip(kept.steps, kept.values, strict=True):
+        found = result.greedy_return[0, result.steps == step]
+        assert returned(task, values) == pytest.approx(found[0], abs=1e-5)
+
+
+def returned(task, values):
+    phi = cr.StateActionPotential(task, np.where(task.mdp.terminal[:, None], 0, values))
+    learner = cr.QLearning(learning_rate=0.0)
+    return cr.learn(task, learner, 1, shaping=cr.QInitialisation(phi)).greedy_return[0, 0]

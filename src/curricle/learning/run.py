@@ -9,13 +9,21 @@ import numpy as np
 from curricle.array_types import FloatTable, IntArray
 from curricle.frozen_arrays import frozen
 from curricle.learning import general_loop
-from curricle.learning.guard import Guard, train_guarded
+from curricle.learning.guard import (
+    SCRATCH,
+    SHAPED,
+    UNDECIDED,
+    Guard,
+    empty_tally,
+    longest_turn,
+)
+from curricle.learning.guarded_loop import TwoLearners, train_guarded
 from curricle.learning.learners import Learner
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used, WarmUp
 from curricle.learning.seeds import SeedSettings
-from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.shaping import NOTHING_ADDED, QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
@@ -104,7 +112,7 @@ class Run:
         visits, shaping = self._visits(settings.warm_up), settings.shaping
         seed = _Seed(start, settings, out, record, used, visits, self.evaluation.for_run(start))
         if shaping is not None and shaping.guard is not None:
-            return self._train_guarded(seed, shaping.guard)
+            return self._train_guarded(seed, shaping.guard, shaping)
         return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
 
     def plain(self, shaping: Shaping | None) -> bool:
@@ -149,23 +157,39 @@ class Run:
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             step = checkpoint * self.eval_freq
             values += shaping.offset(step) + shaping.advice(step)
+        return self._shaped_outcome(seed, q, shaping, steps, episodes)
+
+    def _shaped_outcome(
+        self, seed: _Seed, q: FloatTable, shaping: Shaping | None, steps: int, episodes: int
+    ) -> Outcome:
+        """Return what a seed leaves whose tables, (n, S, A), were learnt with a shaping or none."""
+        shaping = shaping or QInitialisation()
         if seed.out is not None:
+            initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
-            seed.out[self._only_ends(record, q, seed.initial)] = 0.0
+            seed.out[self._only_ends(seed.record, q, initial)] = 0.0
         own = shaping.own_rewards or shaping.potential is None
         advice = shaping.advice(steps)
         return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
 
-    def _train_guarded(self, seed: _Seed, guard: Guard) -> Outcome:
-        q = np.empty((2, *self.shape), self.storage.dtype)
-        self._filled(None, q[0])
-        self._filled(seed.initial, q[1])
-        steps, episodes, ahead = self._loop(train_guarded, seed, guard.kernel, q)
-        if seed.out is not None:
-            seed.out[...] = q[ahead]
-            initial = seed.initial if ahead else None
-            seed.out[self._only_ends(seed.record, q[ahead : ahead + 1], initial)] = 0.0
-        return self._outcome(seed, steps, episodes)
+    def _train_guarded(self, seed: _Seed, guard: Guard, shaping: Shaping) -> Outcome:
+        record = seed.record
+        q = np.empty((2, self.learner.tables, *self.shape), self.storage.dtype)
+        for learner, initial in (SCRATCH, None), (SHAPED, seed.initial):
+            for table in q[learner]:
+                self._filled(initial, table)
+        both = TwoLearners.starting(q, NOTHING_ADDED, shaping.kernel())
+        steps, episodes, ahead = self._loop(
+            train_guarded, seed, guard.kernel, empty_tally(), both, turns=True
+        )
+        kept = zip(record.snapshot_at, record.snapshots, strict=True)
+        for checkpoint, values in kept:
+            if record.guard_share[checkpoint] > UNDECIDED:
+                step = checkpoint * self.eval_freq
+                values += shaping.offset(step) + shaping.advice(step)
+        return self._shaped_outcome(
+            seed, q[ahead], shaping if ahead == SHAPED else None, steps, episodes
+        )
 
     def _visits(self, warm_up: WarmUp) -> IntArray | None:
         """Return the counts of updates that learning goes on from; None if none are needed."""
@@ -177,14 +201,19 @@ class Run:
         rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
         return np.zeros((rows, n_actions), np.int64)
 
-    def _loop(self, loop: Callable[..., Any], seed: _Seed, *tables: Any) -> Any:
-        """Run a loop on its tables and return what it returns."""
-        limit = self.task.time_limit
+    def _loop(
+        self, loop: Callable[..., Any], seed: _Seed, *tables: Any, turns: bool = False
+    ) -> Any:
+        """Run a loop on its tables and return what it returns; a guarded one also takes turns."""
+        discount, limit = self.task.discount, self.task.time_limit
+        horizon: Any = discount, np.int64(NO_LIMIT if limit is None else limit)
+        if turns:
+            horizon = *horizon, np.int64(longest_turn(*horizon))
         steps, episodes = self.limits
         with open_model(self.task, seed.start) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
-                (self.task.discount, np.int64(NO_LIMIT if limit is None else limit)),
+                horizon,
                 self.learner.kernel(seed.visits),
                 *tables,
                 seed.evaluation,

@@ -19,7 +19,7 @@ from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
-from curricle.learning.learners import SARSA, Learner, QLearning
+from curricle.learning.learners import SARSA, Learner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.task import Task, generative_model, same_task
@@ -62,6 +62,10 @@ class Shaping(ABC):
     own_rewards: ClassVar[bool] = True
     """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
 
+    def __post_init__(self) -> None:
+        if self.guard is not None:
+            instance(f"guard of {self.name}", self.guard, Guard, SettingError)
+
     @property
     @abstractmethod
     def potential(self) -> Any:
@@ -98,6 +102,8 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
+        if self.guard is not None and not tabular:
+            raise SettingError(f"a guard is for learners with tables: got {learner!r}")
 
     def for_task(self, task: Task) -> Self:
         """Return the shaping with a potential of the library's own, made for this task.
@@ -154,16 +160,6 @@ class _StartsAtPotential(Shaping):
     for_networks: ClassVar[bool] = True
     starts_at_potential: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        if self.guard is not None:
-            instance(f"guard of {self.name}", self.guard, Guard, SettingError)
-
-    def check(self, learner: Any) -> None:
-        """Raise SettingError unless this is valid for a learner; a guard needs Q-learning."""
-        super().check(learner)
-        if self.guard is not None and not isinstance(learner, QLearning):
-            raise SettingError(f"a guard needs the learner QLearning: got {type(learner).__name__}")
-
 
 @dataclass(frozen=True)
 class QInitialisation(_StartsAtPotential):
@@ -173,7 +169,7 @@ class QInitialisation(_StartsAtPotential):
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
     guard : Guard, optional
-        Reduces the influence of the potential where it does harm; :class:`QLearning` only.
+        Bounds what a harmful potential costs.
 
     Examples
     --------
@@ -216,6 +212,8 @@ class LookBackAdvice(Shaping):
     Parameters
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    guard : Guard, optional
+        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -224,6 +222,7 @@ class LookBackAdvice(Shaping):
     """
 
     potential: Any = field(default=None, repr=False)
+    guard: Guard | None = None
 
     claim: ClassVar[Claim] = "one_way_in"
     own_rewards: ClassVar[bool] = False
@@ -256,6 +255,8 @@ class StateShaping(Shaping):
     ----------
     potential : StatePotential or (S,) array, optional
         Given phi(s, a), which may be an (S, A) array, it uses Phi(s) = max_a phi(s, a).
+    guard : Guard, optional
+        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -265,6 +266,7 @@ class StateShaping(Shaping):
     """
 
     potential: Any = field(default=None, repr=False)
+    guard: Guard | None = None
 
     claim: ClassVar[Claim] = "telescoping"
     for_networks: ClassVar[bool] = True
@@ -308,6 +310,8 @@ class DecayingAdvice(Shaping):
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
     weight : float or Schedule
         xi(t); a schedule counts steps.
+    guard : Guard, optional
+        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -318,10 +322,12 @@ class DecayingAdvice(Shaping):
 
     potential: Any = field(default=None, repr=False)
     weight: Any = 1.0
+    guard: Guard | None = None
 
     claim: ClassVar[Claim] = "added_values"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "weight", schedule(self.weight))
 
     @property
@@ -347,6 +353,8 @@ class RewardBonus(Shaping):
     Parameters
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    guard : Guard, optional
+        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -355,6 +363,7 @@ class RewardBonus(Shaping):
     """
 
     potential: Any = field(default=None, repr=False)
+    guard: Guard | None = None
 
     claim: ClassVar[Claim] = "added_rewards"
     own_rewards: ClassVar[bool] = False

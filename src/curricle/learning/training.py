@@ -126,7 +126,7 @@ def learn(
     rows = rows_allowed(
         storage,
         generative,
-        tables=2 if guarded else learner.tables,
+        tables=2 * learner.tables if guarded else learner.tables,
         counts=learner.counts,
         seeds=len(each) if storage.save_values else threads,
         steps=longest,
