@@ -125,7 +125,7 @@ CALLS = {  # what to call, and arguments that it works with
         lambda: {"env": cr.to_gymnasium(MAZE), "potential": phi(), "discount": 0.9},
     ),
     "Episodes": (cr.Episodes, lambda: {"number": 3}),
-    "Guard": (cr.Guard, lambda: {"share": 0.5, "min_share": 0.1, "pace": 0.1, "memory": 9}),
+    "Guard": (cr.Guard, lambda: {"share_behind": 0.1, "share_ahead": 0.8, "memory": 9}),
     **{
         name: (
             getattr(cr, name),

@@ -110,7 +110,7 @@ ADDED = {
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
         {"shaping": {"type": "DecayingAdvice", "weight": N}}, {"shaping": "StateShaping"},
         {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "LookBackAdvice"},
-        {"shaping": {"type": "QInitialisation", "guard": {"min_share": N, "memory": N}}},
+        {"shaping": {"type": "QInitialisation", "guard": {"share_behind": N, "memory": N}}},
         {"learner": {"learning_rate": {"type": "harmonic", "first": N, "last": N, "half": N}}},
         {"learner": {"epsilon": {"type": "exponential", "first": N, "last": N, "half": N}}},
         {"learner": {"inverse_temperature": N}}, {"learner": {"type": "SARSA", "epsilon": N}},

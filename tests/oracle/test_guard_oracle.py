@@ -37,9 +37,7 @@ def assert_same(task, learner, steps, shaping, *, seed=0):
     cut = mdp.time_limit is None and mdp.discount < 1
     turn = round(3 / (1 - mdp.discount)) if cut else np.inf
     result = cr.learn(task, learner, steps, shaping=shaping, eval_freq=50, seeds=[seed])
-    naive = learn_guarded_naively(
-        task, learner, steps, shaping, eval_freq=50, seed=seed, turn=turn
-    )
+    naive = learn_guarded_naively(task, learner, steps, shaping, eval_freq=50, seed=seed, turn=turn)
     np.testing.assert_array_equal(result.values[0], naive.values)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
     np.testing.assert_array_equal(result.guard_share[0], naive.guard_share)
@@ -84,7 +82,9 @@ def endless():
     rng = np.random.default_rng(3)
     p = rng.integers(1, 5, (4, 3, 4))
     p = p / p.sum(axis=2, keepdims=True)
-    return cr.FiniteMDP.from_dense(p, rng.normal(size=(4, 3, 4)), terminal=np.zeros(4, bool), start=0, discount=0.9)
+    return cr.FiniteMDP.from_dense(
+        p, rng.normal(size=(4, 3, 4)), terminal=np.zeros(4, bool), start=0, discount=0.9
+    )
 
 
 def test_the_bound_of_the_docstring_holds(random_mdp, random_shaping):

@@ -17,6 +17,8 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
+from curricle.learning.guard import SHAPED, UNDECIDED, empty_tally, next_turn
+from curricle.tasks.overloads import compiled
 from curricle.transfer.calibration import fit_calibration
 
 STEPS, VISITS = 200_000, 2500
@@ -72,16 +74,12 @@ def potentials(draw, problem):
     return cr.StateActionPotential(problem.task, values)
 
 
-@st.composite
-def guards(draw):
-    least = draw(st.floats(0.01, 0.5))
-    return cr.Guard(
-        share=draw(st.floats(least, 1 - least)),
-        min_share=least,
-        pace=draw(st.sampled_from([0.0, 0.01, 0.5, 1.0])),
-        standard_errors=draw(st.sampled_from([0.0, 0.5, 2.0])),
-        memory=draw(st.integers(5, 50)),
-    )
+guards = st.builds(
+    cr.Guard,
+    share_behind=st.floats(0.01, 0.5),
+    share_ahead=st.floats(0.51, 0.99),
+    memory=st.integers(2, 50),
+)
 
 
 def learnt(problem, potential, guard=None, seed=0):
@@ -96,34 +94,55 @@ def learnt(problem, potential, guard=None, seed=0):
     )
 
 
-@given(problems(), guards(), st.data(), st.integers(0, 1000))
+@given(problems(), guards, st.data(), st.integers(0, 1000))
 def test_a_guarded_learner_finds_the_optimum_whatever_it_was_told(problem, guard, data, seed):
     phi = data.draw(potentials(problem))
     result = learnt(problem, phi, guard, seed)
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi)
-    assert result.guard_share[0, 0] == guard.share
-    # Rounding may take the last step of a pace of 1 beyond its goal by an ulp.
-    assert result.guard_share.min() >= guard.min_share - 1e-12
-    assert result.guard_share.max() <= 1 - guard.min_share + 1e-12
+    share = result.guard_share[0]
+    assert share[0] == 0.5
+    ahead = (share > 0.5) & (share <= guard.share_ahead)
+    assert (ahead | (share == guard.share_behind) | (share == 0.5)).all()
 
 
-@given(problems(), guards(), st.data())
-def test_the_share_moves_by_its_pace_towards_one_end_or_the_other(problem, guard, data):
-    """Checked after each step; within one, an episode ends at most once."""
-    phi = data.draw(potentials(problem))
-    guard_share = cr.learn(
-        problem.task,
-        LEARNER,
-        400,
-        shaping=cr.QInitialisation(phi, guard=guard),
-        eval_freq=1,
-        workers=1,
-    ).guard_share[0]
-    before, after = guard_share[:-1], guard_share[1:]
-    up = before + guard.pace * (1 - guard.min_share - before)
-    down = before + guard.pace * (guard.min_share - before)
-    near = np.minimum(abs(after - before), np.minimum(abs(after - up), abs(after - down)))
-    assert near.max() < 1e-12
+# -- how many steps the learner with the potential gets ------------------------------------------
+
+
+def _turns(guard, tally, turns, begun):
+    """Play turns of given lengths and returns, (E, 3); note who acted and if phi was ahead."""
+    share, acting = UNDECIDED, SHAPED
+    for i in range(len(turns)):
+        begun[i, 0], begun[i, 1] = acting, share > UNDECIDED
+        turn = acting, turns[i, 0], turns[i, 1 + acting]
+        share, acting = next_turn(guard, tally, turn, share)
+
+
+@st.composite
+def adversaries(draw):
+    """Draw lengths and returns that follow no task: what each learner gets in its turns."""
+    n = draw(st.integers(1, 400))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    lengths = rng.integers(1, draw(st.sampled_from([2, 10, 200])), n)
+    returns = rng.choice([0.0, 1.0, -3.0, 1e6], (n, 2)) if draw(st.booleans()) else None
+    if returns is None:
+        drift = draw(st.sampled_from([-1.0, 0.0, 1.0])) * np.linspace(-1, 1, n)
+        returns = rng.normal(size=(n, 2)) + np.stack([drift, -drift], axis=1)
+    return np.column_stack([lengths, returns])
+
+
+@given(guards, adversaries())
+def test_steps_of_a_learner_that_is_behind_are_bounded(guard, turns):
+    """The theorem of :class:`Guard`, for any returns and lengths, after every turn."""
+    begun = np.zeros((len(turns), 2))
+    compiled(_turns, False)(guard.kernel, empty_tally(), turns, begun)
+    lengths, shaped, ahead = turns[:, 0], begun[:, 0] == 1, begun[:, 1] == 1
+    longest = np.maximum.accumulate(np.where(shaped, lengths, 0))
+    behind = np.cumsum(np.where(ahead, 0, lengths))
+    allowed = guard.share_behind * behind + 3 * longest
+    assert (np.cumsum(np.where(shaped & ~ahead, lengths, 0)) <= allowed + 1e-6).all()
+    others = (1 - guard.share_behind) * behind
+    others += (1 - guard.share_ahead) * np.cumsum(np.where(ahead, lengths, 0))
+    assert (np.cumsum(np.where(shaped, 0, lengths)) >= others - 4 * longest - 1e-6).all()
 
 
 @st.composite

@@ -133,9 +133,21 @@ SETTINGS = {
         lambda: ask(shaping=cr.QInitialisation(guard=cr.Guard())),
         "a guard needs a potential: got a shaping without one",
     ),
-    "a guard of SARSA": (
-        lambda: learn(LINE, SARSA(), 10, shaping=cr.QInitialisation(PHI, guard=cr.Guard())),
-        "a guard needs the learner QLearning: got SARSA",
+    "a guard that is none": (
+        lambda: cr.StateShaping(PHI, guard=True),
+        "guard of StateShaping must be a Guard: got True",
+    ),
+    "a guard without a turn": (
+        lambda: cr.Guard(share_behind=0),
+        "share_behind of a guard must be above 0",
+    ),
+    "a guard of equal shares": (
+        lambda: cr.Guard(share_ahead=0.5),
+        "share_ahead of a guard must be above 0.5, and below 1",
+    ),
+    "a guard of one turn": (
+        lambda: cr.Guard(memory=1),
+        "memory of a guard must be at least 2: got 1",
     ),
     "no tolerance": (lambda: solve(LINE, tolerance=0), "tolerance must be positive: got 0"),
     "tolerance below rounding": (lambda: solve(LINE, tolerance=1e-30), "at least .*got 1e-30"),

@@ -141,9 +141,7 @@ def test_the_steps_of_a_calibration_are_charged(calls):
 def test_an_arm_and_its_controls_have_a_guard():
     arms = {
         "bare": corner(),
-        "guarded": corner(
-            shaping=cr.QInitialisation(guard=cr.Guard(pace=0.5, standard_errors=0.5))
-        ),
+        "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard())),
     }
     found = compare(arms, seeds=2, controls=ALL)
     for name, arm in found.arms.items():

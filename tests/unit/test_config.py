@@ -248,7 +248,7 @@ def test_settings_are_those_described(read):
         + """
         [tasks.hunt.shaping]
         type = "LookAheadAdvice"
-        guard = { min_share = 0.2 }
+        guard = { share_behind = 0.2 }
         [tasks.hunt.evaluation]
         method = "rollouts"
         episodes = 7
@@ -261,7 +261,7 @@ def test_settings_are_those_described(read):
         set=["tasks.chase.budget={episodes = 8}", "tasks.hunt.eval_freq=50"],
     )
     curriculum = only(study)
-    assert curriculum.setting("shaping", "hunt") == LookAheadAdvice(guard=Guard(min_share=0.2))
+    assert curriculum.setting("shaping", "hunt") == LookAheadAdvice(guard=Guard(share_behind=0.2))
     assert curriculum.setting("evaluation", "hunt") == GreedyEvaluation("rollouts", 7, False)
     assert curriculum.setting("storage", "hunt") == Storage("dense", "float32", "1 GiB")
     assert curriculum.setting("budget", "chase") == Episodes(8)

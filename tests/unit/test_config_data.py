@@ -32,7 +32,7 @@ def read(tmp_path):
 def test_a_configuration_is_plain_data_and_comes_back_equal(read):
     study = read(
         HUNT
-        + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { min_share = 0.2 }"
+        + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { share_behind = 0.2 }"
     )
     words = json.dumps(study.to_data())
     again = StudyConfig.from_data(json.loads(words), study.folder)
@@ -109,7 +109,7 @@ SMALL = st.fixed_dictionaries(
         "time_limit": st.integers(1, 99) | st.just("none"),
         "budget": st.integers(1, 10**6) | st.fixed_dictionaries({"episodes": st.integers(1, 99)}),
         "shaping": st.sampled_from(
-            ["StateShaping", {"guard": True}, {"guard": {"min_share": 0.3}}]
+            ["StateShaping", {"guard": True}, {"guard": {"share_behind": 0.3}}]
         ),
         "learner": st.fixed_dictionaries(
             {},

@@ -209,9 +209,9 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         ),
         (
             "[tasks.corner]",
-            "shaping.guard = { min_share = 0 }\n[tasks.corner]",
-            "line 10: tasks.maze.shaping is refused: min_share of a guard must be above 0, or one "
-            "learner would never act: got 0",
+            "shaping.guard = { share_behind = 0 }\n[tasks.corner]",
+            "line 10: tasks.maze.shaping is refused: share_behind of a guard must be above 0, or "
+            "the learner with the potential would never act again: got 0",
         ),
         (
             "[tasks.corner]",

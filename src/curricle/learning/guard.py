@@ -24,8 +24,8 @@ FIRST_TURNS = 2
 UNDECIDED = 0.5
 """The share before they are compared. Above it the learner with the potential is ahead."""
 TURN, WHOLE = 3.0, 10.0
-"""Turns are cut after TURN / (1 - discount) steps, by when a return has 95 % of its weight, in tasks
-whose episodes may be longer than WHOLE / (1 - discount) steps; elsewhere an episode is a turn."""
+"""An episode is a turn where it has WHOLE / (1 - discount) steps at most. Elsewhere turns are cut
+after TURN / (1 - discount) steps, by when a return has 95 % of its weight."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Guard:
     """Bounds what a harmful potential costs, and keeps the optimum.
 
     Two learners learn from the same steps: one with the potential, the other without it. They act
-    in turns. A turn is an episode; where episodes may last longer than 10 / (1 - discount) steps, or
-    without limit, it ends after 3 / (1 - discount) steps. The learner with the higher mean
+    in turns. A turn is an episode; where episodes may last longer than 10 / (1 - discount) steps,
+    or without limit, it ends after 3 / (1 - discount) steps. The learner with the higher mean
     discounted return of its last turns is ahead, the one without the potential in doubt: its
     greedy policy is evaluated, and its values are returned.
 

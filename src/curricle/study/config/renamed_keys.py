@@ -13,6 +13,7 @@ from curricle.study.config.task_names import table
 STUDY, SETTING, TASK, FLAG = "study", "setting", "task", "flag"
 """Where a name stands: at the top level; wherever settings do; in a task's table; as a flag."""
 
+SHARES = "share_behind and share_ahead, which say how far a guard may go"
 RENAMED: dict[tuple[str, str], str] = {
     (STUDY, "block"): "seeds_per_unit",
     (STUDY, "frames"): "snapshots",
@@ -27,8 +28,10 @@ RENAMED: dict[tuple[str, str], str] = {
     (SETTING, "how = weights"): 'shaping = "WeightTransfer"',
     (SETTING, "how = policy"): 'shaping = "PolicyReuse"',
     (SETTING, "guard"): 'guard inside shaping, such as { type = "QInitialisation", guard = true }',
-    (SETTING, "shaping.guard.least"): "min_share",
-    (SETTING, "shaping.guard.sure"): "standard_errors",
+    (SETTING, "shaping.guard.least"): "share_behind",
+    (SETTING, "shaping.guard.share"): SHARES,
+    (SETTING, "shaping.guard.pace"): SHARES,
+    (SETTING, "shaping.guard.sure"): SHARES,
     (SETTING, "back"): "retrain",
     (SETTING, "retrain.lost"): "drop",
     (SETTING, "retrain.again"): "steps",
