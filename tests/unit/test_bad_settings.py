@@ -147,7 +147,7 @@ SETTINGS = {
     ),
     "a guard of one turn": (
         lambda: cr.Guard(memory=1),
-        "memory of a guard must be at least 2: got 1",
+        "memory of a guard must be a whole number, at least 2: got 1",
     ),
     "no tolerance": (lambda: solve(LINE, tolerance=0), "tolerance must be positive: got 0"),
     "tolerance below rounding": (lambda: solve(LINE, tolerance=1e-30), "at least .*got 1e-30"),
