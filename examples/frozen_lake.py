@@ -5,8 +5,8 @@ four. On slippery ice values depend on the holes nearby, and the 4x4 lake has it
 The dry 8x8 lake has the same map, and no move slips.
 
 Measured over 20 seeds, with the source's steps charged: no mapping from the 4x4 lake pays. Goal to
-goal makes no difference; the others lose. With a guard even one cell for four gains a little: half
-the episodes reach the goal after 97,800 steps instead of 120,000. The dry lake pays: 73,500 steps.
+goal makes no difference; the others lose. The dry lake pays: half the episodes reach the goal after
+73,500 steps instead of 120,000.
 Its values are too high for ice and pay twice as much when halved (34,600).
 
 python examples/frozen_lake.py
