@@ -23,7 +23,7 @@ from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.renamed_keys import renamed_keys
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.study_tables import FileTable, RunTable
-from curricle.study.config.tables import KeyPath, unknown
+from curricle.study.config.tables import KeyPath, shown, unknown
 from curricle.study.config.task_names import NameGraph, table, wrong_names
 
 ONLY_ARM = "transfer"
@@ -158,7 +158,7 @@ def _wrong_numbers(arm: str, chosen: Any, there: int) -> Iterator[tuple[KeyPath,
         if isinstance(one, dict) or (type(wanted) is int and 0 <= wanted < there):
             continue
         path: KeyPath = ("arms", arm, "transfers", *([index] if isinstance(chosen, list) else []))
-        yield path, f"must name transfers of the study by number, below {there}: got {one!r}"
+        yield path, f"must name transfers of the study by number, below {there}: got {shown(one)}"
 
 
 def _existing(study: Raw, keys: tuple[str, ...], file: str) -> KeyPath:

@@ -170,7 +170,7 @@ def word(
             return other(value)
         if value in words or (function and ":" in value):
             return value
-        raise wrong(f"must {rule}: got {value!r}{suggestion(value, words)}")
+        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, words)}")
 
     return BeforeValidator(checked)
 

@@ -75,7 +75,7 @@ def wrong_names(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
             if of not in graph.parts:
                 yield path, _no_task(of, graph)
             elif table(tasks[of]).get("type") not in DRAWN:
-                yield path, f"must name a maze or a crop: got {of!r}"
+                yield path, f"must name a maze or a crop: got {shown(of)}"
             elif graph.parts.get(graph.drawings(name)[-1]) is not None:
                 yield (
                     path,
