@@ -144,7 +144,10 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
     assert checked.returncode == 0, checked.stderr
     assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in checked.stdout
     assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
-    assert "Forecast of the start of learning 'hunt'" in checked.stdout
+    assert (
+        "Forecast for 'hunt': whether it pays is open\nno trial: 'hunt' is seen through"
+        in checked.stdout
+    )
     run = curricle("run", "study.toml")
     assert run.returncode == 1
     assert run.stderr.endswith("pip install curricle[deep]\n")

@@ -1,15 +1,18 @@
 """The forecasts that ``curricle check`` prints.
 
-They are those of ``curricle.forecast``: from sources trained at their budgets for the study's first
-seeds, which takes seconds and is said beforehand; and, in a line or where training would take too
-long, from sources that are solved, as if they were learnt perfectly.
+They are those of ``curricle.forecast``: a trial in the model, and potentials from sources trained
+at their budgets for the study's first seeds, which takes seconds and is said beforehand; and, in a
+line or where training would take too long, from sources that are solved, as if learnt perfectly.
 """
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
-from curricle.comparison.forecasting import AGGREGATES, Forecast, forecast
+from curricle.comparison.candidates import AGGREGATES, candidates_of
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasts import Forecast
+from curricle.comparison.trial import affordable, hindrance
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurricleError, SettingError
@@ -29,13 +32,16 @@ PAIR_SECONDS = 2e-6
 """Of comparing a potential with the optimal value of a pair: about 0.8 s for 390,625 pairs."""
 ACTION_SECONDS = 4e-9
 """Of reading phi for one action at a step of a rollout: 3e-9 to 4e-9 for two sources."""
+LONGEST_TRIAL = 60.0
+"""Seconds that the trials may take by the machine's own pace."""
 SEEDS = 3
 """Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
 
 
 def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> None:
     """Print a forecast for each arm with transfers into the target; `each` is what it costs."""
-    curricula = {name: one for name, one in arms.curricula.items() if one.in_edges(one.target)}
+    # Not those of `arms`, whose target has the total: a trial adds the sources' steps by itself.
+    curricula = {name: one for name, one in study.curricula.items() if one.in_edges(one.target)}
     sources = {
         arms.keys[name, source]: source
         for name, one in curricula.items()
@@ -65,13 +71,30 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
             print(f"\narm {name}", _forecast(curriculum, perfect=True), sep="\n")
         return
     seeds = study.seeds[: counts[0]]
-    plural = "s" * (len(seeds) > 1)
+    tried, seconds = _trials(curricula, a_seed, target)
+    plural, trials = "s" * (len(seeds) > 1), f"trials of {tried} seeds" if tried else ""
     print(
-        f"\ntraining {names} for {len(seeds)} seed{plural}, for the forecast: about "
-        f"{duration(len(seeds) * a_seed)}",
+        f"\ntraining {names} for {len(seeds)} seed{plural}{' and ' * bool(tried)}{trials}, for the "
+        f"forecast: about {duration(len(seeds) * a_seed + seconds)}",
         flush=True,
     )
-    _print_trained(curricula, arms, seeds)
+    trial = None if tried else False
+    _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
+
+
+def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
+    """Return the most seeds of the trials that forecasts make, and the seconds they take, about.
+
+    None where they would take too long. `a_seed` are the seconds of all sources, a seed.
+    """
+    most, seconds = 0, 0.0
+    for one in curricula.values():
+        if hindrance(one):
+            continue
+        some, seeds = affordable(candidates_of(one, one.target))
+        most = max(most, seeds)
+        seconds += seeds * ((1 + len(some)) * target.seconds / target.seeds + len(some) * a_seed)
+    return (most, seconds) if seconds <= LONGEST_TRIAL else (0, 0.0)
 
 
 def _look(curriculum: Curriculum, step_seconds: float) -> float:
@@ -94,7 +117,9 @@ def _look(curriculum: Curriculum, step_seconds: float) -> float:
     return potentials * (pairs * PAIR_SECONDS + rollouts)
 
 
-def _print_trained(curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int]) -> None:
+def _print_trained(
+    curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int], **settings: Any
+) -> None:
     """Print the forecast of each arm from trained sources; those that arms share are trained once.
 
     A line for sources that are learnt perfectly follows, where they can be solved.
@@ -103,7 +128,7 @@ def _print_trained(curricula: Mapping[str, Curriculum], arms: Arms, seeds: Seque
     for name, curriculum in curricula.items():
         own = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
         trained = {source: known[key] for source, key in own.items() if key in known}
-        found = _forecast(curriculum, seeds=seeds, trained=trained)
+        found = _forecast(curriculum, seeds=seeds, trained=trained, **settings)
         print(f"\narm {name}", found, sep="\n")
         if isinstance(found, Forecast):
             known |= {own[source]: values for source, values in found.trained.items()}
@@ -114,8 +139,7 @@ def _print_trained(curricula: Mapping[str, Curriculum], arms: Arms, seeds: Seque
 
 def _in_a_line(found: Forecast) -> str:
     """Return the forecast of the potential that is used, in a line."""
-    used = next(row for row in found.rows if row.used)
-    return f"{found.computed_from}: {used.name} {used.verdict}"
+    return f"{found.computed_from}: {found.used.name} {found.used.verdict}"
 
 
 def _forecast(curriculum: Curriculum, **settings: Any) -> Forecast | str:

@@ -3,7 +3,8 @@ from .attribution import Attribution as Attribution, Region as Region, attribute
 from .choice_flips import flips as flips
 from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
-from .forecasting import Forecast as Forecast, ForecastRow as ForecastRow, forecast as forecast
+from .forecasting import forecast as forecast
+from .forecasts import Forecast as Forecast, ForecastRow as ForecastRow
 from .learnt_sources import (
     SourceLearning as SourceLearning,
     source_learning as source_learning,
@@ -11,6 +12,7 @@ from .learnt_sources import (
 from .levels import Level as Level
 from .reasons import Reason as Reason
 from .task_differences import differences as differences
+from .trial import Trial as Trial
 from .verdicts import (
     Verdict as Verdict,
     seeds_needed as seeds_needed,

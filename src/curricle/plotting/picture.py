@@ -8,7 +8,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasting import Forecast
+from curricle.comparison.forecasts import Forecast
 from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.plotting.comparison import draw_comparison

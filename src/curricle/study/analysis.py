@@ -11,7 +11,8 @@ import numpy as np
 
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
-from curricle.comparison.forecasting import Forecast, forecast
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasts import Forecast
 from curricle.curriculum.curriculum import Curriculum, CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError

@@ -1,0 +1,289 @@
+"""A trial: the comparison with learning from scratch, played in the tasks' models beforehand.
+
+Where the tasks have models (tables, or compiled functions), learning in them costs milliseconds,
+and none of the steps that are to be saved. A trial is :func:`compare` with the budgets and the
+accounting of the experiment. Its tasks are renamed, and random streams are named after tasks: none
+of its seeds draws what a seed of the experiment draws. It is a forecast, and never counts as the
+experiment.
+"""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from curricle.comparison.candidates import Candidate, part_of
+from curricle.comparison.comparing import compare, most_source_steps
+from curricle.comparison.comparison import Comparison
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.node import Node
+from curricle.errors import CurriculumError, in_words
+from curricle.learning.budget import Episodes, limits, spacing
+from curricle.learning.stopping import StoppingRule
+from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import Interval
+from curricle.tasks.live import is_live
+from curricle.tasks.observation_task import is_observation_task
+
+STREAM = "/trial"
+"""What the names of a trial's random streams end with."""
+SEEDS, FEWEST = 20, 8
+"""Seeds of a trial; the fewest that are worth it."""
+QUICK = 5.0
+"""Seconds on one processor, by the estimate, up to which a forecast makes a trial unasked."""
+STEP, OUTCOME = 50e-9, 8e-9
+"""Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
+are constants, so that whether there is a trial does not depend on the machine."""
+SETTLED = 1000
+"""Steps of an exact evaluation after which most values no longer change."""
+WINDOW = 5
+"""Checkpoints over which curves are smoothed, as in a comparison."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What came of a trial.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        An arm for each candidate, under its name, and scratch.
+    assumes : str
+        What its verdict rests on, in words.
+    relative : str
+        The smaller relative in which it was made; empty if it was made in the target's own model.
+    """
+
+    comparison: Comparison = field(repr=False)
+    assumes: str
+    relative: str = ""
+
+    def gain(self, name: str) -> Interval | None:
+        """Return the strong gain of a candidate in mean return; None if it could not be trained."""
+        if name not in self.comparison.contrasts:
+            return None
+        return self.comparison.contrasts[name].strong_gain
+
+    def verdict(self, name: str) -> str:
+        """Return whether a candidate pays, by the area under its whole curve, in a few words."""
+        gain = self.gain(name)
+        words = "it failed in the trial" if gain is None else verdict_words(gain)
+        return f"{words}, as on a smaller relative" if self.relative else words
+
+    def numbers(self, name: str) -> str:
+        """Return steps to the threshold, with a candidate's sources and from scratch, and the gain.
+
+        They are means over seeds, in which a seed that never reaches the threshold counts with all
+        steps of the total budget.
+        """
+        found, gain = self.comparison, self.gain(name)
+        if gain is None:
+            return in_words(found.failed[name])
+        gained = f"gain in mean return {in_brief(gain)}"
+        times, alone = found.times(name), found.times(SCRATCH)
+        if not (times.reached.any() or alone.reached.any()):
+            return (
+                f"the threshold {found.threshold:.4g} is never reached within {found.total:,} "
+                f"steps, with sources or from scratch; {gained}"
+            )
+        spent = found[name].curve.source_steps.mean()
+        return (
+            f"expected steps to the threshold {found.threshold:.4g}: {self._steps(name)} with "
+            f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
+            f"{_saved(found.contrasts[name].strong_steps_saved)}; {gained}"
+        )
+
+    def _steps(self, name: str) -> str:
+        times = self.comparison.times(name)
+        missed = int((~times.reached).sum())
+        text = in_brief(times.restricted_mean(float(self.comparison.scratch.curve.steps[-1])))
+        return f"at least {text} ({missed} of {len(times.reached)} seeds never)" if missed else text
+
+
+def _saved(steps: Interval) -> str:
+    """Return steps that are saved, or taken more, in words."""
+    if steps.estimate >= 0:
+        return f"saves {in_brief(steps)}"
+    n, low, high = (-float(one) for one in (steps.estimate, steps.high, steps.low))
+    return f"takes {in_brief(replace(steps, estimate=n, low=low, high=high))} more"
+
+
+def verdict_words(gain: Interval) -> str:
+    """Return what an interval of the gain says.
+
+    Examples
+    --------
+    >>> [verdict_words(Interval(g, g - 1, g + 1, 0.95, 20)) for g in (2, 0.5, -2)]
+    ['likely pays', 'whether it pays is open', 'likely costs more than it brings']
+    """
+    if gain.low > 0:
+        return "likely pays"
+    return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
+
+
+def in_brief(interval: Interval) -> str:
+    """Return an interval without its number of seeds, thousands with commas.
+
+    Examples
+    --------
+    >>> in_brief(Interval(12345.6, 11000.2, 13700.0, 0.95, 20))
+    '12,300 [11,000, 13,700]'
+    >>> in_brief(Interval(5.0, float("nan"), float("nan"), 0.95, 20))
+    '5'
+    """
+    bounds = [float(one) for one in (interval.estimate, interval.low, interval.high)]
+    estimate, low, high = map(_three_digits, bounds)
+    return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
+
+
+def _three_digits(value: float) -> str:
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:g}"
+
+
+def run_trial(
+    candidates: Sequence[Candidate],
+    *,
+    seeds: int = SEEDS,
+    threshold: float | None = None,
+    workers: int | None = None,
+) -> Trial:
+    """Return a trial of candidates for one target.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+    seeds : int
+        Of random streams that no other training has.
+    threshold : float, optional
+        As in :func:`compare`.
+    workers : int, optional
+        Threads over seeds.
+
+    Raises
+    ------
+    CurriculumError, SettingError
+        Where there is nothing to try them in (:func:`hindrance`), or all of them fail.
+    """
+    for one in candidates:
+        if why := hindrance(one.curriculum):
+            raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
+    arms = {one.name: apart(one.curriculum) for one in candidates}
+    comparison = _compared(arms, seeds, threshold, workers)
+    assumes = (
+        f"a trial in the model: {seeds} seeds, random streams apart from those of an experiment; "
+        "assumes the tasks, budgets and settings of the curriculum, its sources trained anew"
+    )
+    return Trial(comparison, assumes)
+
+
+def rehearse(
+    relative: Curriculum,
+    candidate: Candidate,
+    *,
+    seeds: int = SEEDS,
+    workers: int | None = None,
+) -> Trial:
+    """Return a trial of a smaller relative of a curriculum, which stands for a candidate.
+
+    Raises
+    ------
+    CurriculumError, SettingError
+        Where the relative cannot be tried either.
+    """
+    if why := hindrance(relative):
+        raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
+    comparison = _compared({candidate.name: apart(relative)}, seeds, None, workers)
+    assumes = (
+        f"a rehearsal on the smaller relative {relative.target!r}, {seeds} seeds; its steps and "
+        f"returns are the relative's own; assumes that what pays there pays in "
+        f"{candidate.curriculum.target!r}"
+    )
+    return Trial(comparison, assumes, relative.target)
+
+
+def _compared(
+    arms: Mapping[str, Curriculum], seeds: int, threshold: float | None, workers: int | None
+) -> Comparison:
+    first = next(iter(arms.values()))
+    budget = first.setting("budget", first.target)
+    checkpoints = budget // spacing(first.setting("eval_freq", first.target), budget) + 1
+    with warnings.catch_warnings():
+        # A calibration that is refused here will be refused in the experiment too, and said there.
+        warnings.simplefilter("ignore", UserWarning)
+        return compare(
+            arms,
+            seeds=seeds,
+            threshold=threshold,
+            window=min(WINDOW, checkpoints),
+            workers=workers,
+        )
+
+
+def apart(curriculum: Curriculum) -> Curriculum:
+    """Return the same curriculum with random streams of its own.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
+    >>> apart(plan).target
+    'maze/trial'
+    """
+    target = curriculum.target
+    return part_of(curriculum, target, curriculum.in_edges(target), lambda name: name + STREAM)
+
+
+def hindrance(curriculum: Curriculum) -> str:
+    """Return why there can be no trial of a curriculum, in words; empty if there can be one."""
+    for name, task in curriculum.tasks.items():
+        if is_observation_task(task):
+            return f"{name!r} is seen through observations and has no model"
+        if is_live(task):
+            return f"{name!r} is live and has no model"
+    target = curriculum.target
+    budget = curriculum.setting("budget", target)
+    if isinstance(budget, Episodes | StoppingRule):
+        return f"the budget of {target!r} is {budget}"
+    if curriculum.setting("evaluation", target).method == "off":
+        return f"the greedy evaluation of {target!r} is off"
+    return ""
+
+
+def trial_seconds(candidates: Sequence[Candidate]) -> float:
+    """Return the seconds on one processor that one seed of a trial takes, about, and at most."""
+    spent = [most_source_steps(one.curriculum) for one in candidates]
+    first = candidates[0].curriculum
+    node = first.node(first.target)
+    total = limits(node.budget)[0] + max(spent)
+    found = _node_seconds(node, total) * (1 + len(candidates))
+    for one in candidates:
+        names = one.curriculum.ancestors(one.curriculum.target)
+        nodes = [one.curriculum.node(name) for name in names]
+        found += sum(_node_seconds(source, source.most_steps) for source in nodes)
+    return found
+
+
+def _node_seconds(node: Node, steps: int) -> float:
+    """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
+    kernel = node.evaluation.kernel(node.task)
+    checkpoints, each = steps // node.eval_freq + 1, 0.0
+    if isinstance(kernel, ExactEvaluation):
+        # At most every state, each with the outcomes of its greedy action.
+        outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
+        each = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
+    elif isinstance(kernel, RolloutEvaluation):
+        each = kernel.episodes * min(kernel.horizon, steps) * STEP
+    return steps * STEP + checkpoints * each
+
+
+def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
+    """Return the candidates and the seeds of a trial that is made unasked; none if it takes long.
+
+    All candidates, or else the one that the curriculum uses.
+    """
+    for some in (list(candidates), [one for one in candidates if one.used]):
+        seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
+        if seeds >= FEWEST:
+            return some, seeds
+    return [], 0

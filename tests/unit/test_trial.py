@@ -1,0 +1,371 @@
+"""Trials: the comparison in the tasks' models, on random streams of its own, beforehand."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.comparison import trial as trials
+from curricle.comparison.arms import Arm
+from curricle.comparison.candidates import candidates_of, part_of
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
+from curricle.errors import CurriculumError, SettingError
+from curricle.statistics.curves import Curve
+from curricle.statistics.intervals import Interval
+from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
+
+LINE = cr.GridWorld("S..T", time_limit=30)
+
+
+def words_of(text):
+    return " ".join(str(text).split())
+
+
+# -- the trial is the comparison, apart from its random numbers ------------------------------------
+
+
+def test_a_trial_is_the_comparison_with_its_tasks_renamed():
+    plan = corner()
+    (used,) = candidates_of(plan, "maze")
+    found = run_trial([used], seeds=6).comparison
+    renamed = cr.compare(apart(plan), seeds=6)
+    for name, other in (("scratch", "scratch"), ("mean", "transfer")):
+        assert_same(found[name], renamed[other])
+    assert (found.total, found.threshold) == (renamed.total, renamed.threshold)
+    assert (found.budget, found.window) == (renamed.budget, renamed.window)
+
+
+def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  # noqa: F811
+    plan = corner()
+    cr.forecast(plan, seeds=3)
+    streams = [one["stream"] for one in calls]
+    assert streams == ["corner", "maze/trial", "corner/trial", "maze/trial"]
+    own = cr.compare(plan, seeds=20)["scratch"].training_return[:, 1:]
+    trial = cr.forecast(plan, seeds=3).trial.comparison["scratch"].training_return[:, 1:]
+    alike = (own[:, None] == trial[None]).all(axis=2)
+    assert not alike.any()
+    assert (own[:, None] == own[None]).all(axis=2).sum() == 20  # each equals itself
+
+
+def test_a_trial_does_not_depend_on_the_seeds_that_are_looked_at():
+    plan = corner()
+    one, other = (cr.forecast(plan, seeds=seeds).trial.comparison for seeds in (2, [7, 8, 9]))
+    for name in ("scratch", "mean"):
+        assert_same(one[name], other[name])
+
+
+def test_each_candidate_pays_for_its_own_sources_only():
+    tasks = {"left": MAZE, "right": MAZE, "far": MAZE, "first": MAZE}
+    edges = [
+        cr.Transfer(source, target, cr.transfer.identity(MAZE))
+        for source, target in (("first", "left"), ("left", "far"), ("right", "far"))
+    ]
+    plan = cr.Curriculum(
+        tasks, edges, budget={"first": 100, "left": 200, "right": 400, "far": 2000},
+        eval_freq={"far": 100},
+    )  # fmt: skip
+    found = cr.forecast(plan, seeds=1).trial.comparison
+    spent = {name: arm.curve.source_steps[0] for name, arm in found.arms.items()}
+    assert spent == {
+        "scratch": 0, "minimum": 700, "mean": 700, "maximum": 700, "total": 700,
+        "left -> far": 300, "right -> far": 400,
+    }  # fmt: skip
+    assert found.total == 2700
+
+
+def test_a_part_keeps_settings_and_all_that_a_target_builds_on():
+    rule = cr.StoppingRule(max_steps=900, threshold=194.0, patience=3)
+    plan = corner(source=rule, aggregate={"maze": cr.minimum}, unknown_value={"maze": -1.0})
+    part = part_of(plan, "maze", plan.in_edges("maze"), "{} again".format)
+    assert list(part.tasks) == ["corner again", "maze again"]
+    for name in plan.tasks:
+        mine, yours = part.node(f"{name} again"), plan.node(name)
+        for which in ("task", "aggregate", "unknown_value", "learner", "budget", "shaping",
+                      "eval_freq", "evaluation", "storage"):  # fmt: skip
+            assert getattr(mine, which) == getattr(yours, which), which
+
+
+def test_the_candidates_are_what_they_are_called():
+    plan = pursuit(calibrate=True)
+    found = {one.name: one for one in candidates_of(plan, "hunt", [cr.mean])}
+    assert list(found) == [
+        "minimum", "minimum, calibrated", "mean", "maximum", "total",
+        "chase -> hunt [1]", "chase -> hunt [2]",
+    ]  # fmt: skip
+    assert [name for name, one in found.items() if one.used] == ["minimum, calibrated"]
+    for name, one in found.items():
+        calibrates = one.curriculum.calibration("hunt") is not None
+        assert calibrates == (name == "minimum, calibrated")
+        assert len(one.curriculum.in_edges("hunt")) == (2 if one.aggregate else 1)
+    assert found["mean"].curriculum.setting("aggregate", "hunt") is cr.mean
+
+
+# -- what it says ----------------------------------------------------------------------------------
+
+
+def rooms():
+    """Return a curriculum from the room with the treasure to two rooms."""
+    two = cr.GridWorld(
+        ["....#....", "....#....", ".........", "....#....", "S...#...T"], time_limit=100
+    )
+    room = two.crop(rows=(0, 5), columns=(4, 9))
+    return cr.Curriculum(
+        {"room": room, "far": two},
+        [cr.Transfer("room", "far", cr.same_position(two, room))],
+        budget={"room": 1000, "far": 20_000},
+    )
+
+
+def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
+    found = cr.forecast(rooms(), seeds=2)
+    assert (found.answer, found.used.gain.low > 0) == ("likely pays", True)
+    gain = found.trial.comparison.contrasts["mean"].strong_gain
+    assert found.used.gain is gain
+    assert found.used.score == gain.estimate
+    numbers = found.trial.numbers("mean")
+    pattern = (
+        r"expected steps to the threshold 146: .+ with sources \(their 1,000 steps included\), "
+        r".+ from scratch; saves .+; gain in mean return .+"
+    )
+    assert re.fullmatch(pattern, numbers)
+    assert "assumes" in found.basis
+    assert words_of(found).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
+    assert max(map(len, str(found).split("\n"))) <= 80
+
+
+def test_a_source_that_costs_is_said_to_cost():
+    found = cr.forecast(corner(source=3000), seeds=2)
+    assert found.answer == "likely costs more than it brings"
+    assert found.used.gain.high < 0
+    assert re.search(r"; takes .+ more; gain", found.basis)
+
+
+def test_scores_order_rows_and_the_best_is_named_if_it_is_not_used():
+    plan = replace(pursuit(), aggregate=cr.maximum)
+    found = cr.forecast(plan, seeds=1, trial=True)
+    for kind in (True, False):
+        scores = [one.score for one in found.rows if one.aggregate == kind]
+        assert scores == sorted(scores, reverse=True)
+    assert found.best.score == max(one.score for one in found.rows)
+    assert found.best.name != "maximum"
+    assert f"\nthe highest gain in the trial: {found.best.name}\n" in str(found)
+    assert [one.name for one in found.rows if one.used] == ["maximum"]
+    lines = [line for line in str(found).split("\n") if line.startswith("maximum *")]
+    assert float(lines[0].split()[2]) == pytest.approx(found["maximum"].gain.estimate, rel=0.01)
+
+
+def test_an_unreachable_threshold_is_said_to_be_one():
+    found = cr.forecast(corner(), seeds=1, threshold=1e6)
+    assert "the threshold 1e+06 is never reached within 3,500 steps" in words_of(found)
+
+
+def arm(*values, spent=0, control=False):
+    rows = np.array(values, dtype=float)
+    steps = np.arange(rows.shape[1]) * 100
+    spent = np.full(len(rows), spent)
+    return Arm(Curve(steps, rows, spent), 0 * rows, 0 * rows, control)
+
+
+def test_seeds_that_never_reach_the_threshold_are_counted():
+    """Hand-made: from scratch at 200 steps, 400 and never in 500; with 100 source steps at 200."""
+    scratch = arm([0, 0, 9, 9, 9, 9], [0, 0, 0, 0, 9, 9], [0, 0, 0, 0, 0, 0])
+    taught = arm(*[[0, 9, 9, 9, 9, 9]] * 3, spent=100)
+    found = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
+    assert found.numbers("a") == (
+        "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
+        "367 [0, 500] (1 of 3 seeds never) from scratch; saves 167 [-213, 546]; gain in mean "
+        "return 3.3 [-4.55, 11.2]"
+    )
+    assert found.verdict("a") == "whether it pays is open"
+    swapped = Trial(Comparison("t", {"scratch": taught_alone(), "a": slow()}, 400, 500, 9.0, 1), "")
+    assert "; takes 200 more; " in swapped.numbers("a")
+
+
+def taught_alone():
+    return arm(*[[0, 9, 9, 9, 9, 9]] * 3)
+
+
+def slow():
+    return arm(*[[0, 0, 9, 9, 9, 9]] * 3, spent=100)
+
+
+def test_words_stand_for_intervals():
+    interval = Interval(1.0, float("nan"), float("nan"), 0.95, 1)
+    assert trials.verdict_words(interval) == "whether it pays is open"
+    assert trials.in_brief(interval) == "1"
+    assert (
+        trials.in_brief(Interval(-1234.5, -1300.0, -1100.0, 0.95, 9)) == "-1,230 [-1,300, -1,100]"
+    )
+
+
+def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
+    def broken(potentials):
+        raise RuntimeError("no idea")
+
+    plan = copied(MAZE, budget={"near": 50, "far": 200})
+    each = candidates_of(plan, "far", [broken])
+    found = run_trial(each, seeds=8)
+    assert found.gain("broken") is None
+    assert found.verdict("broken") == "it failed in the trial"
+    assert found.numbers("broken") == "RuntimeError: no idea"
+    assert found.gain("mean") is not None
+
+
+# -- where there is none ---------------------------------------------------------------------------
+
+
+class Ring:
+    """An environment: home is 0."""
+
+    def reset(self, seed=None):
+        self.place = 3
+        return self.place, {}
+
+    def step(self, action):
+        self.place = (self.place + (1 if action else -1)) % 8
+        return self.place, -1.0, self.place == 0, False, {}
+
+    def close(self):
+        pass
+
+
+def live_plan():
+    place, move = cr.Space([cr.Component("place", 8)]), cr.Space([cr.Component("move", 2)])
+    ring = cr.tasks.LiveMDP(place, move, Ring, time_limit=20)
+    return copied(ring, budget=60)
+
+
+def test_a_live_task_has_no_trial_and_its_words_are_weak():
+    plan = live_plan()
+    assert hindrance(plan) == "'near' is live and has no model"
+    found = cr.forecast(plan, seeds=1)
+    assert found.trial is None
+    assert found.answer == "whether it pays is open"
+    assert "pays," not in str(found)
+    assert found.basis == (
+        "no trial: 'near' is live and has no model; trial=smaller_curriculum rehearses on a "
+        "smaller relative"
+    )
+    assert found.used.gain is None
+    with pytest.raises(CurriculumError, match="needs models and a budget in steps: 'near' is live"):
+        cr.forecast(plan, seeds=1, trial=True)
+
+
+def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
+    small = copied(LINE, target="small", budget={"near": 40, "small": 2000})
+    found = cr.forecast(live_plan(), seeds=1, trial=small)
+    assert found.trial.relative == "small"
+    alone = rehearse(small, candidates_of(live_plan(), "far")[0])
+    assert found.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
+    assert "assumes that what pays there pays in 'far'" in found.basis
+    assert found.used.gain is None  # returns of another task order nothing here
+    with pytest.raises(CurriculumError, match="a smaller relative needs models"):
+        cr.forecast(live_plan(), seeds=1, trial=live_plan())
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"budget": {"near": 50, "far": cr.Episodes(9)}}, "the budget of 'far' is 9 episodes"),
+        ({"evaluation": cr.GreedyEvaluation(method="off")}, "greedy evaluation of 'far' is off"),
+    ],
+)
+def test_what_cannot_be_compared_has_no_trial(settings, why):
+    plan = copied(LINE, **settings)
+    assert why in hindrance(plan)
+    (used,) = candidates_of(plan, "far")
+    with pytest.raises(CurriculumError, match=re.escape(why)):
+        run_trial([used])
+
+
+def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
+    plan = corner(target=1000)
+    each = candidates_of(plan, "maze")
+    assert affordable(each) == (each, trials.SEEDS)
+    monkeypatch.setattr(trials, "QUICK", 0.0)
+    assert affordable(each) == ([], 0)
+    found = cr.forecast(plan, seeds=1)
+    assert found.basis == "no trial: it would take long; trial=True makes it"
+    assert cr.forecast(plan, seeds=1, trial=True).trial.comparison.seeds == trials.SEEDS
+
+
+def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch):
+    plan = pursuit()
+    each = candidates_of(plan, "hunt")
+    alone = trials.trial_seconds([one for one in each if one.used])
+    monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
+    some, seeds = affordable(each)
+    assert [one.name for one in some] == ["minimum"]
+    assert seeds == int(1.5 * trials.FEWEST)
+
+
+def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
+    def fails(*_, **__):
+        raise SettingError("a rule: a value")
+
+    monkeypatch.setattr("curricle.comparison.trial.compare", fails)
+    found = cr.forecast(corner(target=300), seeds=1)
+    assert found.basis == "no trial: it failed: a rule: a value"
+    with pytest.raises(SettingError, match="a rule: a value"):
+        cr.forecast(corner(target=300), seeds=1, trial=True)
+
+
+def test_nonsense_is_refused_before_training(calls):  # noqa: F811
+    with pytest.raises(CurriculumError, match="trial must be True, False, None or a Curriculum"):
+        cr.forecast(corner(), trial=3)
+    with pytest.raises(CurriculumError, match="a trial trains the sources: with perfect=True"):
+        cr.forecast(corner(), trial=True, perfect=True)
+    assert calls == []
+
+
+def test_perfect_sources_have_no_trial():
+    assert cr.forecast(corner(), perfect=True).basis == "no trial: no source is trained"
+
+
+# -- anti-knowledge --------------------------------------------------------------------------------
+
+
+def test_anti_knowledge_is_named_per_transfer():
+    good, bad = (
+        cr.Transfer(source, "far", cr.transfer.identity(MAZE), scale=scale)
+        for source, scale in (("near", 1.0), ("wrong", -1.0))
+    )
+    plan = cr.Curriculum(
+        {"near": MAZE, "wrong": MAZE, "far": MAZE}, [good, bad],
+        budget={"near": 4000, "wrong": 4000, "far": 500},
+    )  # fmt: skip
+    found = cr.forecast(plan, seeds=2, trial=False)
+    assert found["near -> far"].anti_knowledge == ""
+    assert "its order of the pairs is against that of Q* (rank -" in (
+        found["wrong -> far"].anti_knowledge
+    )
+    assert "wrong -> far is anti-knowledge: its order" in words_of(found)
+    assert "near -> far is anti-knowledge" not in words_of(found)
+
+
+def test_a_single_transfer_is_named_by_its_row():
+    edge = cr.Transfer("near", "far", cr.transfer.identity(MAZE), scale=-1.0)
+    plan = cr.Curriculum({"near": MAZE, "far": MAZE}, [edge], budget=3000)
+    assert "mean is anti-knowledge: " in words_of(cr.forecast(plan, seeds=1, trial=False))
+
+
+def test_one_seed_against_the_others_is_noise():
+    from curricle.comparison.forecasts import ForecastRow
+    from curricle.comparison.potential_words import anti_knowledge
+    from curricle.transfer import PotentialQuality
+
+    def row(*pairs):
+        seeds = tuple(PotentialQuality(s, 0.0, 0.0, 1.0, r, exact=True) for s, r in pairs)
+        return ForecastRow("a -> b", False, False, seeds, ())
+
+    assert anti_knowledge(row((1.0, 0.2), (1.0, -0.3), (1.0, -0.1)), 0.0) == ""
+    assert anti_knowledge(row((-1.0, 0.2), (-9.0, 0.3), (1.0, 0.1)), 0.0) == ""
+    assert "below the random" in anti_knowledge(row((-5.0, 0.2), (-5.1, 0.3), (-4.9, 0.1)), 0.0)
+    assert "below the random" in anti_knowledge(row((-5.0, np.nan)), 0.0)
+
+
+def test_a_trial_holds_its_comparison():
+    assert isinstance(cr.forecast(corner(), seeds=1).trial, Trial)
