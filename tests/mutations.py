@@ -196,13 +196,20 @@ MUTATIONS = [
     ),
     Mutation(
         "a forecast of another aggregate",
-        "comparison/forecasting.py",
-        "sources, function=function)",
-        "sources, function=own)",
+        "comparison/candidates.py",
+        "aggregate=function)",
+        "aggregate=own)",
         (
             "tests/unit/test_forecast.py::test_custom_aggregates_have_rows_too",
             "tests/unit/test_forecast.py::test_the_table_holds_the_numbers",
         ),
+    ),
+    Mutation(
+        "a trial with the random numbers of the experiment",
+        "comparison/trial.py",
+        "name + STREAM",
+        "name",
+        ("tests/unit/test_trial.py",),
     ),
     Mutation(
         "of ties always the first",

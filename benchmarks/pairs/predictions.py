@@ -28,6 +28,8 @@ from scipy.stats import rankdata
 
 from benchmarks.pairs import family_names, pairs
 from curricle.comparison.candidates import candidates_of
+from curricle.comparison.forecasts import ForecastRow
+from curricle.comparison.potential_words import anti_knowledge
 from curricle.comparison.predictors import PREDICTORS, Case
 from curricle.comparison.trial import run_trial
 from curricle.planning.target import Target
@@ -65,6 +67,8 @@ def predictions_of(pair):
     }
     for measure in ("start", "optimistic", "excess", "mean_absolute_value", "rank"):
         row[measure] = float(np.mean([getattr(one, measure) for one in case.quality]))
+    named = ForecastRow("", True, True, tuple(case.quality), ())
+    row["anti_knowledge"] = anti_knowledge(named, case.target.random_return)
     row["agreement"] = float(np.mean([one.greedy_agreement for one in case.quality]))
     for name, predictor in PREDICTORS.items():
         if name != "trial":
@@ -142,13 +146,14 @@ def judge(predictions, realised):
 
 
 def judge_words(rows, gain, low, high):
-    """Print how often the words of a trial came true."""
-    for words, said in (
-        ("likely pays", lambda row: row["trial_low"] > 0),
-        ("likely costs more than it brings", lambda row: row["trial_high"] < 0),
+    """Print how often words came true."""
+    for words, sign, said in (
+        ("likely pays", 1, lambda row: row["trial_low"] > 0),
+        ("likely costs more than it brings", -1, lambda row: row["trial_high"] < 0),
+        ("may be anti-knowledge", -1, lambda row: bool(row["anti_knowledge"])),
+        ("(not named as anti-knowledge)", -1, lambda row: not row["anti_knowledge"]),
     ):
         named = np.array([said(row) for row in rows])
-        sign = 1 if words == "likely pays" else -1
         true, shown = (sign * gain > 0)[named], (low > 0 if sign > 0 else high < 0)[named]
         against = (high < 0 if sign > 0 else low > 0)[named]
         print(

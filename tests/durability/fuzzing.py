@@ -51,6 +51,7 @@ def quick_forecasts():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast_preview, "LONGEST", 1.0)
         patch.setattr(forecast_preview, "LONGEST_LOOK", 5.0)
+        patch.setattr(forecast_preview, "LONGEST_TRIAL", 5.0)
         yield
 
 

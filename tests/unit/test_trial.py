@@ -176,12 +176,15 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     found = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
     assert found.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
-        "367 [0, 500] (1 of 3 seeds never) from scratch; saves 167 [-213, 546]; gain in mean "
-        "return 3.3 [-4.55, 11.2]"
+        "367 [0, 500] (1 of 3 seeds never) from scratch; saves at least 167 [-213, 546]; gain in "
+        "mean return 3.3 [-4.55, 11.2]"
     )
     assert found.verdict("a") == "whether it pays is open"
     swapped = Trial(Comparison("t", {"scratch": taught_alone(), "a": slow()}, 400, 500, 9.0, 1), "")
     assert "; takes 200 more; " in swapped.numbers("a")
+    nobody = arm(*[[0, 0, 0, 0, 0, 0]] * 3)
+    alone = Trial(Comparison("t", {"scratch": nobody, "a": slow()}, 400, 500, 9.0, 1), "")
+    assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
 
 
 def taught_alone():
@@ -339,17 +342,16 @@ def test_anti_knowledge_is_named_per_transfer():
     )  # fmt: skip
     found = cr.forecast(plan, seeds=2, trial=False)
     assert found["near -> far"].anti_knowledge == ""
-    assert "its order of the pairs is against that of Q* (rank -" in (
-        found["wrong -> far"].anti_knowledge
-    )
-    assert "wrong -> far is anti-knowledge: its order" in words_of(found)
-    assert "near -> far is anti-knowledge" not in words_of(found)
+    against = "its order of the pairs is against that of Q* (rank -"
+    assert against in found["wrong -> far"].anti_knowledge
+    assert "wrong -> far may be anti-knowledge: its policy starts at " in words_of(found)
+    assert "near -> far may" not in words_of(found)
 
 
 def test_a_single_transfer_is_named_by_its_row():
     edge = cr.Transfer("near", "far", cr.transfer.identity(MAZE), scale=-1.0)
     plan = cr.Curriculum({"near": MAZE, "far": MAZE}, [edge], budget=3000)
-    assert "mean is anti-knowledge: " in words_of(cr.forecast(plan, seeds=1, trial=False))
+    assert "mean may be anti-knowledge: " in words_of(cr.forecast(plan, seeds=1, trial=False))
 
 
 def test_one_seed_against_the_others_is_noise():
@@ -365,6 +367,7 @@ def test_one_seed_against_the_others_is_noise():
     assert anti_knowledge(row((-1.0, 0.2), (-9.0, 0.3), (1.0, 0.1)), 0.0) == ""
     assert "below the random" in anti_knowledge(row((-5.0, 0.2), (-5.1, 0.3), (-4.9, 0.1)), 0.0)
     assert "below the random" in anti_knowledge(row((-5.0, np.nan)), 0.0)
+    assert anti_knowledge(row((1.0, -0.2)), 0.0).startswith("may be anti-knowledge: its order")
 
 
 def test_a_trial_holds_its_comparison():

@@ -38,7 +38,7 @@ class ForecastRow:
     verdict : str
         What the start is, whether it lasts, and what to do, in words.
     anti_knowledge : str
-        In what it is worse than knowing nothing, in words; empty if in nothing.
+        That it may be worse than knowing nothing and in what, in words; empty if in nothing.
     """
 
     name: str
@@ -161,7 +161,7 @@ class Forecast:
         if self.trial is not None and not self.trial.relative and not self.best.used:
             lines.append(f"the highest gain in the trial: {self.best.name}")
         lines += map(str, self.sources.values())
-        lines += [f"{one.name} is anti-knowledge: {one.anti_knowledge}" for one in self._worse]
+        lines += [f"{one.name} {one.anti_knowledge}" for one in self._worse]
         lines += [
             f"The start of learning, {self.computed_from}: optimum {self.optimum:.4g}, random "
             f"policy {self.random_return:.4g} ({how})",
@@ -180,7 +180,7 @@ class Forecast:
 
     @property
     def _worse(self) -> list[ForecastRow]:
-        """The transfers that are anti-knowledge; a single one is its aggregate's row."""
+        """The transfers that may be anti-knowledge; a single one is its aggregate's row."""
         alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
         return [one for one in alone if one.anti_knowledge]
 

@@ -81,22 +81,20 @@ def start_words(row: Judged, target: AnyTarget, optimum: float, random_return: f
 def anti_knowledge(row: Judged, random_return: float) -> str:
     """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
 
-    Its order of the pairs is against that of Q* in every seed, or its greedy policy returns less
-    than the random one by more than the seeds differ (Student's interval of 95 %; for a single
-    seed, or where all agree, at all).
+    Its greedy policy returns less than the random one by more than the seeds differ (Student's
+    interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
+    against that of Q* in every seed. The words are weak because some such potentials pay all the
+    same: ``docs/trust.md`` says how many.
     """
     found = []
-    ranks = np.array([one.rank for one in row.seeds])
-    against = "Q*" if row.seeds[0].exact else "the returns of its own policy"
-    if (ranks < 0).all():
-        found.append(
-            f"its order of the pairs is against that of {against} (rank {ranks.mean():.2f})"
-        )
-    starts = np.array([one.start for one in row.seeds])
-    high = float(mean_interval(starts).high)
-    if (starts.mean() if np.isnan(high) else high) < random_return:
-        mean = starts.mean()
+    starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
+    high, mean = float(mean_interval(starts).high), float(starts.mean())
+    if (mean if np.isnan(high) else high) < random_return:
         found.append(
             f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
         )
-    return "; ".join(found)
+    if (ranks < 0).all():
+        other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
+        words = f"its order of the pairs is against that of {other}"
+        found.append(f"{words} (rank {ranks.mean():.2f})")
+    return f"may be anti-knowledge: {'; '.join(found)}" if found else ""

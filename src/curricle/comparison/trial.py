@@ -86,26 +86,32 @@ class Trial:
                 f"the threshold {found.threshold:.4g} is never reached within {found.total:,} "
                 f"steps, with sources or from scratch; {gained}"
             )
+        # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
+        saved = found.contrasts[name].strong_steps_saved
+        slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
+        bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
         spent = found[name].curve.source_steps.mean()
         return (
             f"expected steps to the threshold {found.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
-            f"{_saved(found.contrasts[name].strong_steps_saved)}; {gained}"
+            f"{_saved(saved, bound)}; {gained}"
         )
 
     def _steps(self, name: str) -> str:
         times = self.comparison.times(name)
         missed = int((~times.reached).sum())
+        if missed == len(times.reached):
+            return f"never within {self.comparison.total:,} steps"
         text = in_brief(times.restricted_mean(float(self.comparison.scratch.curve.steps[-1])))
         return f"at least {text} ({missed} of {len(times.reached)} seeds never)" if missed else text
 
 
-def _saved(steps: Interval) -> str:
+def _saved(steps: Interval, bound: str) -> str:
     """Return steps that are saved, or taken more, in words."""
     if steps.estimate >= 0:
-        return f"saves {in_brief(steps)}"
+        return f"saves {bound}{in_brief(steps)}"
     n, low, high = (-float(one) for one in (steps.estimate, steps.high, steps.low))
-    return f"takes {in_brief(replace(steps, estimate=n, low=low, high=high))} more"
+    return f"takes {bound}{in_brief(replace(steps, estimate=n, low=low, high=high))} more"
 
 
 def verdict_words(gain: Interval) -> str:

@@ -63,7 +63,7 @@ class TrustRuns:
 def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
     """Return the results of all runs."""
     plans = {name: hunt(5, name) for name in AGGREGATES}
-    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, workers=workers)
+    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
     progress("pursuit 5x5, forecast")
     plans |= {f"{name}, calibrated": hunt(5, name, calibrate=True) for name in ("min", "mean")}
     compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(progress, "5x5"))

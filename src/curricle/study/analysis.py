@@ -263,8 +263,13 @@ def _forecast(
     sources = curriculum.ancestors(target)
     trained = {name: first.sources[name].first(seeds) for name in sources}
     others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
+    # No trial: the experiment itself has been made.
     return forecast(
-        curriculum, seeds=first[target].seeds[:seeds], aggregates=others, trained=trained
+        curriculum,
+        seeds=first[target].seeds[:seeds],
+        aggregates=others,
+        trained=trained,
+        trial=False,
     )
 
 
