@@ -5,6 +5,7 @@ at their budgets for the study's first seeds, which takes seconds and is said be
 line or where training would take too long, from sources that are solved, as if learnt perfectly.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
@@ -72,20 +73,22 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
         return
     seeds = study.seeds[: counts[0]]
     tried, seconds = _trials(curricula, a_seed, target)
-    plural, trials = "s" * (len(seeds) > 1), f"trials of {tried} seeds" if tried else ""
-    print(
-        f"\ntraining {names} for {len(seeds)} seed{plural}{' and ' * bool(tried)}{trials}, for the "
-        f"forecast: about {duration(len(seeds) * a_seed + seconds)}",
-        flush=True,
-    )
-    trial = None if tried else False
+    quick = seconds <= LONGEST_TRIAL
+    words = f"training {names} for {len(seeds)} seed{'s' * (len(seeds) > 1)}"
+    words += f" and trials of {tried} seeds" * bool(tried and quick)
+    took = duration(len(seeds) * a_seed + seconds * quick)
+    print("\n" + fill(f"{words}, for the forecast: about {took}", 80, subsequent_indent="  "))
+    if not quick:
+        print(f"trials would take about {duration(seconds)} and are left out")
+    sys.stdout.flush()
+    trial = None if quick else False
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
 
 
 def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
     """Return the most seeds of the trials that forecasts make, and the seconds they take, about.
 
-    None where they would take too long. `a_seed` are the seconds of all sources, a seed.
+    `a_seed` are the seconds of all sources, a seed.
     """
     most, seconds = 0, 0.0
     for one in curricula.values():
@@ -94,7 +97,7 @@ def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) ->
         some, seeds = affordable(candidates_of(one, one.target))
         most = max(most, seeds)
         seconds += seeds * ((1 + len(some)) * target.seconds / target.seeds + len(some) * a_seed)
-    return (most, seconds) if seconds <= LONGEST_TRIAL else (0, 0.0)
+    return most, seconds
 
 
 def _look(curriculum: Curriculum, step_seconds: float) -> float:

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from curricle.comparison.candidates import Candidate, part_of
-from curricle.comparison.comparing import compare, most_source_steps
+from curricle.comparison.comparable import most_source_steps
+from curricle.comparison.comparing import compare
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
