@@ -158,6 +158,7 @@ settings = st.builds(
     episodes=st.just(30),
     shift=st.booleans(),
     quantile=st.sampled_from([None, 0.1, 0.5]),
+    cautious=st.just(False),
 )
 
 

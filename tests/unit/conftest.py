@@ -52,10 +52,11 @@ mapping = "same_position"
 [arms.chain]
 [arms.state]
 shaping = "StateShaping"
-[arms.calibrated]
-transfers = [
-  { source = "easy", target = "maze", mapping = "same_position", calibrate = { episodes = 5 } },
-]
+[[arms.calibrated.transfers]]
+source = "easy"
+target = "maze"
+mapping = "same_position"
+calibrate = { episodes = 5, cautious = false }
 """
 OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""

@@ -122,7 +122,10 @@ def test_equal_seeds_agree_and_different_ones_differ():
 
 
 def test_the_steps_of_a_calibration_are_charged(calls):
-    arms = {"raw": pursuit(), "calibrated": pursuit(calibrate=True)}
+    arms = {
+        "raw": pursuit(),
+        "calibrated": pursuit(calibrate=cr.transfer.Calibrate(cautious=False)),
+    }
     found = compare(arms, seeds=2, controls=["scaled"])
     assert found.total == 13_000
     hunts = [call for call in calls if call["stream"] == "hunt"]
@@ -132,7 +135,7 @@ def test_the_steps_of_a_calibration_are_charged(calls):
     assert [call["warm_up"] for call in hunts[-2:]] == [warm_ups] * 2  # of its controls too
     curve = found["calibrated"].curve.values
     for k, warm_up in enumerate(warm_ups):
-        assert warm_up.steps == 2000  # a quarter of 8000, in fewer than 200 episodes
+        assert warm_up.steps == 400  # a twentieth of 8000, in fewer than 200 episodes
         assert np.ptp(curve[k, : warm_up.steps // 100]) == 0
         assert curve[k, warm_up.steps // 100 + 5] != curve[k, 0]
     assert curve[0, 0] == pytest.approx(found["raw"].curve.values[0, 0])  # it is the same policy

@@ -244,10 +244,10 @@ def _row(
     """Return a row without what a trial and words add."""
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
-        threads, fit = 1, Calibrate(any_target.episodes)
+        threads, fit = 1, Calibrate(any_target.episodes, cautious=False)
         of_actions = potentials if potentials[0].of_actions else ()
     else:
-        fit, of_actions = Calibrate(), potentials
+        fit, of_actions = Calibrate(cautious=False), potentials
         threads = threads_for(any_target.task, workers, len(potentials))
     seeds = over_seeds(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads

@@ -16,8 +16,8 @@ from curricle.transfer.observation_mapping import ObservationMapping
 
 CALIBRATION_EPISODES = 200
 """Greedy episodes of a calibration, unless another number is given."""
-CALIBRATION_SHARE = 4
-"""A calibration takes at most a quarter of its target's budget, as learning needs the rest."""
+CALIBRATION_SHARE = 20
+"""A calibration takes at most one part in so many of its target's budget: 5 %."""
 
 
 @dataclass(frozen=True)
@@ -27,37 +27,45 @@ class Calibrate:
     Parameters
     ----------
     episodes : int
-        Greedy episodes in the target. Their steps are charged to it.
+        Most greedy episodes in the target. Their steps are charged to it.
     shift : bool
-        Whether to fit a shift b besides the scale c. Where rewards have both signs a scale alone
-        is often the wrong model, as the error of the potential is then no factor.
+        Whether to fit a shift b besides the scale c; not where `cautious`.
     quantile : float, optional
         Between 0 and 1: fit so that this share of the returns stays below the potential, instead
-        of the mean. 0.1 makes the potential pessimistic, as few returns fall short of it.
+        of the mean. 0.1 makes the potential pessimistic, as few returns fall short of it. Not where
+        `cautious`.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
-        curriculum it is at most a quarter of what the target's budget leaves for learning, and
-        that by default; episodes are at most a quarter of a budget in episodes.
+        curriculum it is at most a twentieth of what the target's budget leaves for learning, and
+        that by default; episodes are at most a twentieth of a budget in episodes.
+    cautious : bool
+        Whether to scale only where that has been seen to help: a potential of costs (no value above
+        0) whose policy costs more than it predicts is made larger, by half of what its returns ask
+        for and by 1.5 at most. It looks at the first 5, 10, 20, ... episodes and stops as soon as
+        the answer is known. With False the fit to all episodes is used as it is: for those who
+        know the task, as on others it does harm as often as good.
 
     Raises
     ------
     SettingError
-        When a number is out of range.
+        When a number is out of range, or a shift or a quantile is asked of a cautious calibration.
 
     Examples
     --------
-    >>> Calibrate(quantile=0.1)
-    Calibrate(episodes=200, shift=False, quantile=0.1, max_steps=None)
+    >>> Calibrate(quantile=0.1, cautious=False)
+    Calibrate(episodes=200, shift=False, quantile=0.1, max_steps=None, cautious=False)
     """
 
     episodes: int = CALIBRATION_EPISODES
     shift: bool = False
     quantile: float | None = None
     max_steps: int | None = None
+    cautious: bool = True
 
     def __post_init__(self) -> None:
         whole_number("episodes of a calibration", self.episodes, 1, SettingError)
         instance("shift of a calibration", self.shift, bool, SettingError)
+        instance("cautious of a calibration", self.cautious, bool, SettingError)
         if self.quantile is not None:
             number("quantile of a calibration", self.quantile, SettingError)
             if not 0 < self.quantile < 1:
@@ -66,6 +74,11 @@ class Calibrate:
                 )
         if self.max_steps is not None:
             whole_number("max_steps of a calibration", self.max_steps, 1, SettingError)
+        if self.cautious and (self.shift or self.quantile is not None):
+            raise SettingError(
+                "a cautious calibration fits a scale alone, to the mean: set cautious=False for a "
+                "shift or a quantile"
+            )
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration of a target that has so many steps and episodes to learn in."""
