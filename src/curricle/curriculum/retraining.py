@@ -270,7 +270,8 @@ def _progress(result: LearningResult) -> WarmUp:
 
 def _initial(node: Node, values: FloatArray) -> StateActionPotential:
     """Return the potential from which a node's table starts at these values."""
-    return StateActionPotential(node.task, values - float(node.learner.initial_value))
+    initial = node.learner.for_task(node.task).initial_value
+    return StateActionPotential(node.task, values - float(initial))
 
 
 def _spliced(first: LearningResult, second: LearningResult) -> LearningResult:

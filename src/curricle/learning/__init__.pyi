@@ -7,6 +7,12 @@ from .learners import (
     Learner as Learner,
     QLearning as QLearning,
 )
+from .optimistic_learners import (
+    OPIQ as OPIQ,
+    OptimisticLearner as OptimisticLearner,
+    UCBQLearning as UCBQLearning,
+    value_bounds as value_bounds,
+)
 from .potential import (
     MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,

@@ -1,7 +1,7 @@
 """The learners: an update rule, a learning rate and an exploration, for :func:`learn`."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from curricle.errors import SettingError
 from curricle.learning import general_loop
 from curricle.learning.exploration import EpsilonGreedy, LearnerKernel, Softmax
 from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
+from curricle.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Learner:
 
     update: ClassVar[int]
     tables: ClassVar[int] = 1
+    default_epsilon: ClassVar[float] = 0.1
 
     def __post_init__(self) -> None:
         if type(self) is Learner:
@@ -57,8 +59,11 @@ class Learner:
                 "exploration is either epsilon-greedy or softmax: got epsilon="
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
-        number("initial_value", self.initial_value, SettingError)
+        self._check_initial_value()
         self.kernel()
+
+    def _check_initial_value(self) -> None:
+        number("initial_value", self.initial_value, SettingError)
 
     @property
     def counts(self) -> int:
@@ -66,18 +71,27 @@ class Learner:
         rate = self.learning_rate
         return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
 
+    def for_task(self, task: Task) -> Self:
+        """Return the learner with the settings that it takes from the task filled in."""
+        return self
+
+    @property
+    def _rate(self) -> float | Schedule:
+        return self.learning_rate
+
     def kernel(self, visits: IntArray | None = None) -> LearnerKernel:
         """Return the learner as compiled loops read it.
 
         `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
         """
-        given: Any = within("learning_rate", self.learning_rate, 0.0, 1.0)
+        given: Any = within("learning_rate", self._rate, 0.0, 1.0)
         visits = np.zeros((1, 1), np.int64) if visits is None else visits
         rate = ByVisits(given, visits) if self.counts else given.kernel
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return LearnerKernel(self.update, rate, Softmax(beta.kernel))
-        epsilon = within("epsilon", 0.1 if self.epsilon is None else self.epsilon, 0.0, 1.0)
+        given = self.default_epsilon if self.epsilon is None else self.epsilon
+        epsilon = within("epsilon", given, 0.0, 1.0)
         return LearnerKernel(self.update, rate, EpsilonGreedy(epsilon.kernel))
 
 

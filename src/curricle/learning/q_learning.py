@@ -22,14 +22,9 @@ NO_ROW = np.uint64(2**64 - 1)
 
 
 @inlined
-def update(q, best, greedy, row, change):
-    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
-
-    `change` are the action, the learning rate, the target and 64 bits that break a tie.
-    """
-    action, rate, target, bits = change
+def set_value(q, best, greedy, row, action, new, bits):
+    """Set q(row, action), and update the row's maximum and greedy action; `bits` break a tie."""
     old = q[row, action]
-    new = old + rate * (target - old)
     if new != old:
         q[row, action] = new
         if new > best[row]:
@@ -38,6 +33,17 @@ def update(q, best, greedy, row, change):
             best[row], greedy[row] = best_of(q, row, bits)
     elif np.uint64(greedy[row]) == action | TIED:
         greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
+
+
+@inlined
+def update(q, best, greedy, row, change):
+    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
+
+    `change` are the action, the learning rate, the target and 64 bits that break a tie.
+    """
+    action, rate, target, bits = change
+    old = q[row, action]
+    set_value(q, best, greedy, row, action, old + rate * (target - old), bits)
 
 
 def train_q_learning(

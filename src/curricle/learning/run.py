@@ -19,6 +19,8 @@ from curricle.learning.guard import (
 )
 from curricle.learning.guarded_loop import TwoLearners, train_guarded
 from curricle.learning.learners import Learner
+from curricle.learning.optimism import train_optimistically
+from curricle.learning.optimistic_learners import OptimisticLearner
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used, WarmUp
@@ -111,6 +113,8 @@ class Run:
         used = settings.warm_up.write(record, self.eval_freq)
         visits, shaping = self._visits(settings.warm_up), settings.shaping
         seed = _Seed(start, settings, out, record, used, visits, self.evaluation.for_run(start))
+        if isinstance(self.learner, OptimisticLearner):
+            return self._train_optimistically(seed, self.learner)
         if shaping is not None and shaping.guard is not None:
             return self._train_guarded(seed, shaping.guard, shaping)
         return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
@@ -118,6 +122,8 @@ class Run:
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != general_loop.Q_LEARNING:
+            return False
+        if isinstance(self.learner, OptimisticLearner):
             return False
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
@@ -190,6 +196,20 @@ class Run:
         return self._shaped_outcome(
             seed, q[ahead], shaping if ahead == SHAPED else None, steps, episodes
         )
+
+    def _train_optimistically(self, seed: _Seed, learner: OptimisticLearner) -> Outcome:
+        assert seed.visits is not None
+        q = self._filled(seed.initial, seed.out)
+        optimistic = np.add(q, learner.starting_bonus(seed.visits), casting="same_kind", dtype=q.dtype)
+        if self.task.terminal is not None:
+            optimistic[self.task.terminal] = 0.0
+        tables = self._dense(q, np.uint64(splitmix64(seed.start))), self._dense(
+            optimistic, np.uint64(splitmix64(seed.start))
+        )
+        bonus = learner.bonus(seed.visits)
+        steps, episodes = self._loop(train_optimistically, seed, bonus, *tables)
+        q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
+        return self._outcome(seed, steps, episodes)
 
     def _visits(self, warm_up: WarmUp) -> IntArray | None:
         """Return the counts of updates that learning goes on from; None if none are needed."""

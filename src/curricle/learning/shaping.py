@@ -20,6 +20,7 @@ from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner
+from curricle.learning.optimistic_learners import OptimisticLearner
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.task import Task, generative_model, same_task
@@ -102,8 +103,13 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
-        if self.guard is not None and not tabular:
-            raise SettingError(f"a guard is for learners with tables: got {learner!r}")
+        if self.guard is not None and (not tabular or isinstance(learner, OptimisticLearner)):
+            raise SettingError(f"a guard is for learners that act on one table: got {learner!r}")
+        if isinstance(learner, OptimisticLearner) and not self.starts_at_potential:
+            raise SettingError(
+                f"{type(learner).__name__} has bounds of the task's own values, so it takes a "
+                f"potential by QInitialisation or LookAheadAdvice alone: got {self.name}"
+            )
 
     def for_task(self, task: Task) -> Self:
         """Return the shaping with a potential of the library's own, made for this task.

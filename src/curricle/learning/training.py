@@ -99,6 +99,7 @@ def learn(
     evaluation = _given_or_default("evaluation", evaluation, GreedyEvaluation)
     storage = _given_or_default("storage", storage, Storage)
     generative = generative_model(task)
+    given, learner = learner, learner.for_task(task)
     if generative.actions.size > MOST_ACTIONS:
         raise SettingError(
             f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
@@ -137,7 +138,7 @@ def learn(
     starts = [stream_start(one.seed, stream) for one in each]
     values, outcomes = _train_all(run, each, starts, snapshots, threads)
     numbers = tuple(one.seed for one in each)
-    return learning_result(task, learner, numbers, values, outcomes, eval_freq)
+    return learning_result(task, given, numbers, values, outcomes, eval_freq)
 
 
 def _given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:

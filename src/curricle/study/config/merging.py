@@ -10,7 +10,9 @@ from curricle.study.config.settings import DEEP, LEARNERS, Settings
 from curricle.study.config.task_names import NameGraph, table
 
 SETTINGS = tuple(Settings.model_fields)
-LASTING = frozenset({*SETTINGS, *(key for one in LEARNERS for key in one.model_fields)})
+LASTING = frozenset(SETTINGS).union(
+    frozenset.intersection(*(frozenset(one.model_fields) for one in LEARNERS))
+)
 """Keys that mean the same in tables of every type."""
 ALTERNATIVES = {
     "map": "file",

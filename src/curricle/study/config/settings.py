@@ -79,7 +79,7 @@ class EpisodesTable(ObjectTable):
 
 LEARNERS = tuple(
     table_of(getattr(learners, name), tag=name)
-    for name in ("QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning")
+    for name in ("QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning", "UCBQLearning", "OPIQ")
 )
 DeepLearnerTable = table_of(
     DeepLearner,

@@ -1,0 +1,141 @@
+"""Learners that explore by optimism agree with plain Python."""
+
+import math
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.learning import OPIQ, UCBQLearning, harmonic
+from curricle.tasks.draws import stream_start
+from tests.oracle.conftest import Ties, pick, random_bits, splitmix64, uniform
+
+LEARNERS = {
+    "count bonus": UCBQLearning(c=0.05),
+    "count bonus, epsilon": UCBQLearning(c=0.2, epsilon=0.2, learning_rate=0.3),
+    "fading optimism": OPIQ(),
+    "fading optimism, half": OPIQ(c=0.5, exponent=0.5, learning_rate=harmonic(0.8, half=3)),
+    "given range": OPIQ(horizon=4, value_range=(-3, 2), initial_value=1.0),
+}
+
+
+def bounds(mdp):
+    """Return the lowest and highest value of an MDP with discount below 1, pair by pair."""
+    on, last = [], []
+    for s, a in np.ndindex(*mdp.outcome_row.shape):
+        row = mdp.outcome_row[s, a]
+        for p, after, r in zip(
+            mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True
+        ):
+            if p > 0 and not mdp.terminal[s]:
+                (last if mdp.terminal[after] else on).append(float(r))
+    steps = 1 / (1 - mdp.discount)
+    low = min(steps * min(on), (steps - 1) * min(0, *on) + min(last))
+    return low, max(steps * max(on), (steps - 1) * max(0, *on) + max(last))
+
+
+def explored_naively(task, learner, steps, phi, seed=0, visits=None):
+    """Return Q and the visits after so many steps, by the equations of the papers."""
+    mdp = task.mdp
+    gamma, limit = mdp.discount, mdp.time_limit or math.inf
+    horizon = learner.horizon or min(limit, 1 / (1 - gamma))
+    low, high = learner.value_range or bounds(mdp)
+    shape = mdp.outcome_row.shape
+    initial = low if learner.initial_value is None else learner.initial_value
+    visits = np.zeros(shape, int) if visits is None else visits.copy()
+    fading = isinstance(learner, OPIQ)
+
+    def rate(before):
+        given = learner.learning_rate
+        if given is None:
+            return 1.0 / (1.0 + before / (horizon + 1.0))
+        return given if isinstance(given, float) else given(before)
+
+    def fade(n):
+        return float(learner.c * (high - low)) / (n + 1.0) ** float(learner.exponent)
+
+    def reward_bonus(n):
+        iota = math.log(mdp.terminal.size * shape[1] / 0.05) + math.log((n + 1.0) * (n + 2.0))
+        return learner.c * (high - low) * math.sqrt(horizon) * math.sqrt(iota / n)
+
+    q = np.where(mdp.terminal[:, None], 0.0, initial + phi + np.zeros(shape))
+    u = q.copy()
+    for s, a in np.ndindex(*shape):
+        if not mdp.terminal[s]:
+            n = int(visits[s, a])
+            u[s, a] += fade(n) if fading else reward_bonus(n) if n else high - low
+    draw = random_bits(stream_start(seed, ""))
+    ties = Ties(u.tolist(), splitmix64(stream_start(seed, "")))
+    fresh = True
+    for _ in range(steps):
+        if fresh:
+            state, length = pick(mdp.start.tolist(), uniform(next(draw))), 0
+        bits = next(draw)
+        if (bits >> 32) / 2**32 < (learner.epsilon or 0.0):
+            action = ((bits & 0xFFFFFFFF) * shape[1]) >> 32
+        else:
+            action = ties.take(state, bits)
+        row = mdp.outcome_row[state, action]
+        outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
+        after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
+        ended = bool(mdp.terminal[after])
+        alpha = rate(int(visits[state, action]))
+        visits[state, action] += 1
+        n = float(visits[state, action])
+        target = reward + (0.0 if ended else gamma * q[after].max())
+        hoped = reward + (0.0 if ended else gamma * min(high, u[after].max()))
+        q[state, action] += alpha * (target - q[state, action])
+        before = u[state].tolist()
+        if fading:
+            plain = u[state, action] - fade(n - 1.0)
+            u[state, action] = plain + alpha * (hoped - plain) + fade(n)
+        else:
+            u[state, action] += alpha * (hoped + reward_bonus(n) - u[state, action])
+        ties.update(before, u[state].tolist(), state, action, bits)
+        length, state = length + 1, after
+        fresh = ended or length >= limit
+    return q, visits
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("seed", range(3))
+def test_values_and_visits(random_mdp, name, seed):
+    task, learner = random_mdp(seed, time_limit=7), LEARNERS[name]
+    found = cr.learn(task, learner, 400, seeds=[seed])
+    q, visits = explored_naively(task, learner, 400, 0.0, seed)
+    assert (found.visits[0, 0] == visits).all()
+    assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["count bonus", "fading optimism"])
+def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_shaping, name):
+    task, learner = random_mdp(4, time_limit=7), LEARNERS[name]
+    shaping = random_shaping(task, cr.QInitialisation)
+    phi = shaping.potential.values
+    for entering in (shaping, cr.LookAheadAdvice(shaping.potential)):
+        found = cr.learn(task, learner, 60, shaping=entering)
+        q, visits = explored_naively(task, learner, 60, phi)
+        assert (found.visits[0, 0] == visits).all()
+        assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["count bonus", "fading optimism"])
+def test_further_training_goes_on_from_values_and_visits(random_mdp, name):
+    task, learner = random_mdp(5, time_limit=7), LEARNERS[name]
+    first = cr.learn(task, learner, 100)
+    low = bounds(task.mdp)[0]
+    phi = np.where(task.mdp.terminal[:, None], 0.0, first.values[0] - low)
+    done = cr.learning.WarmUp(np.array([100]), np.zeros(1), first.visits[0])
+    found = cr.learn(
+        task, learner, 200, shaping=cr.QInitialisation(phi), warm_up=[done], eval_freq=100
+    )
+    q, visits = explored_naively(task, learner, 100, phi, visits=first.visits[0, 0])
+    assert (found.visits[0, 0] == visits).all() and visits.sum() == 200
+    assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
+
+
+def test_seeds_differ_and_repeat(random_mdp):
+    task = random_mdp(6, time_limit=7)
+    one, two = (cr.learn(task, UCBQLearning(), 300, seeds=2) for _ in range(2))
+    assert (one.values == two.values).all()
+    assert (one.values[0] != one.values[1]).any()
