@@ -19,8 +19,8 @@ from curricle.planning.target import Target
 EXACT = cr.GreedyEvaluation(method="exact")
 
 FITTED = {
-    **{f"UCB {c:g}": UCBQLearning(c=c) for c in (0.0, 1e-4, 3e-4, 1e-3, 3e-3)},
-    **{f"OPIQ {m:g}": OPIQ(exponent=m) for m in (1.0, 2.0, 3.0)},
+    **{f"UCB {c:g}": UCBQLearning(c=c) for c in (0.0, 1e-5, 3e-5, 1e-4, 1e-3)},
+    **{f"OPIQ {m:g}": OPIQ(exponent=m) for m in (1.0, 2.0, 3.0, 4.0)},
 }
 
 

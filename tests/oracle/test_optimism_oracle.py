@@ -130,7 +130,8 @@ def test_further_training_goes_on_from_values_and_visits(random_mdp, name):
         task, learner, 200, shaping=cr.QInitialisation(phi), warm_up=[done], eval_freq=100
     )
     q, visits = explored_naively(task, learner, 100, phi, visits=first.visits[0, 0])
-    assert (found.visits[0, 0] == visits).all() and visits.sum() == 200
+    assert (found.visits[0, 0] == visits).all()
+    assert visits.sum() == 200
     assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
 
 

@@ -168,6 +168,11 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
             {"learner": {"type": "SARSA"}},
             {"learner": {"type": "SARSA", "learning_rate": 0.3}},
         ),
+        (
+            {"learner": {"type": "UCBQLearning", "c": 0.1, "horizon": 9, "epsilon": 0.3}},
+            {"learner": {"type": "QLearning"}},
+            {"learner": {"type": "QLearning", "epsilon": 0.3}},
+        ),
         ({"a": [1, 2]}, {"a": [3]}, {"a": [3]}),
     ],
 )

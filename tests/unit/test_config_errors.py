@@ -92,7 +92,7 @@ def complaints(tmp_path, monkeypatch):
             "epsilon = 0.1",
             "type = 'Sarsa'",
             "line 5: learner.type must be one of QLearning, SARSA, ExpectedSARSA, DoubleQLearning, "
-            "deep: got 'Sarsa', did you mean 'SARSA'?",
+            "UCBQLearning, OPIQ, deep: got 'Sarsa', did you mean 'SARSA'?",
         ),
         (
             "epsilon = 0.1",

@@ -207,7 +207,7 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
             '"deep", envs = 0, ',
             "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number",
         ),
-        ('"deep"', '"depe"', "DoubleQLearning, deep: got 'depe', did you mean 'deep'?"),
+        ('"deep"', '"depe"', "OPIQ, deep: got 'depe', did you mean 'deep'?"),
         (
             'aggregate = "minimum"',
             'shaping = "RewardBonus"',

@@ -9,7 +9,6 @@ from .learners import (
 )
 from .optimistic_learners import (
     OPIQ as OPIQ,
-    OptimisticLearner as OptimisticLearner,
     UCBQLearning as UCBQLearning,
     value_bounds as value_bounds,
 )

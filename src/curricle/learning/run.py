@@ -200,11 +200,14 @@ class Run:
     def _train_optimistically(self, seed: _Seed, learner: OptimisticLearner) -> Outcome:
         assert seed.visits is not None
         q = self._filled(seed.initial, seed.out)
-        optimistic = np.add(q, learner.starting_bonus(seed.visits), casting="same_kind", dtype=q.dtype)
+        optimistic = np.add(
+            q, learner.starting_bonus(seed.visits), casting="same_kind", dtype=q.dtype
+        )
         if self.task.terminal is not None:
             optimistic[self.task.terminal] = 0.0
-        tables = self._dense(q, np.uint64(splitmix64(seed.start))), self._dense(
-            optimistic, np.uint64(splitmix64(seed.start))
+        tables = (
+            self._dense(q, np.uint64(splitmix64(seed.start))),
+            self._dense(optimistic, np.uint64(splitmix64(seed.start))),
         )
         bonus = learner.bonus(seed.visits)
         steps, episodes = self._loop(train_optimistically, seed, bonus, *tables)

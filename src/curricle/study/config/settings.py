@@ -8,8 +8,9 @@ from pydantic import BeforeValidator, Field, JsonValue
 from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse, WeightTransfer
-from curricle.learning import learners
 from curricle.learning.budget import Episodes
+from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
+from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
 from curricle.learning.shaping import (
     DecayingAdvice,
     LookAheadAdvice,
@@ -78,8 +79,8 @@ class EpisodesTable(ObjectTable):
 
 
 LEARNERS = tuple(
-    table_of(getattr(learners, name), tag=name)
-    for name in ("QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning", "UCBQLearning", "OPIQ")
+    table_of(one, tag=one.__name__)
+    for one in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, UCBQLearning, OPIQ)
 )
 DeepLearnerTable = table_of(
     DeepLearner,
