@@ -64,7 +64,7 @@ class OptimisticLearner(Learner):
 
     update: ClassVar[int] = general_loop.Q_LEARNING
     tables: ClassVar[int] = 2
-    counts: ClassVar[int] = 1  # type: ignore[assignment]
+    counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
@@ -182,9 +182,10 @@ class UCBQLearning(OptimisticLearner):
 
     def starting_bonus(self, visits: IntArray) -> FloatArray:
         """Return U - Q, (S, A), from which learning goes on after so many visits, (S, A)."""
-        bonus, n = self.bonus(visits), np.maximum(visits, 1)
+        bonus, n = self.bonus(visits), np.maximum(visits, 1.0)
         later = bonus.scale * np.sqrt((bonus.log_pairs + np.log((n + 1.0) * (n + 2.0))) / n)
-        return np.where(visits == 0, bonus.start, later)
+        extra: FloatArray = np.where(visits == 0, bonus.start, later)
+        return extra
 
 
 @dataclass(frozen=True)
@@ -229,7 +230,7 @@ class OPIQ(OptimisticLearner):
 
     def starting_bonus(self, visits: IntArray) -> FloatArray:
         """Return U - Q, (S, A), from which learning goes on after so many visits, (S, A)."""
-        faded: FloatArray = self.c * self._width / (visits + 1.0) ** self.exponent
+        faded: FloatArray = np.power(visits + 1.0, -self.exponent) * (self.c * self._width)
         return faded
 
 
