@@ -25,7 +25,6 @@ from curricle import (
     StoppingRule,
     Storage,
     Transfer,
-    learning,
     minimum,
     project,
 )
