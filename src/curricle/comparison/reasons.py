@@ -14,7 +14,7 @@ from curricle.comparison.verdicts import Verdict
 SHARE = 0.1
 """Up to this share of a gain is nothing beside the rest."""
 ASKING = 'controls=["constant", "placebo"]'
-"""How the question is asked, in Python and in a study file."""
+"""How the question is asked of :func:`compare`."""
 
 Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
 
@@ -41,7 +41,7 @@ class Reason:
     >>> pays, = verdicts_of(returns, {"mean": ["scratch"]}).values()
     >>> over, = verdicts_of(returns, {"mean": ["mean, constant"]}).values()
     >>> Reason(pays, over, 20.0).words, Reason(pays, None).words
-    ('not shown to be by what it knows', '')
+    ('by optimism alone', '')
     """
 
     pays: Verdict = field(repr=False)
