@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.pairs import run, tables
 from benchmarks.pairs.arms import ARMS, RAW, curricula
-from benchmarks.pairs.playing import pair_named
+from benchmarks.pairs.playing import calibration_steps, pair_named
 from benchmarks.pairs.results import Played, read, realised
 from curricle import compare
 
@@ -60,7 +60,13 @@ def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     assert pair.facts["source_budget"] == 1_500
     assert set(pair.arms[RAW]["source_steps"]) == {1_500}
     assert set(pair.arms["scratch"]["gain"]) == {0.0}
-    assert (pair.arms["calibrated"]["calibration_steps"] > 0).all()
+
+
+def test_the_steps_of_a_calibration_are_those_of_its_episodes():
+    calibrated = curricula(pair_named("queues/more arrivals"), ["calibrated"])["calibrated"]
+    found = calibrated.train(1).calibrations["target"]
+    assert calibration_steps(calibrated, 1).tolist() == [found[0].steps]
+    assert found[0].steps > 0
 
 
 def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):

@@ -26,6 +26,9 @@ def work():
 
 
 if __name__ == "__main__":
+    # What runs in the background is started with some of these ignored.
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     pool = WorkerProcesses(2)
     pool.submit(work)
