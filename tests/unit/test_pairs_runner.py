@@ -62,6 +62,7 @@ def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     assert set(pair.arms["scratch"]["gain"]) == {0.0}
 
 
+@pytest.mark.filterwarnings("ignore:.*take their potential as it is")
 def test_the_steps_of_a_calibration_are_those_of_its_episodes():
     calibrated = curricula(pair_named("queues/more arrivals"), ["calibrated"])["calibrated"]
     found = calibrated.train(1).calibrations["target"]
