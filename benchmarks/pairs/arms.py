@@ -6,10 +6,11 @@ from typing import Any
 
 import curricle as cr
 from benchmarks.pairs.pair import Pair
+from curricle.comparison.controls import Control
 from curricle.learning import linear
 
 RAW = "raw"
-CONTROLS = ("placebo", "negated")
+CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
 """Controls of the raw potential; their arms are ``raw, placebo`` and the like."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
-from benchmarks.pairs.arms import CONTROLS, RAW, curricula, raw
+from benchmarks.pairs.arms import CONTROLS, RAW, curricula, raw, scratch_learners
 from curricle.comparison.comparison import Comparison
 from curricle.planning.target import Target
 from curricle.statistics import asymptotic_performance, mean_return
@@ -29,8 +29,9 @@ def pair_named(name: str) -> Pair:
 def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
     """Return a row for each arm and seed of a pair; they depend on the arguments and the code.
 
-    The raw arm is compared by itself, since its controls would be run for every other arm too. All
-    comparisons of a pair have one total, one target and one threshold.
+    The raw arm is compared by itself, since its controls would be run for every other arm too; its
+    verdict is against the learner from scratch of its own kind, that of the other arms against the
+    best from scratch. Both comparisons have one total, one target and one threshold.
     """
     pair, begun = pair_named(name), time.process_time()
     others = curricula(pair, [arm for arm in arms if arm != RAW])
@@ -47,7 +48,7 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
             )
             rows += rows_of(pair, found)
         if others:
-            found = cr.compare(others, seeds=seeds, workers=1)
+            found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), workers=1)
             rows += rows_of(pair, found, scratch=not rows)
         calibrated = others.get("calibrated")
         steps = calibration_steps(calibrated, seeds) if calibrated is not None else None
@@ -92,7 +93,7 @@ def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[
                 if np.isfinite(played.guard_share[k]).any()
                 else NAN,
                 "verdict": "" if contrast is None else contrast.verdict,
-                "reason": "" if contrast is None else getattr(contrast, "reason", ""),
+                "reason": "" if contrast is None else contrast.reason,
                 "threshold": float(found.threshold),
                 "total": int(found.total),
             }
