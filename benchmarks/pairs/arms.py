@@ -7,7 +7,7 @@ from typing import Any
 import curricle as cr
 from benchmarks.pairs.pair import Pair
 from curricle.comparison.controls import Control
-from curricle.learning import linear
+from curricle.learning import OPIQ, UCBQLearning, linear, value_bounds
 
 RAW = "raw"
 CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
@@ -78,9 +78,7 @@ def curricula(pair: Pair, names: Sequence[str]) -> dict[str, cr.Curriculum]:
 
 
 def scratch_learners(pair: Pair) -> dict[str, Any]:
-    """Return further learners from scratch: an optimistic start, at the largest value possible."""
-    mdp = pair.target.mdp
-    largest = float(mdp.reward[mdp.probability > 0].max())
-    # A reward at the end comes once; one that goes on comes for 1 / (1 - discount) steps.
-    value = largest if mdp.terminal.any() else largest / (1 - mdp.discount)
-    return {"optimistic": cr.QLearning(initial_value=max(value, 0.0))} if value > 0 else {}
+    """Return further learners from scratch, which explore by optimism about values or counts."""
+    highest = value_bounds(pair.target)[1]
+    optimistic = {"optimistic": cr.QLearning(initial_value=highest)} if highest > 0 else {}
+    return {**optimistic, "count bonus": UCBQLearning(), "fading optimism": OPIQ()}
