@@ -55,7 +55,7 @@ eval_freq = 200
 source = "chase"
 target = "alone"
 project = {}
-calibrate = { episodes = 5, cautious = false }
+calibrate = { episodes = 5, max_steps = 100, cautious = false }
 [[transfers]]
 source = "alone"
 target = "hunt"

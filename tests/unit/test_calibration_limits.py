@@ -121,6 +121,7 @@ def test_a_calibration_takes_at_most_a_twentieth_of_what_is_left_to_its_target()
     assert settings.within(30_000, 10**9) == Calibrate(max_steps=1_500)
     assert settings.within(10**18, 100).episodes == 5
     assert Calibrate(max_steps=10).within(30_000, 1).max_steps == 10
+    assert Calibrate(max_steps=10_000).within(30_000, 1).max_steps == 7_500
     edge = cr.Transfer(
         "chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"), calibrate=True
     )

@@ -17,7 +17,9 @@ from curricle.transfer.observation_mapping import ObservationMapping
 CALIBRATION_EPISODES = 200
 """Greedy episodes of a calibration, unless another number is given."""
 CALIBRATION_SHARE = 20
-"""A calibration takes at most one part in so many of its target's budget: 5 %."""
+"""A calibration takes one part in so many of its target's budget at most by default: 5 %."""
+LARGEST_SHARE = 4
+"""The same, whatever is asked: a quarter."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,8 @@ class Calibrate:
         `cautious`.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
-        curriculum it is at most a twentieth of what the target's budget leaves for learning, and
-        that by default; episodes are at most a twentieth of a budget in episodes.
+        curriculum it is a twentieth of what the target's budget leaves for learning by default, and
+        at most a quarter of it; episodes are at most a twentieth of a budget in episodes.
     cautious : bool
         Whether to scale only where that has been seen to help: a potential of costs (no value above
         0) whose policy costs more than it predicts is made larger, by half of what its returns ask
@@ -82,7 +84,11 @@ class Calibrate:
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration of a target that has so many steps and episodes to learn in."""
-        most, asked = max(1, steps // CALIBRATION_SHARE), self.max_steps
+        asked, share = (
+            self.max_steps,
+            CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE,
+        )
+        most = max(1, steps // share)
         return replace(
             self,
             episodes=min(self.episodes, max(1, episodes // CALIBRATION_SHARE)),
