@@ -23,7 +23,7 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
-from curricle.learning.budget import Budget
+from curricle.learning.budget import UNTIL_LEARNT, Budget
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
@@ -40,7 +40,7 @@ SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "unknown_value": 0.0,
     "learner": QLearning(),
-    "budget": 100_000,
+    "budget": None,
     "shaping": QInitialisation(),
     "retrain": None,
     "eval_freq": None,
@@ -56,8 +56,7 @@ OF_TARGETS = ("aggregate", "unknown_value", "shaping", "retrain")
 class Curriculum(TaskGraph):
     """A directed acyclic graph of tasks whose edges carry potentials.
 
-    Every setting below may be one value for all tasks or a dict from task name to value; tasks
-    that a dict leaves out get the default.
+    Each setting is one value for all tasks or a dict by name; tasks left out get the default.
 
     Parameters
     ----------
@@ -72,10 +71,10 @@ class Curriculum(TaskGraph):
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
-        Steps, episodes, or steps until learning is good enough; default 100,000 steps.
+        Steps, episodes, or a rule. Default 100,000 steps; a source ends when its return has
+        settled, and then they are a cap: ``StoppingRule(100_000, settled=0.05)``.
     shaping : Shaping or dict
-        How potentials enter learning; default :class:`QInitialisation`. It is given without a
-        potential: that of each seed's sources is filled in.
+        How potentials, which sources give, enter learning; default :class:`QInitialisation`.
     retrain : RetrainSources or dict, optional
         Train the sources further where the return of a task drops below its start.
     eval_freq : int or dict, optional
@@ -86,8 +85,7 @@ class Curriculum(TaskGraph):
     Raises
     ------
     CurriculumError
-        On a cycle (naming it), an unknown task, a mapping between other tasks than its edge, or a
-        shaping whose values cannot be handed on in a task that others build on.
+        On a cycle, an unknown task, another task's mapping, or values that cannot be handed on.
 
     Examples
     --------
@@ -108,7 +106,7 @@ class Curriculum(TaskGraph):
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
     unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
-    budget: Budget | Mapping[str, Budget] = SETTINGS["budget"]
+    budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping] = SETTINGS["shaping"]
     retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = SETTINGS["retrain"]
     eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
@@ -167,7 +165,11 @@ class Curriculum(TaskGraph):
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)
-        return given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+        value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+        if which == "budget" and value is None:
+            is_source = any(edge.source == name for edge in self.transfers)
+            return UNTIL_LEARNT if is_source else UNTIL_LEARNT.max_steps
+        return value
 
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
@@ -201,9 +203,8 @@ class Curriculum(TaskGraph):
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            A task's random stream is named after it, so that a result does not depend on
-            which other tasks are there. Where a seed cannot be calibrated, its potential enters as
-            it is, with a warning; ``calibrations`` of the result says why.
+            Random streams have the names of tasks: results do not depend on what others are there.
+            What cannot be calibrated enters as it is, with a warning; ``calibrations`` says why.
         only : str or sequence of str, optional
             What to train, with all that it builds on; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
@@ -347,14 +348,13 @@ class CurriculumResult:
     ----------
     curriculum : Curriculum
     nodes : dict of str to LearningResult
-        Of each task trained here, or given as such a result.
+        Of each task trained here or given.
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
     retrained : dict of str to RetrainedResult
-        For each task trained here with RetrainSources, what that took.
+        What retraining took of each task that has it.
     calibrations : dict of str to list of Calibration
-        For each task trained here whose transfers are calibrated, that of each seed. Its steps are
-        the first of the task's own budget and curve.
+        Of each seed, where transfers are calibrated: the first steps of the task's own budget.
     given : dict of str to SourceValues
         Of each task that was trained before.
 

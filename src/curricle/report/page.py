@@ -89,8 +89,11 @@ def study_page(
     reasons: dict[tuple[str, str], Sequence[str]] = {}
     for arm, nodes in learnt.items():
         for task, node in nodes.items():
-            budget = curricula[arm].setting("budget", task)
-            default = [ended_by(budget, full) for full in node.out_of_memory]
+            ended = curricula[arm].node(task)
+            default = [
+                rows[-1].criterion if rows else ended_by(ended.budget, full)
+                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
+            ]
             reasons[arm, task] = (decisions or {}).get((arm, task)) or default
     study = ShownStudy(name, comparison, record, learnt, analysed(results, record), reasons)
     return page_of(study, environment or {})

@@ -1,0 +1,157 @@
+"""Sources whose budget is not stated end when they have learnt; a stated number is exact."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import SettingError
+from curricle.learning.stopping import SETTLED, share_of_rise
+from curricle.study import read_study
+
+MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
+CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
+EDGE = cr.Transfer("corner", "maze", cr.same_position(MAZE, CORNER))
+TASKS = {"corner": CORNER, "maze": MAZE}
+
+
+def plan(**settings):
+    return cr.Curriculum(TASKS, [EDGE], **settings)
+
+
+# -- what the rule measures ------------------------------------------------------------------------
+
+
+def test_a_return_that_has_settled_rose_by_nothing():
+    greedy = np.array([0.0] * 20 + [1.0] * 81)
+    assert share_of_rise(greedy, 100) == 0.0
+    # While it rises, the last three tenths lie above those before.
+    assert share_of_rise(np.arange(101.0), 100) > 0.2
+
+
+def test_the_rise_is_that_of_the_last_three_tenths_over_those_before():
+    greedy = np.zeros(101)
+    greedy[71:] = 4.0  # the last 30 of 100
+    greedy[49:71] = 1.0  # and those before them
+    assert share_of_rise(greedy, 100) == (4.0 - 1.0) / 4.0
+
+
+@pytest.mark.parametrize("flat", [np.zeros(101), np.full(101, np.nan)])
+def test_a_return_that_never_changed_is_no_evidence_that_anything_was_learnt(flat):
+    assert np.isnan(share_of_rise(flat, 100))
+
+
+def test_too_few_evaluations_are_no_evidence():
+    greedy = np.array([0.0] * 5 + [1.0] * 95)
+    known = [not np.isnan(share_of_rise(greedy, n)) for n in range(100)]
+    assert not any(known[:35])
+    assert all(known[45:])
+
+
+def test_all_conditions_that_are_given_have_to_hold():
+    greedy, steps = np.array([0.0] * 20 + [1.0] * 81), np.arange(101) * 10
+    settled = cr.StoppingRule(1_000, settled=0.05).decisions(steps, greedy)
+    assert settled[-1].criterion == "settled return reached"
+    assert settled[-1].step < 1_000
+    assert "< 0.05 of its range" in str(settled[-1])
+    both = cr.StoppingRule(1_000, settled=0.05, threshold=2.0, when="all")
+    assert both.decisions(steps, greedy)[-1].criterion == "all steps used"
+    either = cr.StoppingRule(1_000, settled=0.05, threshold=1.0)
+    assert either.decisions(steps, greedy)[-1].criterion == "threshold reached"
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5, float("nan"), "much"])
+def test_a_share_that_makes_no_sense_is_refused(share):
+    with pytest.raises(SettingError, match="settled of a stopping rule"):
+        cr.StoppingRule(1_000, settled=share)
+
+
+# -- sources ---------------------------------------------------------------------------------------
+
+
+def test_nothing_set_a_source_ends_when_it_has_learnt():
+    curriculum = plan()
+    assert curriculum.node("corner").budget == cr.StoppingRule(100_000, settled=SETTLED)
+    assert curriculum.node("maze").budget == 100_000
+    result = curriculum.train(seeds=3, only="corner")
+    used = result["corner"].steps_used
+    assert (used < 2_000).all()
+    assert {rows[-1].criterion for rows in result.decisions("corner")} == {"settled return reached"}
+
+
+def rule(most):
+    return cr.StoppingRule(most, settled=SETTLED)
+
+
+def test_a_target_has_no_rule_unless_it_is_a_source_too():
+    larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
+    edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
+    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None})
+    budgets = [chain.setting("budget", name) for name in ("corner", "maze", "larger")]
+    assert budgets == [rule(100_000), rule(100_000), 100_000]
+
+
+def test_the_steps_that_it_took_are_charged():
+    result = plan(budget={"maze": 30_000}).train(seeds=2, charge=True)
+    spent = result["corner"].steps_used
+    assert (spent < 20_000).all()
+    assert (result.source_steps("maze") == spent).all()
+    assert (result["maze"].steps_used == 30_000 - spent).all()
+
+
+def test_a_number_that_is_stated_is_exact():
+    exactly = plan(budget={"corner": 20_000, "maze": 500}).train(seeds=2)
+    assert exactly["corner"].steps_used.tolist() == [20_000, 20_000]
+    # What a source learns is the beginning of what it would have, bit for bit.
+    ended = plan(budget={"corner": rule(20_000), "maze": 500}).train(seeds=1)["corner"]
+    assert ended.steps_used[0] < 20_000
+    again = plan(budget={"corner": int(ended.steps_used[0]), "maze": 500})
+    assert np.array_equal(ended.values, again.train(seeds=1)["corner"].values)
+
+
+def test_a_source_that_is_not_evaluated_takes_its_cap():
+    off = {"corner": cr.GreedyEvaluation(method="off")}
+    result = plan(budget=rule(3_000), evaluation=off).train(seeds=1, only="corner")
+    assert result["corner"].steps_used.tolist() == [3_000]
+
+
+def test_checkpoints_come_soon_whatever_the_cap():
+    pairs = CORNER.states.size * CORNER.actions.size
+    few, many = (plan(budget=rule(n)).node("corner").eval_freq for n in (400, 80_000))
+    assert (few, many) == (1, pairs)
+    assert plan(budget=rule(8_000_000)).node("corner").eval_freq == 2_000
+    assert plan(budget=rule(8_000), eval_freq=80).node("corner").eval_freq == 80
+
+
+def test_arms_and_controls_spend_one_total():
+    arms = cr.compare(plan(budget={"maze": 20_000}), seeds=3, controls=["random_start"]).arms
+    own = arms["transfer"].curve.source_steps
+    control = arms["transfer, random start"].curve.source_steps
+    assert (own < 20_000).all()
+    assert own.tolist() == control.tolist()
+
+
+STUDY = """
+name = "maze"
+[tasks.maze]
+type = "maze"
+map = "S.T"
+budget = 500
+[tasks.easy]
+type = "crop"
+of = "maze"
+rows = [0, 1]
+columns = [0, 3]
+budget = { max_steps = 4_000, settled = 0.05 }
+[[transfers]]
+source = "easy"
+target = "maze"
+mapping = "same_position"
+"""
+
+
+def test_a_study_file_has_the_rule(tmp_path):
+    (tmp_path / "study.toml").write_text(STUDY)
+    study = read_study(tmp_path / "study.toml")
+    assert study.curriculum("transfer").node("easy").budget == rule(4_000)
+    over = read_study(tmp_path / "study.toml", set=["tasks.easy.budget.max_steps=70"])
+    assert over.curriculum("transfer").node("easy").budget == rule(70)
