@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError
+from curricle.errors import ConfigError, SettingError
 from curricle.learning.stopping import SETTLED, share_of_rise
 from curricle.study import read_study
 
@@ -155,3 +155,15 @@ def test_a_study_file_has_the_rule(tmp_path):
     assert study.curriculum("transfer").node("easy").budget == rule(4_000)
     over = read_study(tmp_path / "study.toml", set=["tasks.easy.budget.max_steps=70"])
     assert over.curriculum("transfer").node("easy").budget == rule(70)
+
+
+def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(tmp_path):
+    stated = "budget = { max_steps = 4_000, settled = 0.05 }\n"
+    (tmp_path / "study.toml").write_text(STUDY.replace(stated, "").replace("budget = 500\n", ""))
+    arm, own = read_study(tmp_path / "study.toml").curriculum("transfer"), plan()
+    assert [arm.setting("budget", name) for name in ("easy", "maze")] == [rule(100_000), 100_000]
+    assert arm.node("easy").eval_freq == own.node("corner").eval_freq
+    with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
+        read_study(tmp_path / "study.toml", set=["tasks.maze.eval_freq=100_001"]).curriculum(
+            "transfer"
+        )

@@ -23,7 +23,7 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
-from curricle.learning.budget import UNTIL_LEARNT, Budget
+from curricle.learning.budget import Budget, default_budget
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
@@ -167,8 +167,7 @@ class Curriculum(TaskGraph):
         given = getattr(self, which)
         value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
         if which == "budget" and value is None:
-            is_source = any(edge.source == name for edge in self.transfers)
-            return UNTIL_LEARNT if is_source else UNTIL_LEARNT.max_steps
+            return default_budget(any(edge.source == name for edge in self.transfers))
         return value
 
     def node(self, name: str) -> Node:

@@ -47,6 +47,11 @@ UNTIL_LEARNT = StoppingRule(100_000, settled=SETTLED)
 """The budget of a source that is given none: the steps need not be guessed."""
 
 
+def default_budget(is_source: bool) -> Budget:
+    """Return the budget of a task that is given none."""
+    return UNTIL_LEARNT if is_source else UNTIL_LEARNT.max_steps
+
+
 def limits(budget: Budget) -> tuple[int, int]:
     """Return the most steps and the most episodes of a budget."""
     if isinstance(budget, Episodes):

@@ -38,15 +38,15 @@ class StoppingRule:
     plateau : float, optional
         Ends when the mean of the last `patience` evaluations exceeds the mean of as many before
         them by less than this return.
-    settled : float, optional
-        Ends when the mean of the evaluations in the last three tenths of the steps exceeds that of
-        three tenths of those before by less than this share of the range so far. It takes 8
-        evaluations in each, and a range above 0. Sources end by it.
     drop : float, optional
         Ends, too, when each of the last `patience` evaluations lies more than this below the first.
     patience : int
     when : {"any", "all"}
         Whether one of threshold (or fraction), plateau and settled is enough, or all given hold.
+    settled : float, optional
+        Ends when the mean of the evaluations in the last three tenths of the steps exceeds that of
+        three tenths of those before by less than this share of the range so far. It takes 8
+        evaluations in each, and a range above 0. Sources end by it.
 
     Raises
     ------
@@ -72,9 +72,9 @@ class StoppingRule:
     fraction: float | None = None
     plateau: float | None = None
     drop: float | None = None
-    settled: float | None = None
     patience: int = 5
     when: Literal["any", "all"] = "any"
+    settled: float | None = None
 
     def __post_init__(self) -> None:
         for name, low in (("max_steps", 1), ("min_steps", 0), ("patience", 1)):
@@ -165,8 +165,8 @@ class StoppingRule:
         return found
 
 
-_BOUNDS = {"threshold": (), "fraction": (0.0, 1.0), "plateau": (0.0,), "drop": (0.0,)}
-_BOUNDS["settled"] = (0.0, 1.0)
+_BOUNDS: dict[str, tuple[float, ...]] = {"threshold": (), "plateau": (0.0,), "drop": (0.0,)}
+_BOUNDS |= dict.fromkeys(("fraction", "settled"), (0.0, 1.0))
 
 # Fitted on development families (benchmarks/pairs), where shares of 2 to 10 % gain the same.
 SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
@@ -230,10 +230,9 @@ def rise_of_last(rule, greedy, checkpoint):
 
 @plain_and_inlined
 def share_of_rise(greedy, checkpoint):
-    """Return by how much the return rose lately, as a share of its range; NaN if it is unknown.
+    """Return by how much the return rose lately, as a share of its range.
 
-    Both parts grow with the run: what takes long to learn is watched for long. NaN where there are
-    too few evaluations, or all are equal.
+    NaN where evaluations are too few, or all equal. What takes long to learn is watched for long.
     """
     recent = int(RECENT * checkpoint) + 1
     before = int(RECENT * RECENT * checkpoint) + 1

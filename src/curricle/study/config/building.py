@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.learning.budget import limits, spacing
+from curricle.learning.budget import default_budget, limits, spacing
 from curricle.study.config.settings import Settings
 from curricle.study.config.study_tables import ArmTables
 from curricle.study.config.tables import KeyPath
@@ -71,12 +71,14 @@ class CurriculumBuilder:
     def _settings(self) -> dict[str, dict[str, Any]]:
         """Return each setting of each task that is learnt, as far as it could be made."""
         settings: dict[str, dict[str, Any]] = {which: {} for which in Settings.model_fields}
-        with_sources = {target for _, target in self.graph.edges}
+        are_sources, with_sources = ({edge[i] for edge in self.graph.edges} for i in (0, 1))
         for name in self.graph.learnt:
             found: dict[str, Any] = {}
             for which in settings:
                 with self.refuse(("tasks", name, which)):
                     value = self.arm.tasks[name].setting(which, self.folder)
+                    if which == "budget" and value is None:
+                        value = default_budget(name in are_sources)
                     _check(which, value, found, name in with_sources)
                     found[which] = settings[which][name] = value
         return settings

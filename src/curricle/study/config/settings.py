@@ -157,8 +157,9 @@ class Settings(Table):
     )
     learner: AnyLearner = Field(default=LEARNERS[0](), description="The learning algorithm.")
     budget: AnyBudget = Field(
-        default=100_000,
-        description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }.",
+        default=None,
+        description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. "
+        "By default 100_000; a source ends when its return has settled, if that is earlier.",
     )
     shaping: AnyShaping = Field(
         default=SHAPINGS[0](),
