@@ -8,6 +8,7 @@ import curricle as cr
 from benchmarks.pairs.pair import Pair
 from curricle.comparison.controls import Control
 from curricle.learning import OPIQ, UCBQLearning, linear, value_bounds
+from curricle.learning.stopping import SETTLED
 
 RAW = "raw"
 CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
@@ -46,8 +47,15 @@ def bonus(pair: Pair) -> cr.Curriculum:
 
 
 def default(pair: Pair) -> cr.Curriculum:
-    """Return a curriculum with nothing set but budgets."""
-    return pair.curriculum()
+    """Return a curriculum with nothing set but the target's budget and a cap of the source's.
+
+    Without the cap the source could take 100,000 steps, and the total of all arms would have to
+    hold them.
+    """
+    cap = cr.StoppingRule(pair.source_budget, settled=SETTLED)
+    return pair.curriculum(
+        budget={"source": cap, "target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+    )
 
 
 ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {

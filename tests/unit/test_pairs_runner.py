@@ -59,6 +59,8 @@ def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
     assert pair.facts["source_budget"] == 1_500
     assert set(pair.arms[RAW]["source_steps"]) == {1_500}
+    assert (pair.arms["default"]["source_steps"] < 1_500).all()  # it ends when it has settled
+    assert set(pair.arms["default"]["total"]) == set(pair.arms[RAW]["total"])
     assert set(pair.arms["scratch"]["gain"]) == {0.0}
 
 
