@@ -17,6 +17,7 @@ from curricle.learning.general_loop import warm_up_checkpoints, write_checkpoint
 from curricle.learning.q_learning import set_value
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
+from curricle.learning.stopping import plain_and_inlined
 from curricle.learning.tables import find_row_maxima
 from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, splitmix64
@@ -44,6 +45,12 @@ class DecayingOptimism(NamedTuple):
     visits: IntArray  # (S, A)
 
 
+@plain_and_inlined
+def hoeffding(bonus, n):
+    """Return the reward b(n) that a :class:`HoeffdingBonus` adds at visit n."""
+    return bonus.scale * np.sqrt((bonus.log_pairs + np.log((n + 1.0) * (n + 2.0))) / n)
+
+
 def updated(bonus, old, rate, target, n):
     """Return U(s, a) after visit n, the n-th, from its value before it and its target."""
 
@@ -53,8 +60,7 @@ updates = Overloaded(updated)
 
 @updates.body(HoeffdingBonus)
 def _updated_by_hoeffding(bonus, old, rate, target, n):
-    reward = bonus.scale * np.sqrt((bonus.log_pairs + np.log((n + 1.0) * (n + 2.0))) / n)
-    return old + rate * (target + reward - old)
+    return old + rate * (target + hoeffding(bonus, n) - old)
 
 
 @updates.body(DecayingOptimism)

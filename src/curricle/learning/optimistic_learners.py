@@ -11,7 +11,7 @@ from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import general_loop
 from curricle.learning.learners import Learner
-from curricle.learning.optimism import DecayingOptimism, HoeffdingBonus
+from curricle.learning.optimism import DecayingOptimism, HoeffdingBonus, hoeffding
 from curricle.learning.schedules import Schedule, harmonic, schedule
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
@@ -183,8 +183,7 @@ class UCBQLearning(OptimisticLearner):
     def starting_bonus(self, visits: IntArray) -> FloatArray:
         """Return U - Q, (S, A), from which learning goes on after so many visits, (S, A)."""
         bonus, n = self.bonus(visits), np.maximum(visits, 1.0)
-        later = bonus.scale * np.sqrt((bonus.log_pairs + np.log((n + 1.0) * (n + 2.0))) / n)
-        extra: FloatArray = np.where(visits == 0, bonus.start, later)
+        extra: FloatArray = np.where(visits == 0, bonus.start, hoeffding(bonus, n))
         return extra
 
 
