@@ -1,7 +1,14 @@
 from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
+from .component_search import by_assignment as by_assignment, by_name as by_name
 from .edges import Calibrate as Calibrate, Transfer as Transfer
+from .found_mappings import (
+    FoundMapping as FoundMapping,
+    FoundMappings as FoundMappings,
+    find_mappings as find_mappings,
+)
+from .homomorphisms import by_homomorphism as by_homomorphism
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
@@ -13,13 +20,16 @@ from .mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
+from .mapping_scores import MappingScores as MappingScores, score_mapping as score_mapping
 from .mapping_search import Projection as Projection, find_projections as find_projections
 from .observation_mapping import (
     ObservationCoverage as ObservationCoverage,
     ObservationMapping as ObservationMapping,
 )
 from .potentials import ObservationPotential as ObservationPotential
+from .proposal import Proposal as Proposal
 from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
+from .task_pair import TaskPair as TaskPair
 from .value_sources import (
     FunctionValues as FunctionValues,
     TableValues as TableValues,

@@ -5,13 +5,13 @@ and score each by the error with which the source's model then predicts the targ
 assignments may be right: each predator of a pursuit can stand for the only one of the source.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import prod
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import IntArray
 from curricle.errors import MappingError, SettingError
@@ -20,6 +20,7 @@ from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task, tables
 from curricle.transfer.component_mapping import source_points
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
+from curricle.transfer.mapping_scores import total_variation
 
 MAX_ASSIGNMENTS = 10_000
 
@@ -91,6 +92,33 @@ def find_projections(
     """
     if pairs < 1:
         raise SettingError(f"pairs must be at least 1: got {pairs}")
+    projections = []
+    for found in assignments(target, source, pairs=pairs, seed=seed):
+        mapping = found.mapping(target, source, unmapped_value)
+        projections.append(Projection(found.states, found.actions, found.error, mapping))
+    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
+
+
+class Assignment(NamedTuple):
+    """Which target component each source component is read from."""
+
+    states: dict[str, str]
+    actions: dict[str, str]
+    error: float  # mean total variation distance; NaN if nothing maps
+    state: IntArray  # (S,) the source's state, `MISSING` where none
+    action: IntArray  # (A,) the source's action
+
+    def mapping(
+        self, target: Task, source: Task, unmapped_value: float | None = None
+    ) -> StateActionMapping:
+        """Return the mapping."""
+        return pair_mapping(target, source, self.state[:, None], self.action, unmapped_value)
+
+
+def assignments(
+    target: Task, source: Task, *, pairs: int = 5_000, seed: int = 0
+) -> Iterator[Assignment]:
+    """Yield every assignment of target components to the source's, in no order of quality."""
     spaces = (target.states, source.states), (target.actions, source.actions)
     n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
     if n_assignments > MAX_ASSIGNMENTS:
@@ -102,7 +130,6 @@ def find_projections(
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
-    projections = []
     choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
     for state_names, action_names in product(*choices):
         states = dict(zip(source.states.names, state_names, strict=True))
@@ -110,9 +137,7 @@ def find_projections(
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
         error = _prediction_error(mdp, source_mdp, state, action, drawn)
-        mapping = pair_mapping(target, source, state[:, None], action, unmapped_value)
-        projections.append(Projection(states, actions, error, mapping))
-    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
+        yield Assignment(states, actions, error, state, action)
 
 
 def _prediction_error(
@@ -126,11 +151,11 @@ def _prediction_error(
     if not len(s):
         return float("nan")
     row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
-    states: npt.NDArray[Any] = np.concatenate(
-        [state[target.next_state[row]], source.next_state[source_row]], axis=1
+    return float(
+        total_variation(
+            state[target.next_state[row]],
+            target.probability[row],
+            source.next_state[source_row].astype(np.int64),
+            source.probability[source_row],
+        ).mean()
     )
-    masses = np.concatenate([target.probability[row], -source.probability[source_row]], axis=1)
-    # Outcomes with the same next state add up before their difference counts, once.
-    same = states[:, :, None] == states[:, None, :]
-    totals = (same * masses[:, None, :]).sum(axis=2)
-    return float((abs(totals) / same.sum(axis=2)).sum(axis=1).mean() / 2)

@@ -1,0 +1,211 @@
+"""Mappings between two tasks that searches find, scored and ranked."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from curricle.checks import whole_number
+from curricle.errors import MappingError, SettingError
+from curricle.tasks.task import Task
+from curricle.transfer.component_search import by_assignment, by_name
+from curricle.transfer.homomorphisms import by_homomorphism
+from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
+from curricle.transfer.mapping_scores import MappingScores, score_mapping
+from curricle.transfer.proposal import NOT_PROVEN, Proposal
+from curricle.transfer.task_pair import TaskPair
+
+Search = Callable[[TaskPair], Iterable[Proposal]]
+"""A search for mappings; it raises MappingError where it does not apply."""
+
+SEARCHES: tuple[Search, ...] = (by_name, by_assignment, by_homomorphism)
+LEAST_REGAINED = 0.1
+"""Share of the way from the random policy to the optimum that a mapping used unseen must regain."""
+MOST_UNEXPLAINED = 0.75
+"""Share that such a mapping may leave unexplained."""
+SAME = 1e-7
+"""Two mappings are one if phi differs by less, in units of the largest."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMapping:
+    """A mapping that was found.
+
+    Attributes
+    ----------
+    mapping : StateActionMapping
+    how : str
+        How it was found.
+    scores : MappingScores
+    bound : float
+        Proven: the Q* of no mapped pair is further than this from the Q* of the source pair that it
+        reads, in return units; NaN where nothing is proven.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld("S.T")
+    >>> found = find_mappings(maze, maze)[0]
+    >>> found.how, found.scores.regained
+    ('components by name', 1.0)
+    """
+
+    mapping: StateActionMapping
+    how: str
+    scores: MappingScores
+    bound: float = NOT_PROVEN
+
+    def __str__(self) -> str:
+        proven = "" if np.isnan(self.bound) else f", Q* proven within {self.bound:.3g}"
+        return f"{self.how}: {self.scores}{proven}"
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMappings(Sequence[FoundMapping]):
+    """The mappings that were found, best first, and what the other searches said.
+
+    Attributes
+    ----------
+    candidates : tuple of FoundMapping
+    refused : dict of str to str
+        Name of each search that found nothing -> why.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld("S.T")
+    >>> len(find_mappings(maze, maze)) > 0
+    True
+    """
+
+    candidates: tuple[FoundMapping, ...]
+    refused: dict[str, str]
+
+    def __getitem__(self, which: Any) -> Any:
+        return self.candidates[which]
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def __str__(self) -> str:
+        lines = [f"{i + 1}. {one}" for i, one in enumerate(self.candidates)]
+        return "\n".join([*lines, *(f"{name}: {why}" for name, why in self.refused.items())])
+
+
+def find_mappings(
+    target: Task,
+    source: Task,
+    *,
+    searches: Sequence[Search] = SEARCHES,
+    keep: int = 8,
+    seed: int = 0,
+    unmapped_value: float | None = None,
+) -> FoundMappings:
+    """Return mappings between two tasks with tables, best first.
+
+    Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
+    both tasks and their exact values; no step is taken in either. Those that clear the bar of
+    :func:`clears_bar` come first. Then they are ordered by what the greedy policy of the source's
+    values regains of the optimum, by the dynamics error and by the Bellman inconsistency. Of
+    candidates through which the source's values are read alike, the first search's is kept.
+
+    Parameters
+    ----------
+    target, source : Task
+    searches : sequence of callable
+        Each takes a :class:`TaskPair` and yields a :class:`Proposal` for each mapping.
+    keep : int
+        Most candidates to return.
+    seed : int
+        Of samples of pairs.
+    unmapped_value : float, optional
+        Of the mappings.
+
+    Raises
+    ------
+    SettingError
+        When `keep` is less than 1 or no search is given.
+    TaskError
+        When a task has no tables.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> for one in find_mappings(hunt, chase)[:2]:
+    ...     print(one.how)
+    components by assignment: predator is predator_1, prey by name
+    components by assignment: predator is predator_2, prey by name
+    """
+    whole_number("keep", keep, 1, SettingError)
+    check_unmapped_value(unmapped_value)
+    if not searches:
+        raise SettingError("find_mappings needs at least one search: got none")
+    tasks = TaskPair(target, source)
+    refused: dict[str, str] = {}
+    found = [
+        FoundMapping(
+            one.mapping, one.how, score_mapping(one.mapping, seed=seed, tasks=tasks), one.bound
+        )
+        for one in different(proposals(tasks, searches, unmapped_value, refused), tasks)
+    ]
+    return FoundMappings(tuple(sorted(found, key=rank)[:keep]), refused)
+
+
+def proposals(
+    tasks: TaskPair,
+    searches: Iterable[Search],
+    unmapped_value: float | None,
+    refused: dict[str, str],
+) -> Iterator[Proposal]:
+    """Yield what the searches propose; the reasons of those that do not apply go to `refused`."""
+    for search in searches:
+        try:
+            for one in search(tasks):
+                mapping = one.mapping
+                if unmapped_value is not None:
+                    mapping = replace_unmapped_value(mapping, unmapped_value)
+                yield one._replace(mapping=mapping)
+        except MappingError as error:
+            refused[getattr(search, "__name__", repr(search))] = str(error)
+
+
+def replace_unmapped_value(mapping: StateActionMapping, value: float) -> StateActionMapping:
+    """Return the same mapping with another value of unmapped pairs."""
+    if type(mapping) is StateActionMapping:
+        return replace(mapping, unmapped_value=value)
+    return type(mapping)(mapping.target, mapping.source, mapping.renaming, value)  # type: ignore
+
+
+def different(given: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the proposals that read the source's values in different ways, the first of each."""
+    q = tasks.source_solution.action_values
+    slack = SAME * max(1.0, float(abs(q).max()))
+    read: list[Any] = []
+    for one in given:
+        phi = one.mapping.read(q)
+        if not any(np.allclose(phi, other, rtol=0, atol=slack, equal_nan=True) for other in read):
+            read.append(phi)
+            yield one
+
+
+def clears_bar(scores: MappingScores) -> bool:
+    """Return whether a mapping fits well enough to be used unseen.
+
+    Its greedy policy must regain at least 10 % of what the random policy lacks, and its values must
+    explain at least a quarter of what a constant leaves unexplained. Either alone does not do: two
+    tasks may look alike nearly everywhere and have goals in different places, and a policy without
+    sense may gain by avoiding what costs most.
+    """
+    return scores.regained >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
+
+
+def rank(found: FoundMapping) -> tuple[bool, float, float, float]:
+    """Return what candidates are ordered by, the best first."""
+    scores = found.scores
+    worst = np.nan_to_num(
+        [-scores.regained, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
+    )
+    regained, dynamics, bellman = (float(round(one, 9)) for one in worst)
+    return not clears_bar(scores), regained, dynamics, bellman

@@ -1,0 +1,227 @@
+"""How well a mapping fits: whether the source's model and values predict the target."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.planning.solution import evaluate, greedy_policy
+from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
+from curricle.transfer.task_pair import TaskPair
+
+NAN = float("nan")
+TIED = 1e-9
+"""Values this close, in units of the largest, are tied for a greedy policy."""
+LARGEST_SAMPLE = 20_000
+"""Pairs on which next states are compared at most; a sample of more."""
+
+
+@dataclass(frozen=True)
+class MappingScores:
+    """How a mapping fits its tasks; phi are the source's exact values Q* read through it.
+
+    All means are over pairs (s, a) of the target in states that can be reached and do not end it.
+
+    Attributes
+    ----------
+    dynamics_error : float
+        Mean total variation distance, in [0, 1], between the next states that the source predicts
+        and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands
+        for the source state that its best pair reads; source states that behave alike
+        (bisimilar ones, terminal ones) count as one.
+    bellman_inconsistency : float
+        Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over
+        the pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
+    unexplained : float
+        The same, divided by what is left if a constant takes the place of phi(s, a): the median of
+        r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of
+        pairs than a constant; NaN where nothing varies.
+    coverage : float
+        Share of pairs that have a phi: mapped, at the source's end, or by an unmapped value.
+    optimistic : float
+        Share of the pairs that have a phi with phi > Q*.
+    start_value : float
+        Value of the policy that is greedy on phi, at the target's start; phi is 0 where unmapped.
+    regained : float
+        Share of the way from the random policy to the optimum that this policy goes:
+        (V^phi - V^random) / (V* - V^random), each averaged over the states. At most 1; negative if
+        it is worse than random; NaN if the random policy is optimal.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, same_position
+    >>> maze = GridWorld("S...T")
+    >>> print(score_mapping(same_position(maze, maze.crop(rows=(0, 1), columns=(2, 5)))))
+    regains 82%, dynamics error 0.125, Bellman inconsistency 0 (0% unexplained), ...
+    """
+
+    dynamics_error: float
+    bellman_inconsistency: float
+    unexplained: float
+    coverage: float
+    optimistic: float
+    start_value: float
+    regained: float
+
+    def __str__(self) -> str:
+        return (
+            f"regains {self.regained:.0%}, dynamics error {self.dynamics_error:.3f}, Bellman "
+            f"inconsistency {self.bellman_inconsistency:.3g} ({self.unexplained:.0%} "
+            f"unexplained), coverage {self.coverage:.0%}, optimistic {self.optimistic:.0%}, "
+            f"start value {self.start_value:.4g}"
+        )
+
+
+def score_mapping(
+    mapping: StateActionMapping, *, seed: int = 0, tasks: TaskPair | None = None
+) -> MappingScores:
+    """Return how a mapping fits its tasks, from their tables.
+
+    Parameters
+    ----------
+    mapping : StateActionMapping
+    seed : int
+        Of the sample of pairs whose next states are compared, where there are more than 20,000.
+    tasks : TaskPair, optional
+        The mapping's tasks, where they have been solved already.
+
+    Raises
+    ------
+    TaskError
+        When a task has no tables.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, project
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> scores = score_mapping(project(hunt, chase, predator="predator_1"))
+    >>> scores.dynamics_error < 1e-9, round(scores.bellman_inconsistency, 3), scores.coverage
+    (True, 0.259, 1.0)
+    """
+    tasks = TaskPair(mapping.target, mapping.source) if tasks is None else tasks
+    phi = mapping.read(tasks.source_solution.action_values)
+    inconsistency, unexplained = bellman_inconsistency(phi, tasks)
+    start_value, regained = _greedy_values(phi, tasks)
+    known = ~np.isnan(phi[tasks.judged])
+    excess = phi[tasks.judged] - tasks.target_solution.action_values[tasks.judged]
+    error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
+    return MappingScores(
+        dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
+        bellman_inconsistency=inconsistency,
+        unexplained=unexplained,
+        coverage=float(known.mean()),
+        optimistic=float((excess[known] > error).mean()) if known.any() else NAN,
+        start_value=start_value,
+        regained=regained,
+    )
+
+
+def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
+    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A) float64.
+
+    Parameters
+    ----------
+    phi : (S, A) float64
+        NaN where nothing is known; so is the result where nothing is known of a next state.
+    """
+    mdp = tasks.target_mdp
+    best = best_values(phi)
+    best[mdp.terminal] = 0.0
+    after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
+    expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
+    return np.asarray(expected[mdp.outcome_row])
+
+
+def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
+    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
+    expected, stated = backed_up(phi, tasks)[tasks.judged], phi[tasks.judged]
+    known = ~np.isnan(expected - stated)
+    if not known.any():
+        return NAN, NAN
+    expected, stated = expected[known], stated[known]
+    inconsistency = float(abs(expected - stated).mean())
+    by_constant = float(abs(expected - np.median(expected)).mean())
+    return inconsistency, inconsistency / by_constant if by_constant > 0 else NAN
+
+
+def best_values(phi: FloatArray) -> FloatArray:
+    """Return max_a phi(s, a) over the actions that have one, (S,) float64; NaN where none has."""
+    best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
+    return np.where(np.isneginf(best), np.nan, best)
+
+
+def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
+    """Return the start value of phi's greedy policy, and what it regains of the optimum."""
+    filled = np.where(np.isnan(phi), 0.0, phi)
+    policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
+    found = evaluate(tasks.target_mdp, policy)
+    values, best, random = (
+        float(one[tasks.judged].mean())
+        for one in (found.values, tasks.target_solution.values, tasks.random_values)
+    )
+    most = best - random
+    nothing = most <= TIED * max(1.0, abs(best))
+    return found.start_value, NAN if nothing else (values - random) / most
+
+
+def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
+    """Return the source state that the best pair of each target state reads, (S,) int64.
+
+    `ENDED` where it is at the source's end, `UNMAPPED` where no pair has a counterpart.
+    """
+    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
+    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return np.where(pair >= 0, pair // mapping.source.actions.size, pair)
+
+
+def _dynamics_error(
+    mapping: StateActionMapping, phi: FloatArray, tasks: TaskPair, seed: int
+) -> float:
+    """Return the mean total variation distance between predicted and true next states."""
+    mdp, source = tasks.target_mdp, tasks.source_mdp
+    mapped = np.argwhere((mapping.index >= 0) & tasks.judged[:, None])
+    if len(mapped) > LARGEST_SAMPLE:
+        rng = np.random.default_rng(seed)
+        mapped = mapped[rng.choice(len(mapped), LARGEST_SAMPLE, replace=False)]
+    if not len(mapped):
+        return NAN
+    s, a = mapped.T
+    # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
+    block = np.where(terminal_states(source), 0, 1 + tasks.source_blocks)
+    stands_for = state_map(mapping, phi)
+    after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
+    after[mdp.terminal | (stands_for == ENDED)] = 0
+    row = mdp.outcome_row[s, a]
+    source_row = source.outcome_row.ravel()[mapping.index[s, a]]
+    return float(
+        total_variation(
+            after[mdp.next_state[row]],
+            mdp.probability[row],
+            block[source.next_state[source_row]],
+            source.probability[source_row],
+        ).mean()
+    )
+
+
+def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
+    """Return the total variation distance of two distributions in each row, (n,) float64.
+
+    Parameters
+    ----------
+    one, other : (n, O) and (n, O') int64
+        Outcomes; one may be listed several times.
+    p, q : (n, O) and (n, O') float64
+        Their chances.
+
+    Examples
+    --------
+    >>> one, p, other, q = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
+    >>> total_variation(*(np.array(each) for each in (one, p, other, q)))
+    array([0.5])
+    """
+    outcomes = np.concatenate([one, other], axis=1)
+    masses = np.concatenate([p, -q], axis=1)
+    # Equal outcomes add up before their difference counts, once.
+    same: BoolArray = outcomes[:, :, None] == outcomes[:, None, :]
+    totals = (same * masses[:, None, :]).sum(axis=2)
+    return np.asarray((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2)

@@ -1,0 +1,110 @@
+"""A target and a source as the searches for mappings read them: tables and exact values."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.planning.solution import Solution, evaluate, solve
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.reachability import reachable_states
+from curricle.tasks.task import Task, tables
+from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
+
+ENDLESS = 1_000
+"""Steps that stand for the horizon of a task with discount 1 and no time limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class TaskPair:
+    """A target and a source with tables; what searches need of them is computed once.
+
+    A discount of 1 is taken as 1 - 1/L, L the time limit (1,000 steps without one), so that values
+    are bounded and distances between states contract.
+
+    Parameters
+    ----------
+    target, source : Task
+
+    Raises
+    ------
+    TaskError
+        When one of them has no tables.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> TaskPair(GridWorld("S..T"), GridWorld("S.T")).source_solution.values[:2]
+    array([196.01, 199.  ])
+    """
+
+    target: Task
+    source: Task
+
+    def __post_init__(self) -> None:
+        _ = self.target_mdp, self.source_mdp
+
+    @cached_property
+    def target_mdp(self) -> FiniteMDP:
+        """The target's tables."""
+        return discounted(tables(self.target))
+
+    @cached_property
+    def source_mdp(self) -> FiniteMDP:
+        """The source's tables."""
+        return discounted(tables(self.source))
+
+    @cached_property
+    def target_solution(self) -> Solution:
+        """Exact values of the target."""
+        return solve(self.target_mdp)
+
+    @cached_property
+    def source_solution(self) -> Solution:
+        """Exact values of the source."""
+        return solve(self.source_mdp)
+
+    @cached_property
+    def random_values(self) -> FloatArray:
+        """Values of the uniformly random policy in the target, (S,) float64."""
+        shape = self.target_mdp.outcome_row.shape
+        return evaluate(self.target_mdp, np.full(shape, 1 / shape[1])).values
+
+    @cached_property
+    def judged(self) -> BoolArray:
+        """The target's states that an episode can be in and that do not end it, (S,) bool."""
+        return reachable_states(self.target_mdp) & ~self.target_mdp.terminal
+
+    @cached_property
+    def models(self) -> tuple[Model, Model]:
+        """Both tasks for refinement, with the target's discount.
+
+        V* of the source also solves V = max_a r' + gamma_t P V, with r' = r + (gamma_s - gamma_t)
+        P V: a task with the target's discount. Where discounts agree nothing changes.
+        """
+        own, other = self.target_mdp, self.source_mdp
+        rewards = (other.probability * other.reward).sum(axis=1)
+        if own.discount != other.discount:
+            after = (other.probability * self.source_solution.values[other.next_state]).sum(axis=1)
+            rewards = rewards + (other.discount - own.discount) * after
+        return model_for_refinement(own), model_for_refinement(other, rewards)
+
+    @cached_property
+    def source_blocks(self) -> IntArray:
+        """The block of each source state, (S',) int64; states of a block behave alike."""
+        return refined([model_for_refinement(self.source_mdp)])[0].states
+
+
+def discounted(mdp: FiniteMDP) -> FiniteMDP:
+    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> discounted(GridWorld("S.T", discount=1, time_limit=50).mdp).discount
+    0.98
+    """
+    if mdp.discount < 1:
+        return mdp
+    return replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
