@@ -28,11 +28,12 @@ PACKAGE = Path(curricle.__file__).parent
 MOST_NAMES = 50
 FACES = sorted(stub.parent.name for stub in PACKAGE.glob("*/__init__.pyi"))
 DATACLASSES = [
-    getattr(getattr(curricle, face), name)
+    kind
     for face in FACES
     if face != "deep"  # whose names need an extra
     for name in getattr(curricle, face).__all__
-    if dataclasses.is_dataclass(getattr(getattr(curricle, face), name))
+    for kind in [getattr(getattr(curricle, face), name)]
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind)
 ]
 
 

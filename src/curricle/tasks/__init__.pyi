@@ -5,6 +5,18 @@ from .draws import (
     splitmix64 as splitmix64,
     uniform as uniform,
 )
+from .families.components_by_name import ComponentsByName as ComponentsByName
+from .families.family import (
+    FamilyMember as FamilyMember,
+    TaskFamily as TaskFamily,
+    task_family as task_family,
+)
+from .families.mazes import maze_family as maze_family, random_maze as random_maze
+from .families.parameters import Parameter as Parameter
+from .families.pursuits import (
+    pursuit_family as pursuit_family,
+    pursuit_mappings as pursuit_mappings,
+)
 from .gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP

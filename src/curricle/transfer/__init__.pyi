@@ -3,6 +3,7 @@ from .calibration import Calibration as Calibration, calibrate as calibrate
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
 from .component_search import by_assignment as by_assignment, by_name as by_name
 from .edges import Calibrate as Calibrate, Transfer as Transfer
+from .family_mapping import family_mappings as family_mappings
 from .found_mappings import (
     FoundMapping as FoundMapping,
     FoundMappings as FoundMappings,

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from curricle.array_types import IntArray
+from curricle.checks import one_of
 from curricle.errors import MappingError
+from curricle.tasks.families.components_by_name import Unequal
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value, pair_mapping
@@ -28,6 +31,9 @@ class ComponentMapping(StateActionMapping):
         Source component -> target component, where the names differ.
     unmapped_value : float, optional
         As in :class:`StateActionMapping`.
+    unequal : {"unmapped", "clip", "scale"}
+        What becomes of values without labels where the ranges of a component differ, as in
+        :class:`ComponentsByName`.
 
     Examples
     --------
@@ -38,6 +44,7 @@ class ComponentMapping(StateActionMapping):
     """
 
     renaming: dict[str, str]
+    unequal: Unequal
 
     def __init__(
         self,
@@ -45,8 +52,10 @@ class ComponentMapping(StateActionMapping):
         source: Task,
         renaming: dict[str, str],
         unmapped_value: float | None = None,
+        unequal: Unequal = "unmapped",
     ):
         generative_model(target), generative_model(source)
+        one_of("unequal", unequal, ("unmapped", "clip", "scale"), MappingError)
         check_unmapped_value(unmapped_value)
         known = {*source.states.names, *source.actions.names}
         for name in renaming:
@@ -59,8 +68,14 @@ class ComponentMapping(StateActionMapping):
             for component in other.components:
                 _origin(own, component, renaming)
         fields = {"target": target, "source": source, "renaming": dict(renaming)}
-        for name, value in {**fields, "unmapped_value": unmapped_value}.items():
+        fields |= {"unmapped_value": unmapped_value, "unequal": unequal}
+        for name, value in fields.items():
             object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> Any:
+        """Pickle what the mapping was made from: names, and no index array."""
+        given = (self.target, self.source, self.renaming, self.unmapped_value, self.unequal)
+        return ComponentMapping, given
 
     @cached_property
     def index(self) -> IntArray:
@@ -71,14 +86,16 @@ class ComponentMapping(StateActionMapping):
                 f"a mapping has an index array for up to {LARGEST_INDEX:,} target pairs: got "
                 f"{pairs:,}, which learners read one by one"
             )
-        state = source_points(self.target.states, self.source.states, self.renaming)[:, None]
+        state = source_points(self.target.states, self.source.states, self.renaming, self.unequal)[
+            :, None
+        ]
         target, source, unmapped_value = self.target, self.source, self.unmapped_value
         return pair_mapping(target, source, state, self.actions, unmapped_value).index
 
     @cached_property
     def actions(self) -> IntArray:
         """The source's action for each of the target's, `MISSING` where none, (A,) int64."""
-        return source_points(self.target.actions, self.source.actions, self.renaming)
+        return source_points(self.target.actions, self.source.actions, self.renaming, self.unequal)
 
     def lookups(self) -> list[IntArray] | None:
         """Return how to compute a source state from a target state without arrays over all states.
@@ -93,7 +110,8 @@ class ComponentMapping(StateActionMapping):
         offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
         for component, stride in zip(source.components, source.strides, strict=True):
             origin = _origin(target, component, self.renaming)
-            value, offset = _values_of(origin, component) - component.low, offsets[origin.name]
+            value = _values_of(origin, component, self.unequal) - component.low
+            offset = offsets[origin.name]
             missing = (value < 0) | (value >= component.size) | (offset == MISSING)
             offsets[origin.name] = np.where(missing, MISSING, offset + value * stride)
         return list(offsets.values())
@@ -101,7 +119,9 @@ class ComponentMapping(StateActionMapping):
     def __repr__(self) -> str:
         names = (*self.source.states.names, *self.source.actions.names)
         read = {name: self.renaming.get(name, name) for name in names}
-        return f"ComponentMapping({', '.join(f'{k}={v}' for k, v in read.items())})"
+        shown = [f"{k}={v}" for k, v in read.items()]
+        shown += [] if self.unequal == "unmapped" else [f"unequal={self.unequal!r}"]
+        return f"ComponentMapping({', '.join(shown)})"
 
 
 def project(
@@ -140,12 +160,18 @@ def project(
     return ComponentMapping(target, source, renaming, unmapped_value)
 
 
-def source_points(target: Space, source: Space, renaming: Mapping[str, str]) -> IntArray:
+def source_points(
+    target: Space,
+    source: Space,
+    renaming: Mapping[str, str],
+    unequal: Unequal = "unmapped",
+) -> IntArray:
     """Return the source's point for each of the target's, `MISSING` where there is none."""
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
-        read[component.name] = _values_of(origin, component)[values[origin.name] - origin.low]
+        known = _values_of(origin, component, unequal)
+        read[component.name] = known[values[origin.name] - origin.low]
     return source.encode(**read)
 
 
@@ -173,12 +199,17 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
     return target.component(name)
 
 
-def _values_of(origin: Component, component: Component) -> IntArray:
+def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
     """Return the source's value for each value of the target's, by label where both have labels.
 
     Where a label is missing it is one below the component's lowest value.
     """
     if component.labels is None or origin.labels is None:
-        return np.arange(origin.size) + origin.low
+        values = np.arange(origin.size) + origin.low
+        if unequal == "clip":
+            return np.clip(values, component.low, component.high)
+        if unequal == "scale":
+            return component.low + (values - origin.low) * component.size // origin.size
+        return values
     value = {label: component.low + i for i, label in enumerate(component.labels)}
     return np.array([value.get(label, component.low - 1) for label in origin.labels])

@@ -10,6 +10,9 @@ from curricle.transfer.observation_mapping import ObservationMapping
 LARGEST_COVERAGE = 5_000_000
 """Target pairs up to which a mapping's coverage is counted."""
 
+UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
+"""What becomes of values that the source lacks, in words."""
+
 
 def mapping_words(transfer: Transfer) -> str:
     """Return the mapping of a transfer in words.
@@ -24,7 +27,8 @@ def mapping_words(transfer: Transfer) -> str:
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
         names = (*mapping.source.states.names, *mapping.source.actions.names)
-        return describe_renaming(names, mapping.renaming)
+        words = describe_renaming(names, mapping.renaming)
+        return words if mapping.unequal == "unmapped" else f"{words}; {UNEQUAL[mapping.unequal]}"
     if isinstance(mapping, ObservationMapping):
         return mapping.description
     return "state by state and action by action"

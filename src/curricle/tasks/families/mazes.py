@@ -1,0 +1,207 @@
+"""The family of random mazes, which are always solvable; a small maze is a part of a larger one."""
+
+from collections import deque
+from collections.abc import Iterator
+from itertools import count
+from typing import Any, Literal
+
+from curricle.checks import number, one_of, whole_number
+from curricle.errors import TaskError
+from curricle.tasks.draws import STRIDE, splitmix64, stream_start, uniform
+from curricle.tasks.families.components_by_name import ComponentsByName
+from curricle.tasks.families.family import TaskFamily
+from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.gridworld import GridWorld, Rewards
+
+LARGEST_MAZE = 200
+Corner = Literal["north-west", "north-east", "south-west", "south-east"]
+CORNERS = ("north-west", "north-east", "south-west", "south-east")
+
+_Cell = tuple[int, int]
+
+
+def random_maze(
+    size: int = 6,
+    walls: float = 0.2,
+    pits: float = 0.05,
+    fires: float = 0.0,
+    seed: int = 0,
+    *,
+    corner: Corner = "north-east",
+    start: Literal["far", "uniform"] = "far",
+    step: float = -1.0,
+    treasure: float = 200.0,
+    fire: float = -500.0,
+    near_fire: float = -250.0,
+    pit: float = -2500.0,
+    discount: float = 0.99,
+    time_limit: int | None = 200,
+) -> GridWorld:
+    r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
+
+    It grows from the treasure outwards, one row and one column at a time. Each of their cells gets
+    an object with the given chances; then objects are taken away at random until every free cell
+    of them has a way to the treasure that enters neither pit nor fire. So every maze is solvable
+    from every free cell, and **a smaller maze with the same seed is the part of a larger one around
+    the treasure**, as the paper's source tasks are parts of their target. The treasure has the
+    coordinates (0, 0) in all of them.
+
+    Parameters
+    ----------
+    size : int
+        Cells per side, 2 to 200.
+    walls, pits, fires : float
+        Chances that a cell becomes one, together at most 1; fewer remain where they are many.
+    seed : int
+        At least 0. Mazes with different seeds are independent.
+    corner : {"north-west", "north-east", "south-west", "south-east"}
+        Where the treasure lies.
+    start : {"far", "uniform"}
+        Episodes start in the free cell from which the way is the longest, or in any cell that does
+        not end the episode.
+    step, treasure, fire, near_fire, pit : float
+        As in :class:`Rewards`.
+    discount, time_limit
+        As in :class:`GridWorld`.
+
+    Raises
+    ------
+    TaskError
+        When a value is out of range, or the chances sum to more than 1.
+
+    Examples
+    --------
+    >>> maze = random_maze(size=5, seed=3)
+    >>> print("\n".join(maze.map))
+    .#..T
+    .....
+    .#.#.
+    ...##
+    S....
+    >>> random_maze(size=4, seed=3, start="uniform").map == maze.crop(
+    ...     rows=(0, 4), columns=(-3, 1)).map
+    True
+    """
+    size = whole_number("size of a maze", size, 2, TaskError)
+    number("size of a maze", size, TaskError, 2, LARGEST_MAZE)
+    seed = whole_number("seed of a maze", seed, 0, TaskError)
+    chances = {"walls": walls, "pits": pits, "fires": fires}
+    for name, chance in chances.items():
+        number(f"{name} of a maze", chance, TaskError, 0, 1)
+    if refused := _chances_sum(chances):
+        raise TaskError(f"{refused}: got {walls}, {pits} and {fires}")
+    one_of("corner of a maze", corner, CORNERS, TaskError)
+    one_of("start of a maze", start, ("far", "uniform"), TaskError)
+    cells = {(0, 0): "T"}
+    for n in range(1, size):
+        _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
+    if start == "far":
+        cells[_farthest(cells)] = "S"
+    vertical, horizontal = corner.split("-")
+    return GridWorld(
+        _lines(cells, down=vertical == "north", right=horizontal == "west"),
+        rewards=Rewards(step=step, treasure=treasure, fire=fire, near_fire=near_fire, pit=pit),
+        start="map" if start == "far" else "uniform",
+        origin=(
+            0 if vertical == "north" else 1 - size,
+            0 if horizontal == "west" else 1 - size,
+        ),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+def _grow(cells: dict[_Cell, str], n: int, chances: dict[str, float], seed: int) -> None:
+    """Add the cells at distance n, the larger of the distances in rows and columns.
+
+    Each of them borders on one at distance n - 1, of which at least one is free and has a way to
+    the treasure. So if all objects were taken away, all would have one.
+    """
+    shell = [(n, column) for column in range(n)] + [(row, n) for row in range(n + 1)]
+    draws = _draws(seed, n)
+    for cell in shell:
+        drawn, cells[cell] = next(draws), "."
+        for character, chance in chances.items():
+            if drawn < chance:
+                cells[cell] = character
+                break
+            drawn -= chance
+    objects = sorted((next(draws), cell) for cell in shell if cells[cell] != ".")
+    while not _joined(cells, shell, n):
+        cells[objects.pop()[1]] = "."
+
+
+def _joined(cells: dict[_Cell, str], shell: list[_Cell], n: int) -> bool:
+    """Return whether cells of the shell are free, and all of them have a way to the treasure."""
+    free = {cell for cell in shell if cells[cell] == "."}
+    joined = {
+        cell
+        for cell in free
+        if any(max(one) < n and cells.get(one, "#") in ".T" for one in _beside(cell))
+    }
+    waiting = list(joined)
+    while waiting:
+        for one in _beside(waiting.pop()):
+            if one in free and one not in joined:
+                joined.add(one)
+                waiting.append(one)
+    return bool(free) and joined == free
+
+
+def _lines(cells: dict[_Cell, str], *, down: bool, right: bool) -> list[str]:
+    """Return the map; it reaches from the treasure down or up, and to the right or to the left."""
+    size = max(cells)[0] + 1
+    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
+    lines = lines if right else [line[::-1] for line in lines]
+    return lines if down else lines[::-1]
+
+
+def _farthest(cells: dict[_Cell, str]) -> _Cell:
+    """Return the free cell whose way to the treasure is the longest; TaskError if one has none."""
+    waiting, distance = deque([(0, 0)]), {(0, 0): 0}
+    while waiting:
+        cell = waiting.popleft()
+        for one in _beside(cell):
+            if cells.get(one) == "." and one not in distance:
+                distance[one] = distance[cell] + 1
+                waiting.append(one)
+    lost = [cell for cell, character in cells.items() if character == "." and cell not in distance]
+    if lost:
+        raise TaskError(
+            f"every free cell of a maze needs a way to the treasure: {lost[0]} has none"
+        )
+    return max(distance, key=lambda cell: (distance[cell], cell))
+
+
+def _beside(cell: _Cell) -> Iterator[_Cell]:
+    """Yield the cells that share an edge with one, off the map too."""
+    row, column = cell
+    yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
+
+
+def _draws(seed: int, n: int) -> Iterator[float]:
+    """Yield uniform numbers of the stream of the shell n."""
+    for state in count(stream_start(seed, f"maze/{n}"), int(STRIDE)):
+        yield float(uniform(splitmix64(state % 2**64)))
+
+
+def _chances_sum(parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong where the chances of objects sum to more than 1."""
+    total = sum(parameters[name] for name in ("walls", "pits", "fires"))
+    return None if total <= 1 else "walls, pits and fires of a maze must sum to at most 1"
+
+
+maze_family = TaskFamily(
+    "maze",
+    random_maze,
+    (
+        Parameter("size", low=2, high=LARGEST_MAZE, harder="larger"),
+        *(Parameter(name, low=0, high=1, harder="larger") for name in ("walls", "pits", "fires")),
+        Parameter("seed", low=0),
+        Parameter("time_limit", low=1),
+        Parameter("discount", low=0, high=1),
+    ),
+    mapping=ComponentsByName(),
+    constraint=_chances_sum,
+)
+"""Random mazes (:func:`random_maze`); members map cell by cell, counted from the treasure."""

@@ -1,0 +1,129 @@
+"""Random mazes: always solvable, equal for equal seeds, and nested."""
+
+from collections import deque
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from curricle import solve
+from curricle.errors import TaskError
+from curricle.tasks import maze_family, random_maze
+from curricle.tasks.families.mazes import CORNERS
+from curricle.tasks.grid_view import GridView
+
+CHANCES = st.sampled_from(
+    [
+        (0.2, 0.05, 0.0),
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.3, 0.4, 0.3),
+        (0.5, 0.2, 0.1),
+    ]
+)
+SEEDS = st.integers(0, 2**63 - 1)
+
+
+def made(size, chances, seed, **settings):
+    walls, pits, fires = chances
+    return random_maze(size, walls, pits, fires, seed, **settings)
+
+
+def ways(lines):
+    """Return the cells from which one can walk to the treasure past walls, pits and fires."""
+    grid = np.array([list(line) for line in lines])
+    first = tuple(np.argwhere(grid == "T")[0].tolist())
+    seen, waiting = {first: 0}, deque([first])
+    while waiting:
+        row, column = cell = waiting.popleft()
+        for one in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            inside = 0 <= one[0] < len(grid) and 0 <= one[1] < len(grid[0])
+            if inside and one not in seen and grid[one] in ".S":
+                seen[one] = seen[cell] + 1
+                waiting.append(one)
+    return grid, seen
+
+
+@given(st.integers(2, 12), CHANCES, SEEDS, st.sampled_from(CORNERS))
+@settings(max_examples=150, deadline=None)
+def test_every_free_cell_has_a_way_to_the_treasure(size, chances, seed, corner):
+    maze = made(size, chances, seed, corner=corner)
+    grid, seen = ways(maze.map)
+    free = {tuple(cell) for cell in np.argwhere((grid == ".") | (grid == "S")).tolist()}
+    assert free <= seen.keys()
+    assert (grid == "T").sum() == (grid == "S").sum() == 1
+    start = tuple(np.argwhere(grid == "S")[0].tolist())
+    assert seen[start] == max(seen.values())
+    assert maze.state(0, 0) == int(np.flatnonzero(maze.mdp.terminal & (maze._contents == "T"))[0])
+
+
+@given(st.integers(2, 9), st.integers(0, 4), CHANCES, SEEDS, st.sampled_from(CORNERS))
+@settings(max_examples=100, deadline=None)
+def test_a_smaller_maze_is_the_part_of_a_larger_one_around_the_treasure(
+    size, more, chances, seed, corner
+):
+    small = made(size, chances, seed, corner=corner, start="uniform")
+    large = made(size + more, chances, seed, corner=corner, start="uniform")
+    top, left = small.origin
+    part = large.crop(rows=(top, top + size), columns=(left, left + size))
+    assert part == small
+
+
+@given(st.integers(4, 10), CHANCES, SEEDS)
+@settings(max_examples=20, deadline=None)
+def test_equal_seeds_agree(size, chances, seed):
+    assert made(size, chances, seed) == made(size, chances, seed)
+
+
+def test_different_seeds_differ():
+    maps = {random_maze(size=8, seed=seed).map for seed in range(50)}
+    assert len(maps) == 50
+
+
+def test_corners_are_mirror_images_of_each_other():
+    north_east = random_maze(size=6, pits=0.1, seed=11).map
+    mirrored = tuple(line[::-1] for line in north_east)
+    assert random_maze(size=6, pits=0.1, seed=11, corner="north-west").map == mirrored
+    assert random_maze(size=6, pits=0.1, seed=11, corner="south-east").map == north_east[::-1]
+    assert random_maze(size=6, pits=0.1, seed=11, corner="south-west").map == mirrored[::-1]
+
+
+def test_densities_are_those_asked_for_where_few_objects_block():
+    counts = {"#": 0, "P": 0, "F": 0}
+    cells = 0
+    for seed in range(60):
+        grid = "".join(random_maze(20, 0.08, 0.04, 0.02, seed).map)
+        cells += len(grid)
+        counts = {one: n + grid.count(one) for one, n in counts.items()}
+    for one, chance in zip("#PF", (0.08, 0.04, 0.02), strict=True):
+        assert counts[one] / cells == pytest.approx(chance, rel=0.15)
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_the_best_policy_reaches_the_treasure_and_the_maze_can_be_drawn(corner):
+    maze = maze_family(size=8, seed=5, corner=corner).task
+    _, seen = ways(maze.map)
+    steps = max(seen.values())
+    best = 200 * 0.99 ** (steps - 1) - (1 - 0.99**steps) / (1 - 0.99)
+    assert solve(maze).start_value == pytest.approx(best)
+    assert GridView.of(maze).shape == (8, 8)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"size": 1}, "size of a maze must be a whole number, at least 2: got 1"),
+        ({"size": 201}, r"size of a maze must lie in \[2, 200\]: got 201"),
+        ({"walls": 1.5}, r"walls of a maze must lie in \[0, 1\]: got 1.5"),
+        ({"pits": "many"}, "pits of a maze must be a number: got 'many'"),
+        ({"walls": 0.9, "fires": 0.2}, "must sum to at most 1: got 0.9, 0.05 and 0.2"),
+        ({"seed": -1}, "seed of a maze must be a whole number, at least 0: got -1"),
+        ({"corner": "north"}, "corner of a maze must be one of north-west"),
+        ({"start": "near"}, "start of a maze must be one of far, uniform"),
+        ({"step": float("nan")}, "reward step must be finite"),
+    ],
+)
+def test_bad_values_are_refused(values, said):
+    with pytest.raises(TaskError, match=said):
+        random_maze(**values)

@@ -1,0 +1,259 @@
+"""Task families: parameters checked, members that are addresses, and nothing built too early."""
+
+import copy
+import pickle
+from typing import Literal
+
+import pytest
+
+from curricle import GridWorld, Pursuit
+from curricle.errors import TaskError
+from curricle.tasks import (
+    ComponentsByName,
+    Parameter,
+    TaskFamily,
+    maze_family,
+    pursuit_family,
+    task_family,
+)
+from curricle.tasks.families.built_in import BUILT_IN
+
+BUILT = list[int]()
+
+
+@task_family(
+    Parameter("length", low=2, high=9, harder="larger"),
+    Parameter("slope", values=("flat", "steep"), harder="later"),
+    mapping=ComponentsByName("clip"),
+    constraint=lambda given: (
+        "a long corridor must be flat"
+        if given["length"] > 7 and given["slope"] == "steep"
+        else None
+    ),
+)
+def corridor(
+    length: int,
+    slope: str = "flat",
+    wet: bool = False,
+    side: Literal["left", "right"] = "left",
+    limit: int | None = 50,
+    discount: float = 0.9,
+    notes: object = None,
+) -> GridWorld:
+    """Return a corridor."""
+    BUILT.append(length)
+    return GridWorld("S" + "." * (length - 2) + "T", discount=discount, time_limit=limit)
+
+
+def test_a_decorated_function_is_a_family():
+    assert isinstance(corridor, TaskFamily)
+    member = corridor(length=4)
+    assert member.task == GridWorld("S..T", discount=0.9, time_limit=50)
+    assert member.parameters == {
+        "length": 4, "slope": "flat", "wet": False, "side": "left", "limit": 50, "discount": 0.9,
+    }  # fmt: skip
+
+
+def test_signatures_say_what_declarations_leave_out():
+    kinds = {one.name: (one.kind, one.values, one.optional) for one in corridor.parameters}
+    assert kinds["length"] == (int, None, False)
+    assert kinds["wet"] == (bool, None, False)
+    assert kinds["side"] == (None, ("left", "right"), False)
+    assert kinds["limit"] == (int, None, True)
+    assert "notes" not in kinds  # no kind that a family has: the default stays
+    assert [one.required for one in corridor.parameters].count(True) == 1
+
+
+def test_nothing_is_built_before_a_task_is_asked_for():
+    BUILT.clear()
+    members = list(corridor.members(wet=[False, True]))
+    assert len(members) == 2 * 8
+    assert len(set(members)) == len(members)
+    assert not BUILT
+    first = members[0]
+    assert first.task is first.task
+    assert BUILT == [2]
+
+
+def test_members_are_values():
+    member = corridor(length=5, discount=0.5)
+    assert member == corridor(discount=0.5, length=5.0)
+    assert hash(member) == hash(corridor(length=5, discount=0.5))
+    assert member != corridor(length=5)
+    assert repr(member) == "corridor(length=5, discount=0.5)"
+    assert repr(corridor(length=5)) == "corridor(length=5)"
+    assert {member: 1}[copy.deepcopy(member)] == 1
+    assert member.replace(length=3) == corridor(length=3, discount=0.5)
+
+
+@pytest.mark.parametrize(
+    "family",
+    [corridor, corridor.with_defaults(wet=True), *BUILT_IN.values()],
+    ids=lambda family: repr(family)[:40],
+)
+def test_families_and_members_are_pickled(family):
+    assert pickle.loads(pickle.dumps(family)) == family
+    member = next(family.members(**({"length": 3} if family.name == "corridor" else {})))
+    again = pickle.loads(pickle.dumps(member))
+    assert (again, hash(again), repr(again)) == (member, hash(member), repr(member))
+
+
+def test_a_pickled_member_takes_no_task_with_it():
+    member = maze_family(size=20)
+    before = len(pickle.dumps(member))
+    assert member.task.states.size > 100
+    assert len(pickle.dumps(member)) == before
+
+
+def test_other_defaults_make_the_same_members():
+    rings = pursuit_family.with_defaults(torus=True, size=6)
+    assert rings() == pursuit_family(torus=True, size=6)
+    assert rings(torus=False) == pursuit_family(size=6)
+    assert rings.with_defaults(size=3)() == pursuit_family(torus=True, size=3)
+    assert [one["torus"] for one in rings.members(size=[2, 3])] == [True, True]
+    assert rings != pursuit_family
+    assert "torus=True" in repr(rings)
+
+
+def test_easier_members_are_nowhere_harder():
+    assert list(corridor.easier(corridor(length=3, slope="steep", wet=True))) == [
+        corridor(length=2, wet=True),
+        corridor(length=2, slope="steep", wet=True),
+        corridor(length=3, wet=True),
+    ]
+    assert not list(corridor.easier(corridor(length=2)))
+    found = list(pursuit_family.easier(pursuit_family(size=4, predators=2, capture=2)))
+    assert pursuit_family(size=4, predators=1) not in found
+    assert {one["predators"] for one in found} == {2}  # one predator cannot be two on the prey
+
+
+def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
+    @task_family(
+        Parameter("light", low=0, high=3, harder="smaller"), Parameter("wet", harder="larger")
+    )
+    def cave(light: int = 2, wet: bool = True) -> GridWorld:
+        return GridWorld("ST")
+
+    assert list(cave.easier(cave())) == [
+        cave(light=3, wet=False), cave(light=3, wet=True), cave(light=2, wet=False),
+    ]  # fmt: skip
+
+
+def test_members_that_the_constraint_refuses_are_left_out():
+    found = list(corridor.members(slope=("flat", "steep")))
+    assert len(found) == 8 + 6
+    assert sum(1 for _ in pursuit_family.members(predators=[1, 2], capture=[1, 2, "all"])) == 5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: corridor(), "length of corridor must be given: it has no default, and is 2..9"),
+        (
+            lambda: corridor(length=1),
+            "length of corridor must be a whole number, at least 2: got 1",
+        ),
+        (lambda: corridor(length=10), r"length of corridor must lie in \[2, 9\]: got 10"),
+        (lambda: corridor(length="4"), "length of corridor must be a whole number, .*: got '4'"),
+        (lambda: corridor(length=True), "must be a whole number, at least 2: got True"),
+        (lambda: corridor(length=2.5), "must be a whole number, at least 2: got 2.5"),
+        (lambda: corridor(length=4, wet=1), "wet of corridor must be a bool: got 1"),
+        (lambda: corridor(length=4, slope="step"), "slope .* one of flat, steep: got 'step'"),
+        (lambda: corridor(length=4, discount="x"), "discount of corridor must be a number"),
+        (lambda: corridor(length=4, discount=None), "discount of corridor must be a number"),
+        (
+            lambda: corridor(lenght=4),
+            "must be one of length, .*: got 'lenght', did you mean 'length'",
+        ),
+        (lambda: corridor(length=9, slope="steep"), "a long corridor must be flat: got corridor"),
+        (lambda: corridor.with_defaults(wet=2), "wet of corridor must be a bool: got 2"),
+        (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
+        (lambda: list(corridor.members(size=3)), "a parameter of corridor must be one of"),
+        (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
+        (lambda: list(corridor.easier(maze_family())), "corridor has only members of its own"),
+        (lambda: pursuit_family(capture=True), "capture of pursuit must be one of any, all"),
+        (lambda: pursuit_family(predators=1, capture=2), "at most the number of predators, 1: got"),
+    ],
+)
+def test_bad_members_are_refused_in_a_sentence(wrong, said):
+    with pytest.raises(TaskError, match=said) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)
+
+
+def test_values_too_many_to_list_are_refused():
+    @task_family()
+    def coin(seed: int) -> GridWorld:
+        return GridWorld("ST")
+
+    with pytest.raises(TaskError, match="seed of coin has too many values to list, whole numbers"):
+        list(coin.members())
+    assert len(list(coin.members(seed=range(5)))) == 5
+
+
+def one_word(word: str = "a") -> GridWorld:
+    return GridWorld("ST")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: Parameter("two words"), "must be one of Python's: got 'two words'"),
+        (lambda: Parameter("a", list), "must be int, float, bool or str"),
+        (lambda: Parameter("a", low=2, high=1), "low of parameter 'a' must be at most high"),
+        (lambda: Parameter("a", low="2"), "low of parameter 'a' must be a number"),
+        (lambda: Parameter("a", values="ab"), "the values of parameter 'a' must be a list"),
+        (lambda: Parameter("a", values=()), "must be different numbers, words or flags"),
+        (lambda: Parameter("a", values=(1, 1)), "must be different numbers, words or flags"),
+        (lambda: Parameter("a", int, values=(1, 2)), "say all: leave out kind, low and high"),
+        (lambda: Parameter("a", harder="bigger"), "must be one of larger, smaller, later"),
+        (lambda: Parameter("a", harder="later"), "needs values in that order"),
+        (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
+        (lambda: TaskFamily("f", 3), "the factory of f must be a function: got 3"),
+        (
+            lambda: TaskFamily("f", one_word, mapping=3),
+            "the mapping of f must be a ComponentsByName or",
+        ),
+        (lambda: TaskFamily("f", one_word, ["word"]), "must be a Parameter: got 'word'"),
+        (lambda: TaskFamily("f", one_word, [Parameter("x")]), "different ones of its function"),
+        (lambda: TaskFamily("f", one_word, [Parameter("word")] * 2), "different ones of its"),
+        (
+            lambda: TaskFamily("f", one_word, [Parameter("word", values=("b",))]),
+            "word of f, its default, must be one of b: got 'a'",
+        ),
+        (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
+        (lambda: ComponentsByName("stretch"), "unequal must be one of unmapped, clip, scale"),
+        (lambda: ComponentsByName(renaming=3), "renaming must be a dict of source components"),
+        (
+            lambda: ComponentsByName(renaming={"a": 1}),
+            "renaming must be a dict of source components",
+        ),
+    ],
+)
+def test_bad_declarations_are_refused_in_a_sentence(wrong, said):
+    with pytest.raises(TaskError, match=said):
+        wrong()
+
+
+def test_what_is_no_task_is_refused_when_it_is_built():
+    @task_family()
+    def number(n: int = 1) -> int:
+        return n
+
+    with pytest.raises(TaskError, match="a task must be a FiniteMDP"):
+        _ = number().task
+
+
+def test_a_family_prints_its_parameters():
+    said = str(corridor.with_defaults(wet=True)).splitlines()
+    assert said[0] == "corridor, a family of tasks"
+    assert said[1] == "  length: 2..9; must be given, larger is harder"
+    assert "  wet: True, False; True by default" in said
+
+
+def test_the_pursuit_family_has_what_a_pursuit_has():
+    names = {one.name for one in pursuit_family.parameters}
+    assert names == {field for field in Pursuit.__dataclass_fields__ if field != "prey"}
+    assert pursuit_family().task == Pursuit()
+    member = pursuit_family(size=3, predators=3, torus=True, capture=2, moves=4, time_limit=None)
+    assert member.task == Pursuit(3, 3, torus=True, capture=2, moves=4, time_limit=None)
