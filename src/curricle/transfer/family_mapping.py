@@ -102,6 +102,6 @@ def _made(
     if callable(declared):
         return from_function(target, source, declared, unmapped_value=unmapped_value)
     raise MappingError(
-        f"the mapping of {member.family.name} must return a ComponentsByName, a function of states and "
-        f"actions, a mapping, or a list of them: got {declared!r}"
+        f"the mapping of {member.family.name} must return a ComponentsByName, a function of "
+        f"states and actions, a mapping, or a list of them: got {declared!r}"
     )

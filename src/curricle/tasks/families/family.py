@@ -34,9 +34,9 @@ class TaskFamily(Frozen):
         What the signature of `factory` does not say. Parameters that are left out are taken from
         the signature.
     mapping : ComponentsByName or callable, optional
-        How members map onto each other: :class:`ComponentsByName`, the default, or a function of target and
-        source (both :class:`FamilyMember`) that returns one of the following, or several in a list:
-        a :class:`ComponentsByName`, a function for :func:`from_function`, a mapping. See
+        How members map onto each other: :class:`ComponentsByName`, the default, or a function of
+        target and source (both :class:`FamilyMember`) that returns one of the following, or several
+        in a list: a :class:`ComponentsByName`, a function for :func:`from_function`, a mapping. See
         :func:`family_mappings`.
     constraint : callable, optional
         A function of a dict of parameters that returns what is wrong with them as a sentence, None
@@ -82,8 +82,8 @@ class TaskFamily(Frozen):
             object.__setattr__(self, "mapping", ComponentsByName())
         if not isinstance(self.mapping, ComponentsByName) and not callable(self.mapping):
             raise TaskError(
-                f"the mapping of {self.name} must be a ComponentsByName or a function of target and source: "
-                f"got {self.mapping!r}"
+                f"the mapping of {self.name} must be a ComponentsByName or a function of target "
+                f"and source: got {self.mapping!r}"
             )
         declared = tuple(self.parameters)
         for one in declared:
