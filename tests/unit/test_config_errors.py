@@ -12,6 +12,12 @@ from curricle.study.config.positions import Positions
 from curricle.study.config.reading import configured
 from tests.studies import NUMBERED_HUNT as HUNT, complaints_of
 
+TYPES = (
+    "maze, crop, pursuit, river_swim, deep_sea, gymnasium, factory, observation_task, "
+    "vector_pursuit"
+)
+"""Of tasks, in the order in which they are listed."""
+
 
 @pytest.fixture
 def complaints(tmp_path, monkeypatch):
@@ -77,14 +83,13 @@ def complaints(tmp_path, monkeypatch):
         (
             'type = "pursuit"\nsize = 3\npred',
             'type = "persuit"\npred',
-            "line 8: tasks.chase.type must be one of maze, crop, pursuit, gymnasium, factory, "
-            "observation_task, vector_pursuit: got 'persuit', did you mean 'pursuit'?",
+            f"line 8: tasks.chase.type must be one of {TYPES}: got 'persuit', did you mean "
+            "'pursuit'?",
         ),
         (
             'type = "pursuit"\nsize = 3\npred',
             "pred",
-            "line 7: tasks.chase.type is missing: one of maze, crop, pursuit, gymnasium, factory, "
-            "observation_task, vector_pursuit",
+            f"line 7: tasks.chase.type is missing: one of {TYPES}",
         ),
         ('name = "hunt"\n', "", ": name is missing"),
         ('name = "hunt"', "name = ''", "line 1: name must have 1 to 100 characters: got ''"),

@@ -16,8 +16,9 @@ from curricle.plotting.styles import COLOURS
 from curricle.tasks.grid_view import LETTERS, GridView
 from curricle.tasks.gridworld import GridWorld
 
-TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b"}
-"""Of the objects in a maze."""
+TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b", "goal": "#f2c14e"}
+TINTS |= {"key": "#8ecae6", "lock": "#c9a0dc", "exit": "#90be6d"}
+"""Of the objects on a grid."""
 MOST_NUMBERS = 36
 """Cells up to which their numbers are written."""
 DARK = 0.45

@@ -45,6 +45,8 @@ def _array(dtype: type, kinds: str) -> Any:
 Ints = Annotated[IntArray, _array(np.int64, "i"), PlainSerializer(np.ndarray.tolist)]
 Floats = Annotated[FloatArray, _array(np.float64, "if"), PlainSerializer(np.ndarray.tolist)]
 Count = Annotated[int, Field(ge=0)]
+Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]
+"""What lies on a grid."""
 
 
 class Plain(BaseModel):
@@ -68,8 +70,10 @@ class ViewRecord(Plain):
     letters: tuple[tuple[str, int, int], ...]
     words: str
     is_map: bool
-    objects: tuple[tuple[Literal["treasure", "fire", "pit"], int, int, bool], ...]
+    objects: tuple[tuple[Thing, int, int, bool], ...]
     markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
+    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))
+    """Cells in which no state lies and that are no walls, counted as `cells` are."""
 
     @classmethod
     def of(cls, view: GridView) -> Self:
@@ -96,8 +100,9 @@ class ViewRecord(Plain):
             raise ValueError(f"shape must have at most {MOST_CELLS:,} cells: got {self.shape}")
         if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or self.cells.size != n:
             raise ValueError("states and cells must have as many entries")
-        if not (_below(self.cells, rows * columns) and _below(self.ended, n)):
-            raise ValueError("cells must lie within the shape, and ended within states")
+        places = (self.cells, self.air)
+        if not (all(_below(one, rows * columns) for one in places) and _below(self.ended, n)):
+            raise ValueError("cells and air must lie within the shape, and ended within states")
         if moves is not None and (len(moves) != len(self.actions) or not set(moves) <= {*range(5)}):
             raise ValueError("directions must be one of 0 to 4 for each action")
         return self

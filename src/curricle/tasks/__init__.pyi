@@ -1,4 +1,5 @@
 from .computed import ComputedMDP as ComputedMDP
+from .deep_sea import DeepSea as DeepSea
 from .draws import (
     bernoulli as bernoulli,
     integers as integers,
@@ -22,5 +23,6 @@ from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP
 from .observation_task import ObservationTask as ObservationTask
 from .pursuit import Pursuit as Pursuit
+from .river_swim import RiverSwim as RiverSwim
 from .spaces import Component as Component, Space as Space
 from .task import Task as Task

@@ -4,8 +4,8 @@
 """
 
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any
 
@@ -14,22 +14,24 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.labels import action_name
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.tasks.task import generative_model
+from curricle.tasks.task import generative_model, tables
 
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
 
-LETTERS = {"treasure": "T", "fire": "F", "pit": "P"}
-"""Of the objects in a maze."""
+LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
+LETTERS |= {"exit": "E"}
+"""Of the objects on a grid."""
 STRIP, LONGEST_STRIP = 6, 60
 """States without geometry stand in a strip: states a row, and states at most."""
 MOST_CELLS = 2500
 """Cells of a replayed grid at most."""
 DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
 DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
+DIRECTIONS |= dict.fromkeys(("pick up", "put down", "drop off", "unlock"), 0)
 AGENTS, OTHER = ("blue", "vermillion", "green", "purple"), "black"
 """Colours of markers that act, and of others, by their names in the palette of all figures."""
 
@@ -71,7 +73,9 @@ class GridView:
     is_map: bool = True  # whether cells are places of the task; in a strip they are states in order
     markers: tuple[Marker, ...] = ()  # what moves during an episode; empty if it is not replayed
     objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Of a maze: name, row, column, and whether it ends the episode."""
+    """Of a grid: name, row, column, and whether it ends the episode."""
+    air: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    """Cells in which no state lies and that are no walls, counted by rows, (m,)."""
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
@@ -80,11 +84,13 @@ class GridView:
         Parameters
         ----------
         task : Task
-            A :class:`GridWorld`, or any task whose states have one component that is a cell, with
-            labels ``(row,column)`` as in :class:`Pursuit`, or two that are a row and a column.
+            One that says where its states lie (:class:`GridLayout`), such as :class:`GridWorld`,
+            or any task whose states have one component that is a cell, with labels
+            ``(row,column)`` as in :class:`Pursuit`, or two that are a row and a column.
         at : dict of str to int, str or (int, int), optional
             The other components: a number, a label, or a cell's row and column. Those left out
-            make the grid: one that is a cell, or two, the first being the row.
+            make the grid: one that is a cell, or two, the first being the row. Where the task says
+            where its states lie, those left out are as in the first of its start states.
 
         Raises
         ------
@@ -93,25 +99,8 @@ class GridView:
         """
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
-        if isinstance(task, GridWorld):
-            if fixed:
-                raise SettingError(f"a maze is drawn whole, without at: got at {dict(fixed)}")
-            shape = (len(task.map), len(task.map[0]))
-            names = dict.fromkeys(name for name, *_ in task.objects)
-            words = ", ".join(f"{LETTERS[name]}: {name}" for name in names)
-            objects = tuple((*one, one[0] in task.ends) for one in task.objects)
-            states, cells = np.arange(len(task.cells)), task.cells
-            common = _of_task(task, states, None, is_map=True)
-            return cls(
-                states=states,
-                cells=cells,
-                origin=task.origin,
-                shape=shape,
-                words=words,
-                objects=objects,
-                **common,
-            )
-        return _of_components(task, fixed)
+        layout = _layout_of(task)
+        return _of_components(task, fixed) if layout is None else _of_layout(task, layout, fixed)
 
     @classmethod
     def for_replay(cls, task: Any) -> "GridView | None":
@@ -128,8 +117,11 @@ class GridView:
         >>> view.words, [marker.letter for marker in view.markers]
         ('cells: where predator_1 is; P: prey, 2: predator_2', ['P', '1', '2'])
         """
-        if isinstance(task, GridWorld):
-            return _with_markers(cls.of(task), {"agent": task.cells}, ())
+        if (layout := _layout_of(task)) is not None:
+            if layout.shape[0] * layout.shape[1] > MOST_CELLS:
+                return None
+            moving = {"agent": layout.cells, **layout.markers}
+            return _with_markers(_of_layout(task, layout, {}), moving, ("agent",))
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
         if labelled := {name: found for name, found in read.items() if found is not None}:
@@ -154,6 +146,7 @@ class GridView:
     def walls(self) -> IntArray:
         """Row and column of the cells of a map in which no state lies, (m, 2)."""
         grid = np.full(self.shape, self.is_map)
+        grid.flat[self.air] = False
         grid[tuple((self.cells - self.origin).T)] = False
         return np.asarray(np.argwhere(grid) + self.origin)
 
@@ -176,6 +169,69 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
     return {"ended": ended, "actions": names, "directions": directions}
 
 
+def _layout_of(task: Any) -> GridLayout | None:
+    """Return where a task says that its states lie; None if it does not say."""
+    layout = getattr(task, "layout", None)
+    return layout if isinstance(layout, GridLayout) else None
+
+
+def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
+    """Return the view of a task that says where its states lie.
+
+    Components that are neither fixed nor part of the grid are as in the first start state.
+    """
+    space = generative_model(task).states
+    others = [part for part in space.components if part.name not in layout.components]
+    if fixed and not others:
+        raise SettingError(
+            f"a {type(task).__name__} is drawn whole, without at: got at {dict(fixed)}"
+        )
+    _check_names(fixed, [part.name for part in others])
+    values = space.decode() if others else {}
+    start = int(tables(task).start_states[0]) if others else 0
+    shown, keys = np.ones(space.size, bool), list[str]()
+    for part in others:
+        given = fixed.get(part.name, int(values[part.name][start]))
+        value = _value(part, given)
+        shown &= values[part.name] == value
+        if part.name not in layout.markers:
+            keys.append(f"{part.name} {part.label(value)}")
+    states, letters = np.flatnonzero(shown), list[tuple[str, int, int]]()
+    if not states.size:
+        raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
+    for name in layout.markers:
+        row, column = layout.markers[name][states[0]].tolist()
+        letters.append((_letter_of(name, [taken for taken, *_ in letters]), row, column))
+    cells, objects = layout.cells[states], dict.fromkeys(name for name, *_ in layout.objects)
+    legend = [f"{LETTERS[name]}: {name}" for name in objects]
+    legend += [
+        f"{letter}: {name}" for (letter, *_), name in zip(letters, layout.markers, strict=True)
+    ]
+    return GridView(
+        states=states,
+        cells=cells,
+        origin=layout.origin,
+        shape=layout.shape,
+        letters=tuple(letters),
+        words=", ".join(legend + keys),
+        objects=layout.objects,
+        air=_air(layout, cells),
+        **_of_task(task, states, None, is_map=True),
+    )
+
+
+def _air(layout: GridLayout, cells: IntArray) -> IntArray:
+    """Return the places, counted by rows, that are neither walls nor among the `cells`."""
+    air = np.ones(layout.shape, bool)
+    if layout.walls is None:
+        air[:] = False
+        air[tuple((layout.cells - layout.origin).T)] = True
+    else:
+        air[tuple((layout.walls - layout.origin).T)] = False
+    air[tuple((cells - layout.origin).T)] = False
+    return np.flatnonzero(air)
+
+
 def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
     found = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
@@ -187,11 +243,7 @@ def labelled_cells(component: Component) -> IntArray | None:
 def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     """Return the view of the states whose other components are fixed."""
     space = generative_model(task).states
-    unknown = [name for name in fixed if name not in space.names]
-    if unknown:
-        raise SettingError(
-            f"at must name components of a state, {', '.join(space.names)}: got {unknown[0]!r}"
-        )
+    _check_names(fixed, space.names)
     given = {name: _value(space.component(name), value) for name, value in fixed.items()}
     free = [component for component in space.components if component.name not in given]
     cells, values = _grid_of(free, space)
@@ -209,6 +261,15 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
         words=words,
         **_of_task(task, states[there], mover, is_map=True),
     )
+
+
+def _check_names(fixed: At, known: Sequence[str]) -> None:
+    """Raise SettingError where `fixed` names what is no component to fix."""
+    unknown = [name for name in fixed if name not in known]
+    if unknown:
+        raise SettingError(
+            f"at must name components of a state, {', '.join(known)}: got {unknown[0]!r}"
+        )
 
 
 def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:

@@ -19,6 +19,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space, whole
@@ -208,6 +209,17 @@ class GridWorld(Frozen):
             (OBJECTS[character], row, column)
             for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
             if character in OBJECTS
+        )
+
+    @cached_property
+    def layout(self) -> GridLayout:
+        """Where the states lie, for pictures."""
+        return GridLayout(
+            cells=self.cells,
+            components=self.states.names,
+            shape=(len(self.map), len(self.map[0])),
+            origin=self.origin,
+            objects=tuple((*one, one[0] in self.ends) for one in self.objects),
         )
 
     @cached_property

@@ -6,12 +6,22 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import number
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
 LARGEST_REWARD = 1e100
 """Rewards of every task are at most this large, so that no return overflows."""
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
+
+
+def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:
+    """Check a frozen task's rewards and probabilities, and make them floats."""
+    limits = dict.fromkeys(rewards, (-LARGEST_REWARD, LARGEST_REWARD)) | dict.fromkeys(
+        chances, (0.0, 1.0)
+    )
+    for name, (low, high) in limits.items():
+        object.__setattr__(task, name, number(name, getattr(task, name), TaskError, low, high))
 
 
 def outcome_lists(outcomes: Any) -> list[list[Any]]:

@@ -72,7 +72,7 @@ def test_what_makes_no_grid_is_refused(hunt, at, words):
 
 
 def test_a_maze_takes_no_at():
-    with pytest.raises(SettingError, match="a maze is drawn whole"):
+    with pytest.raises(SettingError, match="a GridWorld is drawn whole"):
         GridView.of(cr.GridWorld("S.T"), {"row": 0})
 
 

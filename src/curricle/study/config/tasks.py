@@ -1,4 +1,4 @@
-"""Tasks: mazes, crops of mazes, pursuits, Gymnasium's environments, and a user's own."""
+"""Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,9 +25,11 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
+from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.task import generative_model
 
 Pair = tuple[Whole, Whole]
@@ -149,6 +151,30 @@ MazeTask = table_of(
     map=Annotated[str, AfterValidator(_without_margins)],
     ends=Ends,
     start=Start,
+    time_limit=TimeLimit,
+)
+
+
+RiverSwimTask = table_of(
+    RiverSwim,
+    TaskTable,
+    tag="river_swim",
+    start=Annotated[
+        Literal["uniform"] | tuple[Whole, ...],
+        word("be 'uniform' or a list of positions", ("uniform",)),
+        AfterValidator(_in_order),
+    ],
+    time_limit=TimeLimit,
+)
+DeepSeaTask = table_of(
+    DeepSea,
+    TaskTable,
+    tag="deep_sea",
+    start=Annotated[
+        Literal["surface", "uniform"] | tuple[Pair, ...],
+        word("be 'surface', 'uniform' or a list of cells", ("surface", "uniform")),
+        AfterValidator(_in_order),
+    ],
     time_limit=TimeLimit,
 )
 
@@ -301,6 +327,8 @@ TASKS = (
     MazeTask,
     CropTask,
     PursuitTask,
+    RiverSwimTask,
+    DeepSeaTask,
     GymnasiumTask,
     FactoryTask,
     ObservationTaskTable,

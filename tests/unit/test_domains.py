@@ -1,0 +1,108 @@
+"""What holds of every domain: it is a value, is the same in a file, and is drawn."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import curricle as cr
+from curricle.plotting.potentials import draw_potential
+from curricle.report.svg import GridDrawing
+from curricle.study.record import ViewRecord
+from curricle.tasks.grid_view import GridView
+from tests.studies import only, reader
+
+DOMAINS = {
+    "river_swim": (cr.tasks.RiverSwim, {"size": 4, "start": (1,)}),
+    "deep_sea": (cr.tasks.DeepSea, {"size": 4, "slip": 0.25, "start": "uniform"}),
+}
+"""Type in a study file -> class, and parameters that differ from the defaults."""
+NAMES = sorted(DOMAINS)
+
+
+def made(name):
+    """Return a domain by default, one with other parameters, and that one again."""
+    kind, other = DOMAINS[name]
+    return kind(), kind(**other), kind(**other)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_a_value(name):
+    default, one, again = made(name)
+    assert one == again != default
+    assert len({one, again, default}) == 2
+    for copied in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
+        assert copied == one
+        assert np.array_equal(copied.mdp.next_state, one.mdp.next_state)
+        assert not copied.mdp.reward.flags.writeable
+    assert eval(repr(one), vars(cr.tasks)) == one
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tables_and_spaces_agree(name):
+    for task in made(name)[:2]:
+        assert (task.mdp.states, task.mdp.actions) == (task.states, task.actions)
+        assert (task.mdp.discount, task.mdp.time_limit) == (task.discount, task.time_limit)
+        assert task.layout.cells.shape == (task.states.size, 2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_uniform_start_is_anywhere_but_at_an_end(name):
+    task = made(name)[0].with_start("uniform")
+    alive = ~task.mdp.terminal
+    assert task.mdp.start == pytest.approx(alive / alive.sum())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_the_same_in_a_study_file(name, tmp_path):
+    kind, other = DOMAINS[name]
+    keys = "\n".join(f"{key} = {toml(value)}" for key, value in other.items())
+    text = f'name = "one"\n[tasks.one]\ntype = "{name}"\n{keys}\n'
+    study = reader(tmp_path)(text)
+    assert only(study, *study.arms).tasks["one"] == kind(**other)
+    again = type(study).from_data(study.to_data(), tmp_path)
+    assert only(again, *again.arms).tasks["one"] == kind(**other)
+    plain = reader(tmp_path)(f'name = "one"\n[tasks.one]\ntype = "{name}"\n')
+    assert only(plain, *plain.arms).tasks["one"] == kind()
+
+
+def toml(value):
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(toml, value))}]"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_drawn(name):
+    task = made(name)[0]
+    solution = cr.solve(task)
+    for view in (GridView.of(task), GridView.for_replay(task)):
+        assert view.is_map
+        assert view.directions is not None
+        assert len(set(map(tuple, view.cells.tolist()))) == len(view.states)
+        assert (task.layout.cells[view.states] == view.cells).all()
+    read = ViewRecord.model_validate_json(ViewRecord.of(view).model_dump_json()).view
+    drawn = GridDrawing.of(view)
+    assert GridDrawing.of(read) == drawn
+    assert drawn.markers[0] == ("A", drawn.markers[0][1])
+    rows, columns = view.shape
+    for marker in view.markers:
+        assert marker.cells.shape == (task.states.size,)
+        assert marker.cells.max() < rows * columns
+    axes = Figure().subplots()
+    image = draw_potential(axes, task, solution.values, label="V*")
+    shown = image.get_array().compressed()
+    alive = view.states[~view.ended]
+    assert sorted(shown) == pytest.approx(sorted(solution.values[alive]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_learnt(name):
+    task = made(name)[1]
+    result = cr.learn(task, budget=5_000, seeds=1)
+    assert np.isfinite(result.values).all()
+    assert (result.values[0, task.mdp.terminal] == 0).all()
