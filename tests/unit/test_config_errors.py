@@ -13,7 +13,7 @@ from curricle.study.config.reading import configured
 from tests.studies import NUMBERED_HUNT as HUNT, complaints_of
 
 TYPES = (
-    "maze, crop, pursuit, river_swim, deep_sea, gymnasium, factory, observation_task, "
+    "maze, crop, pursuit, river_swim, deep_sea, gymnasium, factory, family, observation_task, "
     "vector_pursuit"
 )
 """Of tasks, in the order in which they are listed."""
@@ -175,8 +175,8 @@ def complaints(tmp_path, monkeypatch):
         (
             'project = { predator = "predator_1" }',
             "mapping = 'same_positon'",
-            "line 20: transfers[0].mapping must be 'identity', 'same_position' or "
-            "'relative_objects': got 'same_positon', did you mean 'same_position'?",
+            "line 20: transfers[0].mapping must be 'identity', 'same_position', "
+            "'relative_objects' or 'family': got 'same_positon', did you mean 'same_position'?",
         ),
     ],
 )

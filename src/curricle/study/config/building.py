@@ -11,6 +11,8 @@ from curricle.study.config.settings import Settings
 from curricle.study.config.study_tables import ArmTables
 from curricle.study.config.tables import KeyPath
 from curricle.study.config.task_names import NameGraph
+from curricle.study.config.tasks import FamilyTask
+from curricle.tasks.families.family import FamilyMember
 
 Refuse = Callable[[KeyPath], AbstractContextManager[None]]
 """A key path in the arm -> a context that collects what the library refuses there."""
@@ -34,7 +36,7 @@ class CurriculumBuilder:
         """Return the curriculum; None where something was refused."""
         arm, learnt = self.arm, self.graph.learnt
         tasks, settings = self._tasks(), self._settings()
-        transfers = []
+        transfers, made = [], 0
         for index, transfer in enumerate(arm.transfers):
             if transfer.source in tasks and transfer.target in tasks:
                 with self.refuse(("transfers", index)):
@@ -42,9 +44,12 @@ class CurriculumBuilder:
                     key = transfer.model_dump_json(exclude={"scale", "shift", "calibrate"})
                     key += self._key(transfer.target) + self._key(transfer.source)
                     if key not in self.made:
-                        self.made[key] = transfer.mapping_in(target, source, self.folder)
-                    transfers.append(transfer.transfer(self.made[key]))
-        complete = len(tasks) == len(arm.tasks) and len(transfers) == len(arm.transfers)
+                        members = [self._member(transfer.target), self._member(transfer.source)]
+                        found = transfer.mappings_in(target, source, self.folder, members)
+                        self.made[key] = found
+                    transfers += [transfer.transfer(f) for f in self.made[key]]
+                    made += 1
+        complete = len(tasks) == len(arm.tasks) and made == len(arm.transfers)
         if complete and all(len(each) == len(learnt) for each in settings.values()):
             with self.refuse(()):
                 return Curriculum({name: tasks[name] for name in learnt}, transfers, **settings)
@@ -58,10 +63,17 @@ class CurriculumBuilder:
             if of is None or of in tasks:
                 with self.refuse(("tasks", name)):
                     if key not in self.made:
-                        whole = None if of is None else tasks[of]
+                        whole = self._member(name) if of is None else tasks[of]
                         self.made[key] = self.arm.tasks[name].build(self.folder, whole)
                     tasks[name] = self.made[key]
         return tasks
+
+    def _member(self, name: str) -> FamilyMember | None:
+        """Return the address of a task in its family, one for all arms; None if it has none."""
+        one, key = self.arm.tasks[name], f"member {self._key(name)}"
+        if isinstance(one, FamilyTask) and key not in self.made:
+            self.made[key] = one.member(self.folder)
+        return self.made.get(key)
 
     def _key(self, name: str) -> str:
         """Return all that a task depends on: its own keys, and the mazes that it is a part of."""

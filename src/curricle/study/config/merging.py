@@ -5,6 +5,7 @@ from typing import Any
 
 from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError
+from curricle.study.config.families import of_family
 from curricle.study.config.parsing import parsed
 from curricle.study.config.settings import DEEP, LEARNERS, Settings
 from curricle.study.config.task_names import NameGraph, table
@@ -40,8 +41,10 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
     >>> merged({"type": "linear", "last": 0, "steps": 9}, {"type": "harmonic"})
     {'type': 'harmonic'}
     """
-    changes_type = "type" in patch and patch["type"] != base.get("type")
+    changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
     result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
+    if changes_type and "family" in patch:  # which says the type
+        result.pop("type", None)
     for key, value in patch.items():
         result.pop(ALTERNATIVES.get(key, ""), None)
         result[key] = _over(result.get(key), value, key)
@@ -141,10 +144,10 @@ def complete_curriculum(study: Raw, patch: Raw | None = None) -> Raw:
         plan["tasks"] = _needed(plan, NameGraph.of(base))
     for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
     with_sources = {target for _, target in NameGraph.of(plan).edges}
-    tasks = plan.get("tasks")
+    tasks, families = plan.get("tasks"), table(study.get("families"))
     if isinstance(tasks, dict):
         plan["tasks"] = {
-            name: _with_settings(task, for_all, name in with_sources)
+            name: _with_settings(of_family(task, families), for_all, name in with_sources)
             if isinstance(task, dict)
             else task
             for name, task in tasks.items()

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from curricle.checks import unfit_name
 from curricle.errors import ConfigError
 from curricle.statistics.curves import SCRATCH
+from curricle.study.config.families import FamilyTable, wrong_families
 from curricle.study.config.merging import (
     Raw,
     assignment,
@@ -79,6 +80,7 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as read; ConfigError with all that is wrong in it."""
     found = Problems(positions)
     found.add(renamed_keys(study))
+    found.add(_wrong_families(study))
     found.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, table(patch)) for arm, patch in arms.items()}
@@ -101,6 +103,17 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     found.add(wrong)
     found.raise_any()
     return config
+
+
+def _wrong_families(study: Raw) -> list[tuple[KeyPath, str]]:
+    """Return what is wrong with a study's families, on which its tasks depend."""
+    wrong: list[tuple[KeyPath, str]] = list(wrong_families(study))
+    for name, family in table(study.get("families")).items():
+        found: list[tuple[KeyPath, str]] = []
+        with _collected(found):
+            FamilyTable.model_validate(family)
+        wrong += [(("families", name, *path), text) for path, text in found]
+    return wrong
 
 
 @contextmanager

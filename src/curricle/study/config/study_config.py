@@ -16,6 +16,7 @@ from curricle.study.config.derived_tables import built
 from curricle.study.config.positions import Positions, Problems
 from curricle.study.config.study_tables import ArmTables, RunTable
 from curricle.study.config.tables import unknown
+from curricle.study.config.task_names import table
 
 
 class StudyConfig(RunTable):
@@ -65,7 +66,9 @@ class StudyConfig(RunTable):
         ------
         pydantic.ValidationError
         """
-        config = cls.model_validate(dict(data), context={"folder": folder})
+        families = table(positions.study.get("families")) if positions else {}
+        context = {"folder": folder, "families": tuple(families)}
+        config = cls.model_validate(dict(data), context=context)
         config._folder = folder
         config._positions = positions or Positions(config.name, data)
         return config
@@ -114,9 +117,9 @@ class StudyConfig(RunTable):
         """
         first, found = next(iter(self.curricula.values())), Problems(self._positions)
         made: dict[str, Curriculum] = {}
-        for name, table in self.scratch_learners.items():
+        for name, learner in self.scratch_learners.items():
             try:
-                made |= scratch_curricula({name: built(table, self.folder)}, first)
+                made |= scratch_curricula({name: built(learner, self.folder)}, first)
             except CurricleError as error:
                 found.add([(("scratch_learners", name), f"cannot be compared: {error}")])
         found.raise_any()

@@ -12,6 +12,7 @@ from pydantic import (
 
 from curricle.checks import BEYOND_64_BITS
 from curricle.learning.seeds import MOST_SEEDS
+from curricle.study.config.families import FamilyTable
 from curricle.study.config.settings import AnyLearner, Settings
 from curricle.study.config.tables import (
     Count,
@@ -26,7 +27,7 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
-from curricle.study.config.tasks import TASKS, AnyTask
+from curricle.study.config.tasks import TASKS, AnyTask, FamilyTask
 from curricle.study.config.transfers import TransferTable
 
 
@@ -106,6 +107,14 @@ class ArmTables(Table):
             if self.tasks[transfer.source].deep and not target.deep:
                 text = f"must have tables as its target has: {transfer.source} is seen through "
                 found.append(((*here, "source"), text + "observations"))
+            strangers = [
+                one
+                for one in (transfer.source, transfer.target)
+                if not isinstance(self.tasks[one], FamilyTask)
+            ]
+            if transfer.mapping == "family" and strangers:
+                text = f"must map members of a family: {strangers[0]} is none"
+                found.append(((*here, "mapping"), text))
             mismatches = transfer.mismatches(deep=target.deep)
             found += [((*here, key), text) for key, text in mismatches]
         if found:
@@ -132,6 +141,9 @@ class ArmPatch(Settings):
 class FileTable(RunTable, Settings):
     """A study as it is written in a file."""
 
+    families: dict[str, FamilyTable] = Field(
+        default={}, description="Families of tasks by name, each with defaults of its own."
+    )
     tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(
         description="The tasks by name, each with settings of its own.", min_length=1
     )
@@ -160,7 +172,7 @@ def json_schema() -> dict[str, Any]:
     for table in schema["$defs"].values():
         if table.get("title") in _TASK_TITLES:
             # An arm may give what a task leaves open, but for its type.
-            table["required"] = ["type"]
+            table["required"] = ["family" if table["title"] == FamilyTask.__name__ else "type"]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **schema,

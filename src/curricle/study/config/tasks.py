@@ -4,19 +4,36 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, JsonValue, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    JsonValue,
+    ValidationInfo,
+    model_validator,
+)
 
+from curricle.checks import instance
+from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import ObjectTable, table_of
+from curricle.study.config.families import (
+    all_parameters,
+    checked_parameters,
+    member_of,
+    task_of,
+)
 from curricle.study.config.parsing import text_of
 from curricle.study.config.references import load, users_code
 from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (
+    Choice,
     KeyPath,
     Name,
     Number,
     Reference,
+    Table,
     Whole,
     shown,
     tagged,
@@ -26,6 +43,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
@@ -57,7 +75,7 @@ class TaskTable(ObjectTable, Settings):
         return given
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the task; a crop is a part of the task `whole`."""
+        """Return the task; `whole` is what a crop is a part of, or a member of a family."""
         return super().build(folder)
 
 
@@ -196,6 +214,7 @@ class CropTask(TaskTable):
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the part of the maze."""
+        instance("what a crop is a part of", whole, GridWorld, TaskError)
         return whole.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
@@ -323,6 +342,36 @@ class FactoryTask(TaskTable):
         return made
 
 
+class FamilyTask(TaskTable):
+    """A member of a task family; its other keys are the member's parameters."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JsonValue]
+
+    type: Literal["family"] = "family"
+    family: str = Field(
+        description="The name of a table in [families], of a family that is built in, or "
+        "module:function."
+    )
+
+    @model_validator(mode="after")
+    def _known_parameters(self, info: ValidationInfo) -> Self:
+        families = (info.context or {}).get("families", ())
+        given = checked_parameters(self.family, self.__pydantic_extra__, families)
+        self.__pydantic_extra__.update(all_parameters(self.family, given))
+        return self
+
+    def member(self, folder: Path) -> FamilyMember:
+        """Return the address of the task in its family."""
+        return member_of(self.family, self.__pydantic_extra__, folder)
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the task that the family makes."""
+        task = task_of(whole or self.member(folder), self.family)
+        generative_model(task)
+        return task
+
+
 TASKS = (
     MazeTask,
     CropTask,
@@ -331,7 +380,16 @@ TASKS = (
     DeepSeaTask,
     GymnasiumTask,
     FactoryTask,
+    FamilyTask,
     ObservationTaskTable,
     VectorPursuitTask,
 )
-AnyTask = Annotated[Any, tagged(*TASKS)]
+_BY_TYPE = tagged(*TASKS)
+
+
+def _table_of_task(value: dict[str, Any]) -> type[Table]:
+    """Return the table that a task is meant to be: by its type, or a member of a family."""
+    return FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
+
+
+AnyTask = Annotated[Any, Choice(TASKS, _table_of_task)]

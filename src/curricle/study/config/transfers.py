@@ -1,6 +1,6 @@
 """Transfers as tables: which mapping, how much of the source's values, calibrated or not."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -10,9 +10,11 @@ from curricle.interop.vector_pursuit import predator_mapping
 from curricle.study.config.derived_tables import ObjectTable, table_of
 from curricle.study.config.references import load, users_code
 from curricle.study.config.tables import Name, Number, Reference, shown, whole_number, word, wrong
+from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import component_mapping, mapping
 from curricle.transfer.edges import Transfer
+from curricle.transfer.family_mapping import member_mappings
 from curricle.transfer.observation_mapping import ObservationMapping
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")
@@ -41,8 +43,10 @@ class _TransferTable(ObjectTable):
         description="f by name: source component = target component where the names differ; may be "
         "empty.",
     )
-    mapping: Literal["identity", "same_position", "relative_objects"] | None = Field(
-        default=None, description="f, one of Curricle's other mappings."
+    mapping: Literal["identity", "same_position", "relative_objects", "family"] | None = Field(
+        default=None,
+        description="f, one of Curricle's other mappings; 'family' is what the family of both "
+        "tasks says, one transfer for each mapping that it names.",
     )
     function: Reference | None = Field(
         default=None,
@@ -110,11 +114,25 @@ class _TransferTable(ObjectTable):
             )
 
     def transfer(self, f: Any) -> Transfer:
-        """Return the transfer, with the mapping that :meth:`mapping_in` returned."""
+        """Return the transfer, with a mapping that :meth:`mappings_in` returned."""
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
+    def mappings_in(
+        self, target: Any, source: Any, folder: Path, members: Sequence[FamilyMember | None]
+    ) -> tuple[Any, ...]:
+        """Return the mapping f, or several where a family says so.
+
+        `folder` has the modules of the user's own functions; `members` are the addresses of target
+        and source in their families, None for a task that has none.
+        """
+        to, of = members
+        if self.mapping != "family" or to is None or of is None:
+            return (self.mapping_in(target, source, folder),)
+        with users_code(f"the mapping of {to.family.name}"):
+            return member_mappings(to, of, target, source, self.unmapped_value)
+
     def mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
-        """Return the mapping f; `folder` has the modules of the user's own functions."""
+        """Return the mapping f of any other kind."""
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)

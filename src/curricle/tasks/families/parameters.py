@@ -122,7 +122,8 @@ class Parameter:
                         return known
             raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
         if self.kind is bool:
-            instance(name, value, bool, TaskError)
+            if not isinstance(value, bool):
+                raise TaskError(f"{name} must be True or False: got {value!r}")
             return value
         if self.kind is str:
             text(name, value, TaskError)

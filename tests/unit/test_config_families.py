@@ -1,0 +1,319 @@
+"""Task families in study files: tables of one's own, members as tasks, mappings that follow."""
+
+import json
+
+import pytest
+
+from curricle import GridWorld, Pursuit, project, run_study
+from curricle.errors import ConfigError
+from curricle.study import StudyConfig, json_schema, read_study
+from curricle.tasks import maze_family
+from tests.studies import complaints_of, reader
+
+HUNT = """\
+name = "hunt"
+seeds = 2
+budget = 300
+aggregate = "minimum"
+
+[families.ring]
+family = "pursuit"
+torus = true
+discount = 0.95
+
+[tasks]
+chase = { family = "ring", size = 3, predators = 1 }
+hunt = { family = "ring", size = 3, predators = 2, time_limit = "none", budget = 400 }
+
+[[transfers]]
+source = "chase"
+target = "hunt"
+mapping = "family"
+scale = 0.5
+"""
+OWN = """
+from curricle import GridWorld
+from curricle.transfer import same_position
+from curricle.tasks import Parameter, task_family
+
+def by_cells(target, source):
+    return [same_position(target.task, source.task)]
+
+@task_family(Parameter("length", low=2, high=9, harder="larger"), mapping=by_cells)
+def corridor(length: int, treasure: float = 200.0, limit: int | None = 50):
+    if treasure == 13:
+        raise RuntimeError("no luck")
+    return GridWorld("S" + "." * (length - 2) + "T", time_limit=limit)
+
+@task_family()
+def nothing(n: int = 1):
+    return n
+
+plain = len
+"""
+LANES = """\
+name = "lanes"
+seeds = 2
+budget = 300
+
+[families.lane]
+family = "own:corridor"
+limit = "none"
+
+[tasks]
+short = { family = "lane", length = 4 }
+long = { family = "lane", length = 8 }
+
+[[transfers]]
+source = "short"
+target = "long"
+mapping = "family"
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    return reader(tmp_path)
+
+
+@pytest.fixture
+def complaints(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    return complaints_of
+
+
+def test_members_are_tasks_with_their_familys_defaults(read):
+    curriculum = read(HUNT).curriculum("transfer")
+    settings = {"torus": True, "discount": 0.95}
+    assert curriculum.tasks["chase"] == Pursuit(3, 1, **settings)
+    assert curriculum.tasks["hunt"] == Pursuit(3, 2, time_limit=None, **settings)
+    assert curriculum.setting("budget", "hunt") == 400
+
+
+def test_a_familys_mappings_are_transfers_of_their_own(read):
+    curriculum = read(HUNT).curriculum("transfer")
+    hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
+    assert [one.scale for one in curriculum.transfers] == [0.5, 0.5]
+    for one, name in zip(curriculum.transfers, hunt.predator_names, strict=True):
+        assert (one.mapping.index == project(hunt, chase, predator=name).index).all()
+
+
+def test_a_built_in_family_needs_no_table(read):
+    text = 'name = "maze"\n[tasks]\nmaze = { family = "maze", size = 4.0, seed = 2 }'
+    assert read(text).curriculum("transfer").tasks["maze"] == maze_family(size=4, seed=2).task
+
+
+def test_a_family_of_ones_own(read):
+    curriculum = read(LANES).curriculum("transfer")
+    assert curriculum.tasks["long"] == GridWorld("S......T", time_limit=None)
+    (one,) = curriculum.transfers
+    assert one.mapping.coverage().mapped > 0.3
+    direct = LANES.replace('family = "lane", length = 4', 'family = "own:corridor", length = 4')
+    assert read(direct).curriculum("transfer").tasks["short"] == GridWorld("S..T", time_limit=50)
+
+
+def test_a_crop_of_a_familys_maze(read):
+    text = """
+        name = "parts"
+        budget = 100
+        [tasks]
+        maze = { family = "maze", size = 6, seed = 1 }
+        part = { type = "crop", of = "maze", rows = [0, 3], columns = [-2, 1] }
+        [[transfers]]
+        source = "part"
+        target = "maze"
+        mapping = "same_position"
+    """
+    tasks = read(text).curriculum("transfer").tasks
+    assert tasks["part"] == maze_family(size=3, seed=1, start="uniform").task
+
+
+@pytest.mark.parametrize("text", [HUNT, LANES])
+def test_plain_data_hold_every_parameter(read, text):
+    study = read(text)
+    plain = json.loads(json.dumps(study.to_data()))
+    assert "families" not in plain
+    again = StudyConfig.from_data(plain, study.folder)
+    assert again == study
+    one, other = (config.curriculum("transfer").tasks for config in (again, study))
+    assert list(one.values()) == list(other.values())
+    task = plain["arms"]["transfer"]["tasks"].get("hunt")
+    if task:
+        assert (task["family"], task["moves"], task["time_limit"]) == ("pursuit", 5, "none")
+
+
+def test_two_ways_to_write_a_member_are_one_study(read):
+    own = "torus = true, discount = 0.95"
+    assert read(HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {own}')) == read(HUNT)
+
+
+def test_arms_change_parameters_and_families(read):
+    text = (
+        HUNT
+        + """
+[arms.same]
+[arms.small]
+tasks.chase.size = 2
+[arms.walled]
+tasks.chase.torus = false
+[arms.other]
+tasks.chase = { family = "pursuit", size = 3, predators = 1, moves = 4 }
+[arms.maze]
+tasks.chase = { type = "maze", map = "S.T" }
+transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
+"""
+    )
+    study = read(text)
+    tasks = {arm: study.arms[arm].tasks["chase"] for arm in study.arms}
+    members = {arm: str(one.member(study.folder)) for arm, one in tasks.items() if arm != "maze"}
+    assert members == {
+        "same": "pursuit(size=3, predators=1, torus=True, discount=0.95)",
+        "small": "pursuit(size=2, predators=1, torus=True, discount=0.95)",
+        "walled": "pursuit(size=3, predators=1, discount=0.95)",
+        "other": "pursuit(size=3, predators=1, moves=4)",
+    }
+    assert tasks["maze"].type == "maze"
+    assert len(study.curriculum("small").transfers) == 2
+
+
+def test_a_study_of_families_runs(read, tmp_path):
+    results = run_study(read(HUNT), tmp_path / "results")
+    assert len(results.record.arms["transfer"].transfers) == 2
+
+
+def test_what_is_set_from_outside_may_be_a_familys(tmp_path):
+    (tmp_path / "study.toml").write_text(HUNT)
+    study = read_study(tmp_path / "study.toml", set=["families.ring.torus=false"])
+    assert not study.curriculum("transfer").tasks["hunt"].torus
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "torus = true",
+            "tors = true",
+            "line 8: families.ring.tors is unknown, did you mean 'torus'?",
+        ),
+        ("torus = true", "torus = 1", "line 8: families.ring.torus must be True or False: got 1"),
+        (
+            'family = "pursuit"',
+            'family = "persuit"',
+            "line 7: families.ring.family must be one of maze, pursuit, or a family of one's own "
+            "as module:function: got 'persuit', did you mean 'pursuit'?",
+        ),
+        ('family = "pursuit"\n', "", "line 6: families.ring.family is missing"),
+        (
+            "size = 3, predators = 1",
+            "siz = 3",
+            "line 12: tasks.chase.siz is unknown, did you mean 'size'?",
+        ),
+        (
+            "size = 3, predators = 1",
+            "size = 1",
+            "line 12: tasks.chase.size must be a whole number, at least 2: got 1",
+        ),
+        (
+            "size = 3, predators = 1",
+            "size = 2000",
+            "line 12: tasks.chase.size must lie in [2, 1000]: got 2000",
+        ),
+        (
+            'family = "ring", size = 3, predators = 1',
+            'family = "rnig"',
+            "line 12: tasks.chase.family must be one of ring, maze, pursuit, or a family of one's "
+            "own as module:function: got 'rnig', did you mean 'ring'?",
+        ),
+        (
+            "predators = 1",
+            "predators = 1, capture = 2",
+            "line 12: tasks.chase is refused: capture of pursuit must be at most the number of "
+            "predators, 1: got pursuit(size=3, predators=1, torus=True, capture=2, discount=0.95)",
+        ),
+        (
+            "predators = 1",
+            "predators = 3",
+            "line 15: transfers[0] is refused: a pursuit reads pursuits with at most its 2 "
+            "predators: got pursuit(size=3, predators=3, torus=True, discount=0.95)",
+        ),
+        (
+            'family = "ring", size = 3, predators = 1',
+            'type = "pursuit", size = 3, predators = 1, torus = true',
+            "line 18: transfers[0].mapping must map members of a family: chase is none",
+        ),
+        (
+            'family = "ring", size = 3, predators = 1',
+            'family = "maze"',
+            "line 15: transfers[0] is refused: members of one family map onto each other: got "
+            "pursuit(size=3, torus=True, discount=0.95, time_limit=None), of pursuit, and maze(), "
+            "of maze",
+        ),
+        (
+            'family = "ring", size = 3, predators = 1',
+            'type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2]',
+            "line 18: transfers[0].mapping must map members of a family: chase is none",
+        ),
+        (
+            "[families.ring]",
+            '[families."a:b"]\nfamily = "maze"\n[families.ring]',
+            'line 6: families."a:b" must have a name without a colon, which functions have',
+        ),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence):
+    assert sentence in complaints(HUNT, (old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "length = 4",
+            "lenght = 4",
+            "line 10: tasks.short is refused: a parameter of corridor must be"
+            " one of length, treasure, limit: got 'lenght', did you mean 'length'?",
+        ),
+        (
+            "length = 4",
+            "length = 12",
+            "line 10: tasks.short is refused: length of corridor must lie in [2, 9]: got 12",
+        ),
+        (
+            "length = 4",
+            "length = 4, treasure = 13",
+            "line 10: tasks.short is refused: own:corridor failed: RuntimeError: no luck",
+        ),
+        (
+            'family = "own:corridor"',
+            'family = "own:plain"',
+            "line 10: tasks.short is refused: own:plain must be a TaskFamily, such as a function "
+            "under @task_family(): got <built-in function len>",
+        ),
+        (
+            'family = "lane", length = 4',
+            'family = "own:nothing"',
+            "line 10: tasks.short is refused: a "
+            "task must be a FiniteMDP or have its tables as .mdp: got 1",
+        ),
+    ],
+)
+def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sentence):
+    assert sentence in complaints(LANES, (old, new))
+
+
+def test_a_crop_of_what_is_no_maze_is_refused(read):
+    text = HUNT.replace('mapping = "family"', "project = {}").replace(
+        'chase = { family = "ring", size = 3, predators = 1 }',
+        'chase = { type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2] }',
+    )
+    with pytest.raises(ConfigError, match="what a crop is a part of must be a GridWorld"):
+        _ = read(text).curricula
+
+
+def test_the_schema_has_families():
+    schema = json_schema()
+    assert schema["properties"]["families"]["description"]
+    titles = {one.get("title"): one for one in schema["$defs"].values()}
+    assert titles["FamilyTask"]["required"] == ["family"]
