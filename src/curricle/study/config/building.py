@@ -7,11 +7,11 @@ from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.learning.budget import default_budget, limits, spacing
+from curricle.study.config.families import FamilyTask
 from curricle.study.config.settings import Settings
 from curricle.study.config.study_tables import ArmTables
 from curricle.study.config.tables import KeyPath
 from curricle.study.config.task_names import NameGraph
-from curricle.study.config.tasks import FamilyTask
 from curricle.tasks.families.family import FamilyMember
 
 Refuse = Callable[[KeyPath], AbstractContextManager[None]]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import ConfigDict, Field, JsonValue, ValidationInfo, model_validator
 
@@ -10,9 +10,11 @@ from curricle.errors import ConfigError, TaskError
 from curricle.study.config.references import load, users_code
 from curricle.study.config.tables import KeyPath, Table, shown, suggestion, unknown, wrong_at
 from curricle.study.config.task_names import table
+from curricle.study.config.task_table import TaskTable
 from curricle.tasks.families.built_in import BUILT_IN
 from curricle.tasks.families.family import FamilyMember, TaskFamily
 from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.task import generative_model
 
 NONE = "none"
 """What a file writes for None."""
@@ -130,3 +132,33 @@ def wrong_families(study: Mapping[str, Any]) -> Iterator[tuple[KeyPath, str]]:
     for name in table(study.get("families")):
         if ":" in name:
             yield ("families", name), "must have a name without a colon, which functions have"
+
+
+class FamilyTask(TaskTable):
+    """A member of a task family; its other keys are the member's parameters."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JsonValue]
+
+    type: Literal["family"] = "family"
+    family: str = Field(
+        description="The name of a table in [families], of a family that is built in, or "
+        "module:function."
+    )
+
+    @model_validator(mode="after")
+    def _known_parameters(self, info: ValidationInfo) -> Self:
+        families = (info.context or {}).get("families", ())
+        given = checked_parameters(self.family, self.__pydantic_extra__, families)
+        self.__pydantic_extra__.update(all_parameters(self.family, given))
+        return self
+
+    def member(self, folder: Path) -> FamilyMember:
+        """Return the address of the task in its family."""
+        return member_of(self.family, self.__pydantic_extra__, folder)
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the task that the family makes."""
+        task = task_of(whole or self.member(folder), self.family)
+        generative_model(task)
+        return task

@@ -12,7 +12,7 @@ from pydantic import (
 
 from curricle.checks import BEYOND_64_BITS
 from curricle.learning.seeds import MOST_SEEDS
-from curricle.study.config.families import FamilyTable
+from curricle.study.config.families import FamilyTable, FamilyTask
 from curricle.study.config.settings import AnyLearner, Settings
 from curricle.study.config.tables import (
     Count,
@@ -27,7 +27,7 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
-from curricle.study.config.tasks import TASKS, AnyTask, FamilyTask
+from curricle.study.config.tasks import TASKS, AnyTask
 from curricle.study.config.transfers import TransferTable
 
 

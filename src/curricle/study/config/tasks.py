@@ -1,12 +1,10 @@
 """Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    ConfigDict,
     Field,
     JsonValue,
     ValidationInfo,
@@ -17,19 +15,12 @@ from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
-from curricle.study.config.derived_tables import ObjectTable, table_of
-from curricle.study.config.families import (
-    all_parameters,
-    checked_parameters,
-    member_of,
-    task_of,
-)
+from curricle.study.config.derived_tables import table_of
+from curricle.study.config.families import FamilyTask
 from curricle.study.config.parsing import text_of
 from curricle.study.config.references import load, users_code
-from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (
     Choice,
-    KeyPath,
     Name,
     Number,
     Reference,
@@ -42,8 +33,8 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
+from curricle.study.config.task_table import TaskTable
 from curricle.tasks.deep_sea import DeepSea
-from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
@@ -54,68 +45,6 @@ Pair = tuple[Whole, Whole]
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
 ]
-
-
-class TaskTable(ObjectTable, Settings):
-    """A task, and settings for it alone."""
-
-    deep: ClassVar[bool] = False
-    """Whether it is seen through observations and learnt by a network."""
-
-    def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
-        """Yield the settings that do not suit the task `name`, each with what is wrong."""
-        found = _mismatches_of_networks if self.deep else _mismatches_of_tables
-        return found(self, name)
-
-    def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments for what makes the task."""
-        given = super().arguments_in(folder)
-        if given.get("time_limit") == "none":
-            given["time_limit"] = None
-        return given
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the task; `whole` is what a crop is a part of, or a member of a family."""
-        return super().build(folder)
-
-
-def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the settings that do not suit a task that is learnt by a network."""
-    if not task.deep_learner:
-        yield (
-            ("learner",),
-            f'must be {{ type = "deep", ... }} for {name}, which is seen through observations and '
-            "learnt by a network",
-        )
-    if not task.shaping.makes.for_networks:
-        known = ", ".join(one.__name__ for one in SHAPINGS if one.makes.for_networks)
-        yield (
-            ("shaping",),
-            f"must be one of {known} for {name}, which a network learns: got {task.shaping.type!r}",
-        )
-    left_out = f"must be left out for {name}: it is for tables, and a network learns {name}"
-    if getattr(task.shaping, "guard", None) is not None:
-        yield ("shaping", "guard"), left_out
-    if task.retrain is not None:
-        yield ("retrain",), left_out
-    if task.evaluation.method == "exact":
-        yield (
-            ("evaluation", "method"),
-            f"must be 'auto', 'rollouts' or 'off' for {name}, which is seen through observations: "
-            "got 'exact'",
-        )
-
-
-def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the settings that do not suit a task that is learnt in a table."""
-    if task.deep_learner:
-        yield (
-            ("learner",),
-            f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
-            "seen through observations, of type 'observation_task' or 'vector_pursuit'",
-        )
-    if not task.shaping.makes.for_tables:
-        yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"
 
 
 def _in_order(value: Any) -> Any:
@@ -340,36 +269,6 @@ class FactoryTask(TaskTable):
             made = make(**self.arguments)
             generative_model(made)
         return made
-
-
-class FamilyTask(TaskTable):
-    """A member of a task family; its other keys are the member's parameters."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, JsonValue]
-
-    type: Literal["family"] = "family"
-    family: str = Field(
-        description="The name of a table in [families], of a family that is built in, or "
-        "module:function."
-    )
-
-    @model_validator(mode="after")
-    def _known_parameters(self, info: ValidationInfo) -> Self:
-        families = (info.context or {}).get("families", ())
-        given = checked_parameters(self.family, self.__pydantic_extra__, families)
-        self.__pydantic_extra__.update(all_parameters(self.family, given))
-        return self
-
-    def member(self, folder: Path) -> FamilyMember:
-        """Return the address of the task in its family."""
-        return member_of(self.family, self.__pydantic_extra__, folder)
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the task that the family makes."""
-        task = task_of(whole or self.member(folder), self.family)
-        generative_model(task)
-        return task
 
 
 TASKS = (
