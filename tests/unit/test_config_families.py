@@ -308,7 +308,7 @@ def test_a_crop_of_what_is_no_maze_is_refused(read):
         'chase = { family = "ring", size = 3, predators = 1 }',
         'chase = { type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2] }',
     )
-    with pytest.raises(ConfigError, match="what a crop is a part of must be a GridWorld"):
+    with pytest.raises(ConfigError, match="what a crop is a part of must be one of GridWorld, "):
         _ = read(text).curricula
 
 

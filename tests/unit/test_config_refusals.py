@@ -50,7 +50,7 @@ def test_no_task(complaints):
         (
             'of = "maze"',
             "of = 'corner'",
-            "line 12: tasks.corner.of must lead to a maze: got corner and so on",
+            "line 12: tasks.corner.of must lead to a whole task: got corner and so on",
         ),
         ("rows = [0, 2]", "rows = [0]", "line 13: tasks.corner.rows[1] is missing"),
         ("rows = [0, 2]", "", "line 10: tasks.corner.rows is missing"),
@@ -83,8 +83,9 @@ def test_mistakes_in_mazes(complaints, old, new, sentence):
 
 def test_a_crop_is_of_a_maze(complaints):
     crop = "[tasks.part]\ntype = 'crop'\nof = 'hunt'\nrows = [0, 1]\ncolumns = [0, 1]\n"
-    assert "line 23: tasks.part.of must name a maze or a crop: got 'hunt'" in complaints(
-        HUNT + crop
+    assert (
+        "line 23: tasks.part.of must name a task of type maze, crop, four_rooms, family: got 'hunt'"
+        in complaints(HUNT + crop)
     )
 
 

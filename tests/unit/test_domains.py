@@ -15,6 +15,7 @@ from curricle.tasks.grid_view import GridView
 from tests.studies import only, reader
 
 DOMAINS = {
+    "four_rooms": (cr.tasks.FourRooms, {"size": 7, "goal": (5, 5), "start": ((1, 1), (1, 4))}),
     "river_swim": (cr.tasks.RiverSwim, {"size": 4, "start": (1,)}),
     "deep_sea": (cr.tasks.DeepSea, {"size": 4, "slip": 0.25, "start": "uniform"}),
 }
@@ -66,6 +67,25 @@ def test_it_is_the_same_in_a_study_file(name, tmp_path):
     assert only(again, *again.arms).tasks["one"] == kind(**other)
     plain = reader(tmp_path)(f'name = "one"\n[tasks.one]\ntype = "{name}"\n')
     assert only(plain, *plain.arms).tasks["one"] == kind()
+
+
+def test_a_crop_of_rooms_in_a_study_file(tmp_path):
+    study = reader(tmp_path)("""
+        name = "rooms"
+        tasks.rooms = { type = "four_rooms" }
+        tasks.room = { type = "crop", of = "rooms", rows = [7, 12], columns = [7, 12] }
+        [[transfers]]
+        source = "room"
+        target = "rooms"
+        project = {}
+    """)
+    plan = only(study, *study.arms)
+    rooms = cr.tasks.FourRooms()
+    assert plan.tasks == {
+        "rooms": rooms,
+        "room": rooms.crop(rows=(7, 12), columns=(7, 12)),
+    }
+    assert plan.transfers[0].mapping.coverage().mapped == pytest.approx(20 / 103, abs=0.01)
 
 
 def toml(value):

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from curricle.frozen_arrays import frozen
-from curricle.tasks.gridworld import MOVES, GridWorld
+from curricle.tasks.grid_map import MOVES
+from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.labels import values_of
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space

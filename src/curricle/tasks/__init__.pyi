@@ -18,6 +18,7 @@ from .families.pursuits import (
     pursuit_family as pursuit_family,
     pursuit_mappings as pursuit_mappings,
 )
+from .four_rooms import FourRooms as FourRooms
 from .gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP

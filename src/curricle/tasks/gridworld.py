@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from textwrap import dedent
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -20,16 +19,22 @@ from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.grid_map import (
+    MOVES,
+    Cell,
+    cut,
+    landing,
+    read_cells,
+    read_map,
+    read_origin,
+)
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD
-from curricle.tasks.spaces import MISSING, Component, Space, whole
+from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
-MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
-_STEPS = np.array(list(MOVES.values()))
 
-Cell = tuple[int, int]
 Start = Literal["map", "uniform"] | tuple[Cell, ...]
 
 
@@ -122,11 +127,10 @@ class GridWorld(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "map", _read_map(self.map))
-        origin = whole(self.origin, "the origin's row and column")
-        if origin.shape != (2,):
-            raise TaskError(f"origin must be a row and a column: got {self.origin!r}")
-        object.__setattr__(self, "origin", (int(origin[0]), int(origin[1])))
+        object.__setattr__(self, "map", read_map(self.map, CHARACTERS))
+        if not any("T" in line for line in self.map):
+            raise TaskError("a map needs a treasure T: there is none")
+        object.__setattr__(self, "origin", read_origin(self.origin))
         instance("rewards", self.rewards, Rewards, TaskError)
         one_of("combine", self.combine, ("sum", "worst"), TaskError)
         one_of("representation", self.representation, ("absolute", "relative"), TaskError)
@@ -139,7 +143,7 @@ class GridWorld(Frozen):
         object.__setattr__(self, "ends", tuple(sorted(set(ends))))
         check_horizon(self)
         if not isinstance(self.start, str):
-            object.__setattr__(self, "start", _read_cells(self.start))
+            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
         self._start_states()
 
     @classmethod
@@ -176,23 +180,7 @@ class GridWorld(Frozen):
         TaskError
             When the part exceeds the map, is empty, or has no treasure.
         """
-        for name, given, first, size in (
-            ("rows", rows, self.origin[0], len(self.map)),
-            ("columns", columns, self.origin[1], len(self.map[0])),
-        ):
-            if whole(given, f"a crop's {name}").shape != (2,):
-                raise TaskError(f"a crop's {name} must be a first and an end: got {given!r}")
-            low, high = given
-            if not first <= low < high <= first + size:
-                raise TaskError(
-                    f"a crop must lie within the map's {name} {first}..{first + size}: got "
-                    f"{low}..{high}"
-                )
-        top, left = rows[0] - self.origin[0], columns[0] - self.origin[1]
-        part = [
-            line[left : left + columns[1] - columns[0]]
-            for line in self.map[top : top + rows[1] - rows[0]]
-        ]
+        part = cut(self.map, self.origin, rows, columns)
         return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     # -- spaces --------------------------------------------------------------------------------
@@ -266,8 +254,7 @@ class GridWorld(Frozen):
     @cached_property
     def _landing(self) -> IntArray:
         """The state that each move leads to, (S, 4); MISSING off the grid and in walls."""
-        after = self.cells[:, None, :] + _STEPS
-        return self.states_at(after[:, :, 0], after[:, :, 1])
+        return landing(self._cell_space)
 
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column).
@@ -344,36 +331,3 @@ class GridWorld(Frozen):
         if isinstance(self.start, str):
             raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
         return np.array([self.state(*cell) for cell in self.start])
-
-
-def _read_map(given: Any) -> tuple[str, ...]:
-    if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
-        raise TaskError(f"a map must be text or a list of lines: got {given!r}")
-    if isinstance(given, str):
-        given = [line.strip() for line in dedent(given).strip().splitlines()]
-    lines = tuple(given)
-    for row, line in enumerate(lines):
-        if len(line) != len(lines[0]):
-            raise TaskError(
-                f"all lines of a map must be equally long: line {row} has {len(line)} characters, "
-                f"line 0 has {len(lines[0])}"
-            )
-        for column, character in enumerate(line):
-            if character not in CHARACTERS:
-                raise TaskError(
-                    f"a map is drawn with {' '.join(CHARACTERS)}: row {row}, column {column} has "
-                    f"{character!r}"
-                )
-    if not any("T" in line for line in lines):
-        raise TaskError("a map needs a treasure T: there is none")
-    return lines
-
-
-def _read_cells(given: Any) -> tuple[Cell, ...]:
-    try:
-        cells = np.array(list(given))
-    except (TypeError, ValueError):
-        cells = np.empty(0)
-    if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
-        raise TaskError(f"start must be 'map', 'uniform' or cells such as [(9, 0)]: got {given!r}")
-    return tuple(sorted({(int(row), int(column)) for row, column in cells}))

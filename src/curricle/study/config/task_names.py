@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from curricle.checks import unfit_name
 from curricle.study.config.tables import KeyPath, shown, suggestion
 
-DRAWN = ("maze", "crop", "family")
+DRAWN = ("maze", "crop", "four_rooms", "family")
 """Types of tasks that a crop may be a part of."""
 
 
@@ -15,7 +15,7 @@ class NameGraph(NamedTuple):
     """The tasks of a curriculum by name, its crops and its transfers."""
 
     parts: dict[str, str | None]
-    """The maze of which each task is a crop, if it is one."""
+    """The task of which each task is a crop, if it is one."""
     edges: tuple[tuple[str, str], ...]
     """Source and target of each transfer."""
 
@@ -33,7 +33,7 @@ class NameGraph(NamedTuple):
 
     @property
     def learnt(self) -> list[str]:
-        """The tasks that are learnt: all but mazes that are there only to be cropped."""
+        """The tasks that are learnt: all but those that are there only to be cropped."""
         named = {name for edge in self.edges for name in edge}
         cropped = set(self.parts.values())
         return [name for name in self.parts if name in named or name not in cropped]
@@ -75,11 +75,11 @@ def wrong_names(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
             if of not in graph.parts:
                 yield path, _no_task(of, graph)
             elif table(tasks[of]).get("type") not in DRAWN:
-                yield path, f"must name a maze or a crop: got {shown(of)}"
+                yield path, f"must name a task of type {', '.join(DRAWN)}: got {shown(of)}"
             elif graph.parts.get(graph.drawings(name)[-1]) is not None:
                 yield (
                     path,
-                    f"must lead to a maze: got {' of '.join(graph.drawings(name))} and so on",
+                    f"must lead to a whole task: got {' of '.join(graph.drawings(name))} and so on",
                 )
     whole = True
     for index, edge in enumerate(transfers if isinstance(transfers, list) else []):

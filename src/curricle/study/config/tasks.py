@@ -11,7 +11,6 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.vector_pursuit import observed_pursuit
@@ -35,6 +34,8 @@ from curricle.study.config.tables import (
 )
 from curricle.study.config.task_table import TaskTable
 from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.four_rooms import FourRooms
+from curricle.tasks.grid_map import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
@@ -42,6 +43,8 @@ from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.task import generative_model
 
 Pair = tuple[Whole, Whole]
+CROPPED = (GridWorld, FourRooms)
+"""Tasks that lie on a map, of which a crop may be a part."""
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
 ]
@@ -102,6 +105,21 @@ MazeTask = table_of(
 )
 
 
+FourRoomsTask = table_of(
+    FourRooms,
+    TaskTable,
+    tag="four_rooms",
+    goal=Annotated[
+        Literal["north", "east", "south", "west"] | Pair,
+        word("be a hallway or a list of a row and a column", tuple(MOVES)),
+    ],
+    start=Annotated[
+        Literal["corner", "uniform"] | tuple[Pair, ...],
+        word("be 'corner', 'uniform' or a list of cells", ("corner", "uniform")),
+        AfterValidator(_in_order),
+    ],
+    time_limit=TimeLimit,
+)
 RiverSwimTask = table_of(
     RiverSwim,
     TaskTable,
@@ -131,10 +149,10 @@ DeepSeaTask = table_of(
 
 
 class CropTask(TaskTable):
-    """A part of a maze of the study; all else is as there."""
+    """A part of a maze, or of another task drawn as one, of the study; all else is as there."""
 
     type: Literal["crop"] = "crop"
-    of: Name = Field(description="The maze (or crop) it is a part of, by its name in [tasks].")
+    of: Name = Field(description="The task (or crop) it is a part of, by its name in [tasks].")
     rows: Pair = Field(
         description="First row and the one after the last, in the map's coordinates."
     )
@@ -142,9 +160,12 @@ class CropTask(TaskTable):
     start: Start = Field(default="uniform", description="As in a maze.")
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the part of the maze."""
-        instance("what a crop is a part of", whole, GridWorld, TaskError)
-        return whole.crop(rows=self.rows, columns=self.columns, start=self.start)
+        """Return the part of the whole."""
+        if not isinstance(whole, CROPPED):
+            known = ", ".join(kind.__name__ for kind in CROPPED)
+            raise TaskError(f"what a crop is a part of must be one of {known}: got {whole!r}")
+        cropped: Any = whole
+        return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
 class _PursuitTask(TaskTable):
@@ -275,6 +296,7 @@ TASKS = (
     MazeTask,
     CropTask,
     PursuitTask,
+    FourRoomsTask,
     RiverSwimTask,
     DeepSeaTask,
     GymnasiumTask,
