@@ -25,6 +25,7 @@ from .interop.gymnasium import (
     observation_task as observation_task,
 )
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
+from .interop.tabulation.tabulate import tabulate as tabulate
 from .learning.budget import Episodes as Episodes
 from .learning.guard import Guard as Guard
 from .learning.learners import (

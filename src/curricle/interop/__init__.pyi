@@ -10,6 +10,14 @@ from .potential_shaping import (
     PotentialShaping as PotentialShaping,
     VectorPotentialShaping as VectorPotentialShaping,
 )
+from .tabulation.exploration import Progress as Progress
+from .tabulation.observation_table import ObservationTable as ObservationTable
+from .tabulation.state_access import DeepCopy as DeepCopy
+from .tabulation.tabulate import tabulate as tabulate
+from .tabulation.tabulated_task import (
+    TabulatedTask as TabulatedTask,
+    TabulationRecord as TabulationRecord,
+)
 from .trackers import (
     Tracker as Tracker,
     Trackers as Trackers,

@@ -88,11 +88,11 @@ def from_gymnasium(
     >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
     """
-    make = _maker(environment, time_limit, make_arguments)
+    make = maker_of(environment, time_limit, make_arguments)
     if isinstance(environment, gym.Env):
         made: AbstractContextManager[Any] = nullcontext(environment)
     else:
-        with _refusals_of_make(environment):
+        with refusals_of_make(environment):
             made = closing(make())
     with made as env:
         if not isinstance(env, gym.Env):
@@ -109,7 +109,7 @@ def from_gymnasium(
             )
         names = names_of(env.unwrapped)
         encode, states = _observations(env.observation_space, encode, states, names[0])
-        act, actions = _actions(env.action_space, actions, names[1])
+        act, actions = actions_of(env.action_space, actions, names[1])
     return LiveMDP(states, actions, make, encode, act, discount, limit)
 
 
@@ -144,7 +144,7 @@ def observation_task(
     ObservationTask(CartPole-v1, discount 0.98, Box(4,) -> Discrete(2))
     """
     if isinstance(environment, str):
-        with _refusals_of_make(environment):
+        with refusals_of_make(environment):
             return ObservationTask(
                 EnvironmentMaker(environment, make_arguments), discount, time_limit
             )
@@ -157,7 +157,7 @@ def observation_task(
 
 
 @contextmanager
-def _refusals_of_make(what: Any) -> Iterator[None]:
+def refusals_of_make(what: Any) -> Iterator[None]:
     """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
     try:
         yield
@@ -173,7 +173,7 @@ def _refusals_of_make(what: Any) -> Iterator[None]:
         ) from error
 
 
-def _maker(
+def maker_of(
     environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
 ) -> EnvironmentMaker:
     """Return how environments are made; of None if the one given has no specification."""
@@ -212,7 +212,7 @@ def _from_table(
     return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
 
 
-def _actions(
+def actions_of(
     space: gym.Space[Any], given: Space | None, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
     """Return the function from an action's number to the environment's action, and the space."""

@@ -1,0 +1,1 @@
+"""Tables of Gymnasium environments: every state that can be reached, breadth first."""

@@ -1,0 +1,282 @@
+"""From explored states to tables: named components, and states that are alike made one."""
+
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.interop.tabulation.exploration import Explored
+from curricle.interop.tabulation.observation_table import ObservationTable, stacked_observations
+from curricle.interop.tabulation.state_access import Words
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import Component, Space
+
+WIDEST = 10_000
+"""Values of a component that is numbered from its lowest to its highest value."""
+ABSENT = "absent"
+"""The value of a component in states that lack it."""
+
+
+ANY = "any"
+"""The value of a component that makes no difference in a state."""
+Part = tuple[Component, IntArray]
+"""A component, and its value in each state."""
+
+
+class Tables(NamedTuple):
+    """The tables of S states and A actions; each pair has an outcome row of its own."""
+
+    states: Space
+    probability: FloatArray  # (S A, O)
+    next_state: IntArray  # (S A, O)
+    reward: FloatArray  # (S A, O)
+    terminal: BoolArray  # (S,)
+    start: FloatArray  # (S,)
+    first: IntArray  # the state that each reset leads to
+    observations: ObservationTable | None
+
+    def mdp(self, actions: Space, discount: float, time_limit: int | None) -> FiniteMDP:
+        """Return the task of these tables."""
+        n_pairs = len(self.probability)
+        return FiniteMDP(
+            states=self.states,
+            actions=actions,
+            outcome_row=np.arange(n_pairs).reshape(-1, actions.size),
+            probability=self.probability,
+            next_state=self.next_state,
+            reward=self.reward,
+            terminal=self.terminal,
+            start=self.start,
+            discount=discount,
+            time_limit=time_limit,
+        )
+
+
+def assembled(found: Explored, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
+    """Return the tables of explored states.
+
+    Parameters
+    ----------
+    found : Explored
+    n_actions : int
+    sampled : bool
+        Whether each outcome is one sample: those of a pair that lead to one state are made one,
+        with the mean of their rewards.
+    merge : bool
+        Whether states that differ in nothing observed or earned later are made one.
+    """
+    observations = None
+    if all(one is not None for one in found.observations):
+        observations = stacked_observations(found.observations, found.terminal)
+    rows = _outcome_rows(found, n_actions, sampled)
+    terminal = np.array(found.terminal, dtype=bool)
+    start = np.zeros(len(terminal))
+    start[list(found.start)] = list(found.start.values())
+    space, first = Space([Component("state", len(terminal))]), np.array(found.first)
+    tables = Tables(space, *rows, terminal, start, first, observations)
+    blocks = np.arange(len(terminal))
+    if merge and observations is not None:
+        blocks = alike(tables, n_actions)
+        tables = _merged(tables, blocks, n_actions)
+    words, vague = words_of_blocks(found.words, blocks)
+    space = named_states(words, tables.terminal, vague)
+    return tables._replace(states=space)
+
+
+def _outcome_rows(
+    found: Explored, n_actions: int, sampled: bool
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
+    pair, after = np.array(found.pair, np.int64), np.array(found.next_state, np.int64)
+    chance, reward = np.array(found.probability), np.array(found.reward)
+    if sampled:
+        key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
+        pair, after = key
+        earned = np.bincount(which, weights=chance * reward)
+        chance = np.bincount(which, weights=chance)
+        reward = earned / chance
+    order = np.argsort(pair, kind="stable")
+    pair, after, chance, reward = pair[order], after[order], chance[order], reward[order]
+    n_pairs = len(found.terminal) * n_actions
+    counts = np.bincount(pair, minlength=n_pairs)
+    place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shape = n_pairs, max(1, int(counts.max(initial=0)))
+    p, s, r = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
+    p[pair, place], s[pair, place], r[pair, place] = chance, after, reward
+    return p, s, r
+
+
+# -- states that are alike ------------------------------------------------------------------------
+
+
+def alike(tables: Tables, n_actions: int) -> IntArray:
+    """Return the block of each state in the coarsest partition that keeps all that matters, (S,).
+
+    States of a block show the same observation, and every action has the same rewards and leads to
+    the same blocks with the same probabilities (stochastic bisimulation: Givan, Dean, Greig 2003).
+    Blocks are numbered in the order of their first states.
+    """
+    assert tables.observations is not None
+    n_states = len(tables.terminal)
+    labels = _in_order(_rows_as_numbers(_observation_rows(tables.observations)))
+    blocks = _in_order(_rows_as_numbers(np.stack([labels, tables.terminal], axis=1)))
+    rewards = _rows_as_numbers(tables.reward.reshape(n_states, -1))
+    while True:
+        after = np.where(tables.probability > 0, blocks[tables.next_state], -1)
+        if after.shape[1] == 1:
+            moves = after.reshape(n_states, n_actions)
+            finer = np.concatenate([blocks[:, None], rewards[:, None], moves], axis=1)
+            refined = _in_order(_rows_as_numbers(finer))
+        else:
+            refined = _refined(tables, blocks, n_actions)
+        if refined.max() == blocks.max():
+            return refined
+        blocks = refined
+
+
+def _refined(tables: Tables, blocks: IntArray, n_actions: int) -> IntArray:
+    """Return finer blocks where actions have several outcomes."""
+    numbers = dict[Any, int]()
+    found = np.empty_like(blocks)
+    for state in range(len(blocks)):
+        signature: list[Any] = [int(blocks[state])]
+        for pair in range(state * n_actions, (state + 1) * n_actions):
+            mass = dict[tuple[int, float], float]()
+            for p, s, r in zip(
+                tables.probability[pair], tables.next_state[pair], tables.reward[pair], strict=True
+            ):
+                if p > 0:
+                    key = int(blocks[s]), float(r)
+                    mass[key] = mass.get(key, 0.0) + float(p)
+            signature.append(tuple(sorted((*key, round(p, 12)) for key, p in mass.items())))
+        found[state] = numbers.setdefault(tuple(signature), len(numbers))
+    return found
+
+
+def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
+    """Return the observations as rows of which equal ones are equal, (S, n)."""
+    each = [
+        np.unique(part.reshape(len(part), -1), axis=0, return_inverse=True)[1].reshape(-1, 1)
+        for part in observations.parts.values()
+    ]
+    return np.concatenate(each, axis=1)
+
+
+def _rows_as_numbers(rows: npt.NDArray[Any]) -> IntArray:
+    return np.asarray(np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1), dtype=np.int64)
+
+
+def _in_order(labels: IntArray) -> IntArray:
+    """Return labels renumbered in the order in which they first appear."""
+    _, first, which = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[which.reshape(-1)]
+
+
+def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
+    """Return the tables of blocks instead of states; the first state stands for its block."""
+    first = np.unique(blocks, return_index=True)[1]
+    pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
+    seen = tables.observations
+    assert seen is not None
+    return Tables(
+        tables.states,
+        tables.probability[pairs],
+        blocks[tables.next_state[pairs]],
+        tables.reward[pairs],
+        tables.terminal[first],
+        np.asarray(np.bincount(blocks, weights=tables.start), dtype=np.float64),
+        blocks[tables.first],
+        ObservationTable(
+            {name: part[first] for name, part in seen.parts.items()}, seen.terminal[first]
+        ),
+    )
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+
+def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
+    """Return the words of each block, and the names of which some block has several values.
+
+    Those values are `ANY` there.
+
+    Examples
+    --------
+    >>> words_of_blocks([{"row": 1, "told": 0}, {"row": 1, "told": 2}], np.array([0, 0]))
+    ([{'row': 1, 'told': 'any'}], {'told'})
+    """
+    found = dict[int, dict[str, int | str]]()
+    vague = set[str]()
+    for each, block in zip(words, blocks.tolist(), strict=True):
+        mine = found.setdefault(block, dict(each))
+        for name in {**mine, **each}:
+            if mine.get(name) != each.get(name):
+                mine[name] = ANY
+                vague.add(name)
+    return [found[block] for block in sorted(found)], vague
+
+
+def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
+    """Return the space whose components are what differs between states.
+
+    Where several states have the same values they are told apart by those that are vague, then by
+    whether they end the episode, `ended`, then by a number, `variant`.
+
+    Examples
+    --------
+    >>> words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
+    >>> space = named_states(words, np.array([False, False, True]), [])
+    >>> [space.label(state) for state in range(3)]
+    ['row=1 lamp=on ended=no', 'row=2 lamp=off ended=no', 'row=2 lamp=off ended=yes']
+    """
+    names = dict.fromkeys(name for each in words for name in each)
+    parts = list[Part]()
+    for of_these in (names.keys() - set(vague), vague):
+        if not parts or _copy_numbers(parts).any():
+            given = [
+                _component(name, [each.get(name, ABSENT) for each in words])
+                for name in names
+                if name in of_these
+            ]
+            parts += [(component, values) for component, values in given if component.size > 1]
+    if not parts:
+        return Space([Component("state", len(words))])
+    if _copy_numbers(parts).any() and terminal.any() and not terminal.all():
+        ended = Component(_free("ended", names), 2, labels=("no", "yes"))
+        parts.append((ended, terminal.astype(np.int64)))
+    copies = _copy_numbers(parts)
+    if copies.any():
+        parts.append((Component(_free("variant", names), int(copies.max()) + 1), copies))
+    points = np.stack([values for _, values in parts], axis=1)
+    return Space([component for component, _ in parts], points)
+
+
+def _component(name: str, values: Sequence[int | str]) -> Part:
+    """Return the component of these values, one a state, and the values as its numbers."""
+    if not any(isinstance(value, str) for value in values):
+        given = np.array(values, dtype=np.int64)
+        low, size = int(given.min()), int(given.max()) - int(given.min()) + 1
+        if size <= WIDEST:
+            return Component(name, size, low), given
+    labels = list(dict.fromkeys(map(str, values)))
+    number = {label: i for i, label in enumerate(labels)}
+    numbers = np.array([number[str(value)] for value in values], dtype=np.int64)
+    return Component(name, len(labels), labels=tuple(labels)), numbers
+
+
+def _copy_numbers(parts: Sequence[Part]) -> IntArray:
+    """Return how many states before each have the same values, (S,)."""
+    which = _rows_as_numbers(np.stack([values for _, values in parts], axis=1))
+    order = np.argsort(which, kind="stable")
+    counts = np.bincount(which)
+    found = np.empty_like(which)
+    found[order] = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return found
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    return name if name not in taken else _free(f"{name}_", taken)

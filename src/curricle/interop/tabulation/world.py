@@ -1,0 +1,175 @@
+"""An environment whose steps can be taken from any state, as often as one likes."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+from gymnasium.wrappers import TimeLimit
+
+from curricle.errors import TaskError
+from curricle.interop.tabulation.observation_table import same_observation
+from curricle.interop.tabulation.random_states import RandomStates, state_of
+from curricle.interop.tabulation.state_access import Environment, SavedState, StateAccess, Words
+from curricle.interop.toy_text import HARMLESS
+
+REPETITIONS = 8
+"""Times that a step is taken in all if it draws random numbers; one that draws none, twice."""
+LONG_AGO = -(2**62)
+"""Steps that the clock of a wrapper shows, so that no time limit is met."""
+
+
+class Arrival(NamedTuple):
+    """What a step or a reset leads to."""
+
+    state: SavedState
+    reward: float
+    terminated: bool
+    truncated: bool
+    observed: Any  # as the step returned it
+
+
+class World:
+    """An environment, and how its states are saved and restored.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        Nobody else's: it is stepped and reset.
+    act : callable
+        From an action's number to the environment's action.
+    access : StateAccess
+    name : str
+        For messages.
+    """
+
+    def __init__(self, env: Environment, act: Callable[[int], Any], access: StateAccess, name: str):
+        self.env, self.act, self.access, self.name = env, act, access, name
+        self.core, self.views = _core_and_views(env, views_apart=not access.copies)
+        self.now = self.core
+        self.random_states = RandomStates()
+        self.drawing = 0  # pairs whose steps draw random numbers
+
+    def start(self, seed: int) -> Arrival:
+        """Return where an episode begins that is reset with a seed."""
+        if self.access.copies:
+            self.now, _ = self.access.restore(self.core, (self.core, []))
+        observed, _ = self.now.reset(seed=seed)
+        _rewind_clocks(self.now)
+        self.access.begin(self.now)
+        return Arrival(self.access.save(self.now), 0.0, False, False, observed)
+
+    def step(self, content: Any, action: int) -> Arrival:
+        """Return where the one outcome of an action leads from a saved state.
+
+        Raises
+        ------
+        TaskError
+            When the step, repeated with other random numbers, leads elsewhere.
+        """
+        env, generators = self.access.restore(self.core, content)
+        before = [state_of(each) for each in generators]
+        first = self._arrival(env, action)
+        times = 2
+        if [state_of(each) for each in generators] != before:
+            self.drawing += 1
+            times = REPETITIONS
+        for repetition in range(1, times):
+            again, generators = self.access.restore(self.core, content)
+            self.random_states.restart(generators, repetition)
+            self._check_repeated(first, self._arrival(again, action), action)
+        # Where all is one environment it is in the same state now; else `env` is kept as the state.
+        self.now = env
+        return first
+
+    def sample(self, content: Any, action: int) -> Arrival:
+        """Return where one step leads from a saved state, with random numbers not used before."""
+        env, generators = self.access.restore(self.core, content)
+        self.random_states.resume(generators)
+        self.now = env
+        arrival = self._arrival(env, action)
+        self.random_states.leave(generators)
+        return arrival
+
+    def _arrival(self, env: Environment, action: int) -> Arrival:
+        observed, reward, terminated, truncated, _ = env.step(self.act(action))
+        _rewind_clocks(env)
+        try:
+            earned = float(reward)
+        except (TypeError, ValueError):
+            raise TaskError(f"a reward must be a number: got {reward!r} from {self.name}") from None
+        state = self.access.save(env)
+        return Arrival(state, earned, bool(terminated), bool(truncated), observed)
+
+    def _check_repeated(self, first: Arrival, again: Arrival, action: int) -> None:
+        differing = [
+            name
+            for name, one, other in (
+                ("state", first.state.key, again.state.key),
+                ("reward", first.reward, again.reward),
+                ("end", first[2:4], again[2:4]),
+            )
+            if one != other
+        ]
+        if not differing and not same_observation(first.observed, again.observed):
+            differing = ["observation"]
+        if differing:
+            raise TaskError(
+                "steps must be deterministic to be tabulated, unless outcomes are listed "
+                f"(outcomes=) or estimated (samples=): action {action}, repeated from one state of "
+                f"{self.name}, led to another {differing[0]}"
+            )
+
+    def observation(self, arrival: Arrival) -> Any:
+        """Return what is observed at the arrival that came last."""
+        seen = self.access.observation(self.now, arrival.observed)
+        for view in self.views:
+            seen = view.observation(seen)
+        return seen
+
+    def describe(self) -> Words:
+        """Return the state of the arrival that came last, in words."""
+        return self.access.describe(self.now)
+
+
+def time_limit_of(env: Environment) -> int | None:
+    """Return the steps after which an environment truncates: the least limit of its wrappers."""
+    limits = [layer._max_episode_steps for layer in _layers(env) if isinstance(layer, TimeLimit)]
+    return min(limits, default=None)
+
+
+def _layers(env: Environment) -> list[Any]:
+    """Return an environment's wrappers from the outermost, and it itself last."""
+    found: list[Any] = [env]
+    while isinstance(found[-1], gym.Wrapper):
+        found.append(found[-1].env)
+    return found
+
+
+def _rewind_clocks(env: Environment) -> None:
+    """Set back the clocks of time limits: time is no part of a state."""
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, TimeLimit):
+            clock: Any = env
+            clock._elapsed_steps = LONG_AGO
+        env = env.env
+
+
+def _core_and_views(
+    env: Environment, *, views_apart: bool
+) -> tuple[Environment, Sequence[gym.ObservationWrapper[Any, Any, Any]]]:
+    """Return the part of an environment that is stepped, and wrappers to look through after it.
+
+    Wrappers that change nothing are left out, the outer ones. Those that change observations alone
+    are apart if told so: they are looked through once a state, not once a step.
+    """
+    views = list[Any]()
+    plain = gym.ObservationWrapper
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, plain) and views_apart:
+            if type(env).step is not plain.step or type(env).reset is not plain.reset:
+                break
+            views.insert(0, env)
+        elif not isinstance(env, HARMLESS):
+            break
+        env = env.env
+    return env, views

@@ -1,0 +1,323 @@
+"""Tables of environments: every state that can be reached, and nothing else."""
+
+from typing import NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import TimeLimit, TransformObservation, TransformReward
+
+import curricle as cr
+from curricle.errors import SettingError, TaskError
+from curricle.interop import DeepCopy
+from curricle.transfer import UNMAPPED
+from tests.worlds_to_tabulate import (
+    Corridor,
+    Counting,
+    Dark,
+    Flickering,
+    OwnClock,
+    Slippery,
+    Uncopyable,
+    Unreadable,
+)
+
+
+class Where(NamedTuple):
+    place: int
+    lit: bool
+
+
+def save(env):
+    return Where(env.place, env.lit)
+
+
+def restore(env, state):
+    env.place, env.lit = state
+
+
+def values_by_label(task):
+    values = cr.solve(task).values
+    return {task.states.label(s): values[s] for s in range(task.states.size)}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("FrozenLake-v1", {"is_slippery": False}),
+        ("FrozenLake-v1", {"is_slippery": False, "map_name": "8x8"}),
+        ("CliffWalking-v1", {}),
+    ],
+)
+def test_copies_give_the_table_that_an_environment_has(name, settings):
+    known = cr.from_gymnasium(name, discount=0.9, **settings)
+    task = cr.tabulate(name, discount=0.9, state=DeepCopy(), **settings)
+    shown = task.observations.batch()
+    assert np.unique(shown).size == task.states.size  # no state twice
+    np.testing.assert_allclose(
+        cr.solve(task).values, cr.solve(known).values[shown], rtol=0, atol=1e-9
+    )
+    for s in np.flatnonzero(~task.mdp.terminal):
+        for a in range(4):
+            row, own = task.mdp.outcome_row[s, a], known.outcome_row[shown[s], a]
+            after = shown[task.mdp.next_state[row, 0]]
+            possible = known.next_state[own][known.probability[own] > 0]
+            assert set(possible) == {after}
+    assert task.mdp.time_limit == known.time_limit
+
+
+def test_a_listed_table_is_its_reachable_part():
+    known = cr.from_gymnasium("FrozenLake-v1", discount=0.9)
+    task = cr.tabulate("FrozenLake-v1", discount=0.9)
+    assert task.record.drawing == 0
+    assert task.exact
+    shown = task.observations.batch()
+    np.testing.assert_allclose(cr.solve(task).values, cr.solve(known).values[shown], atol=1e-9)
+    assert task.states.label(task.state(6)) == known.states.label(6) == "row=1 column=2"
+
+
+def test_taxi_by_two_functions_is_its_own_table():
+    functions = (lambda env: env.s, lambda env, s: setattr(env, "s", s))
+    listed = cr.tabulate("Taxi-v4", discount=0.9, seeds=[3, 4])
+    stepped = cr.tabulate("Taxi-v4", discount=0.9, seeds=[3, 4], state=functions)
+    assert listed.states.size == stepped.states.size
+    states = stepped.many(listed.observations.batch())
+    assert (states != UNMAPPED).all()
+    mine, known = cr.solve(stepped).values, cr.solve(listed).values
+    np.testing.assert_allclose(mine[states], known, atol=1e-9)
+    assert (
+        stepped.record.drawing == stepped.record.transitions
+    )  # it draws even where none is needed
+
+
+@pytest.mark.parametrize("state", [None, (save, restore)], ids=["copies", "functions"])
+def test_states_have_the_names_of_attributes_and_starts_are_those_of_resets(state):
+    task = cr.tabulate(Corridor, discount=0.5, seeds=20, state=state)
+    assert task.states.names == ("place", "lit")
+    assert task.states.size == 8
+    assert int(task.mdp.terminal.sum()) == 2
+    starts = [int(Corridor().reset(seed=seed)[0][0]) for seed in range(20)]
+    for place in range(3):
+        begins = task.mdp.start[task.states.encode(place=place, lit=0)]
+        assert begins == pytest.approx(starts.count(place) / 20)
+    values = cr.solve(task).values
+    assert values[task.states.encode(place=2, lit=1)] == 1
+    assert values[task.states.encode(place=2, lit=0)] == 0.5
+    assert [task.state([p, 1]) for p in range(4)] == [
+        task.states.encode(place=p, lit=1) for p in range(4)
+    ]
+
+
+def test_observations_that_several_states_show_show_none():
+    task = cr.tabulate(Dark, discount=0.5)
+    assert task.states.size == 7  # at the end the lamp makes no difference
+    assert [task.state(place) for place in range(3)] == [UNMAPPED] * 3
+    assert task.state(17) == UNMAPPED
+    assert task.mdp.terminal[task.state(3)]
+    np.testing.assert_array_equal(task.observations.ambiguous, ~task.mdp.terminal)
+
+
+def test_the_same_state_ended_and_not_ended_is_two():
+    class Shouting(Corridor):
+        """The action 2 ends the episode and changes nothing."""
+
+        def step(self, action):
+            if action == 2:
+                return self.seen(), 5.0, True, False, {}
+            return super().step(action)
+
+    task = cr.tabulate(Shouting, discount=0.5)
+    assert task.states.names == ("place", "ended")
+    # Each of the three first cells with its ended copy, and the goal, which always ends.
+    assert task.states.size == 7
+    assert cr.solve(task).start_value == 5
+
+
+def test_a_time_limit_is_no_part_of_a_state():
+    plain = cr.tabulate(lambda: TimeLimit(Corridor(), 7), discount=0.5)
+    inside = cr.tabulate(
+        lambda: TransformReward(TimeLimit(TimeLimit(Corridor(), 9), 7), lambda r: 2 * r),
+        discount=0.5,
+    )
+    assert plain.mdp.time_limit == inside.mdp.time_limit == 7
+    assert plain.states.size == inside.states.size == 8
+    assert plain.record.cut == inside.record.cut == 0
+    assert inside.mdp.reward.max() == 2
+    assert cr.tabulate(Corridor, discount=0.5).mdp.time_limit is None
+    assert cr.tabulate(Corridor, discount=0.5, time_limit=3).mdp.time_limit == 3
+
+
+def test_a_clock_of_its_own_is_part_of_a_state_and_truncation_is_no_end():
+    task = cr.tabulate(OwnClock, discount=0.5, seeds=[0])
+    labels = [task.states.label(s) for s in range(task.states.size)]
+    cut = np.array(["taken=3" in label for label in labels])
+    ends = task.mdp.terminal
+    assert task.record.cut == (cut & ~ends).sum() > 0
+    for s in np.flatnonzero(cut & ~ends):
+        assert (task.mdp.next_state[task.mdp.outcome_row[s], 0] == s).all()
+    assert (cr.solve(task).values[cut] == 0).all()
+
+
+def test_what_makes_no_difference_is_left_out_or_made_one():
+    class Chatty(Corridor):
+        """Notes what it was told last, which nobody sees."""
+
+        def step(self, action):
+            self.told = int(action)
+            return super().step(action)
+
+    task = cr.tabulate(Chatty, discount=0.5)
+    assert task.record.explored > task.states.size == 8
+    assert task.states.names == ("place", "lit")
+    assert cr.tabulate(Counting, discount=0.5, state=DeepCopy(ignore=["taken"])).states.size == 8
+
+
+def test_an_environment_that_is_given_is_left_alone():
+    env = gym.make("FrozenLake-v1", is_slippery=False)
+    env.reset(seed=5)
+    env.step(1)
+    place = env.unwrapped.s
+    cr.tabulate(env, discount=0.9, state=DeepCopy())
+    assert env.unwrapped.s == place
+    assert env.get_wrapper_attr("_elapsed_steps") == 1
+
+
+def test_wrappers_of_observations_are_looked_through():
+    def make():
+        return TransformObservation(Corridor(), lambda seen: seen * 10, None)
+
+    for state in (None, (save, restore)):
+        task = cr.tabulate(make, discount=0.5, state=state)
+        assert task.state([10, 10]) == task.states.encode(place=1, lit=1)
+
+
+@pytest.mark.parametrize("where", ["environment", "attribute", "standard library", "nobody's"])
+def test_random_steps_are_refused_wherever_the_numbers_come_from(where):
+    with pytest.raises(TaskError, match=r"steps must be deterministic .*outcomes=.*samples="):
+        cr.tabulate(lambda: Slippery(where), discount=0.5)
+
+
+def test_estimates_say_so_and_come_close():
+    settings = {"discount": 0.5, "samples": 500, "state": (save, restore)}
+    task = cr.tabulate(lambda: Slippery("attribute", 0.25), **settings)
+    assert not task.exact
+    assert "estimated from 500 steps a pair" in repr(task)
+    here = task.states.encode(place=1, lit=0)
+    row = task.mdp.outcome_row[here, 1]
+    ahead = task.mdp.next_state[row] == task.states.encode(place=2, lit=0)
+    # Five standard deviations of a share of 500.
+    assert task.mdp.probability[row][ahead].sum() == pytest.approx(0.75, abs=5 * 0.0194)
+    again = cr.tabulate(lambda: Slippery("attribute", 0.25), **settings)
+    np.testing.assert_array_equal(task.mdp.probability, again.mdp.probability)
+
+
+def test_copies_give_estimates_too():
+    task = cr.tabulate(lambda: Slippery("standard library", 0.25), discount=0.5, samples=20)
+    assert task.states.size == 8
+    shares = task.mdp.probability[task.mdp.outcome_row[~task.mdp.terminal]].max(axis=-1)
+    assert 0.5 < shares.min() < 1
+
+
+def test_listed_outcomes_of_ones_own():
+    def outcomes(state, action):
+        place, lit = state
+        left = Where(max(place - 1, 0), lit)
+        if action == 2:
+            meant = Where(place, not lit)
+        else:
+            meant = Where(min(place + 1, 3), lit) if action else left
+        ends = meant.place == 3
+        return [(0.25, left, 0.0, False), (0.75, meant, float(ends and lit), ends)]
+
+    def make():
+        return Slippery("environment", 0.25)
+
+    task = cr.tabulate(make, discount=0.5, outcomes=outcomes, state=(save, restore))
+    assert task.states.size == 8
+    assert task.exact
+    assert task.record.checked > 100
+    near = cr.tabulate(make, discount=0.5, samples=500, state=(save, restore))
+    assert cr.solve(task).start_value == pytest.approx(cr.solve(near).start_value, abs=0.05)
+    with pytest.raises(TaskError, match=r"sums to 0\.75"):
+        cr.tabulate(
+            make,
+            discount=0.5,
+            outcomes=lambda s, a: outcomes(s, a)[1:],
+            state=(save, restore),
+        )
+
+
+REFUSALS = {
+    "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
+    "cannot be read": (Unreadable, {}, "an? Opaque in it cannot be read"),
+    "never ends growing": (
+        Counting,
+        {"max_states": 300},
+        "at most max_states, 300 states: .* found more, which differ most in 'taken', of",
+    ),
+    "takes too long": (Counting, {"max_seconds": 0.05}, "within max_seconds, 0.05: "),
+    "shows noise": (Flickering, {}, "led to another observation"),
+    "a part is not saved": (
+        Corridor,
+        {"state": (lambda env: env.place, lambda env, s: setattr(env, "place", s))},
+        "tables must say what the environment does|led to another",
+    ),
+    "a state is no key": (
+        Corridor,
+        {"state": (lambda env: [env.place], restore)},
+        r"must be hashable, .*: \[\d\] is a list",
+    ),
+    "a table that lies": (
+        Corridor,
+        {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, False)], "state": (save, restore)},
+        "tables must say what the environment does",
+    ),
+    "discount": (Corridor, {"discount": 2}, r"discount must lie in \[0, 1\]"),
+    "no environment": (lambda: 3, {}, "must be a gymnasium.Env"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals_are_one_sentence(case):
+    make, settings, said = REFUSALS[case]
+    with pytest.raises(TaskError, match=said) as caught:
+        cr.tabulate(make, **{"discount": 0.5, **settings})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"state": "deep"}, "state must be"),
+        ({"state": (save, 3)}, "state must be"),
+        ({"samples": 0}, "samples must be a whole number"),
+        ({"samples": 10**9}, "samples must"),
+        ({"samples": 5, "outcomes": lambda s, a: []}, "listed or estimated"),
+        ({"outcomes": [1]}, "outcomes must be a function"),
+        ({"max_states": 0}, "max_states must"),
+        ({"max_seconds": -1}, "max_seconds must"),
+        ({"seeds": []}, "seeds must"),
+    ],
+)
+def test_settings_are_checked(settings, said):
+    with pytest.raises(SettingError, match=said):
+        cr.tabulate(Corridor, discount=0.5, **settings)
+    with pytest.raises(SettingError, match="ignore must be a list"):
+        DeepCopy(ignore="taken")
+
+
+def test_progress_is_shown(capsys):
+    seen = []
+    cr.tabulate(
+        Counting,
+        discount=0.5,
+        state=DeepCopy(ignore=["taken"]),
+        progress=seen.append,
+    )
+    assert seen == []  # it takes less than the time between two reports
+    with pytest.raises(TaskError, match="max_seconds"):
+        cr.tabulate(Counting, discount=0.5, progress=seen.append, max_seconds=1.2)
+    assert [now.states for now in seen] == sorted(now.states for now in seen) != []
+    assert all(now.transitions >= now.expanded for now in seen)
+    cr.tabulate(Corridor, discount=0.5, progress=True)
+    assert capsys.readouterr().out == ""
