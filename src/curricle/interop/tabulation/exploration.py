@@ -13,11 +13,24 @@ INTERVAL = 0.5
 """Seconds between two reports of progress."""
 
 
-class Progress(NamedTuple):
-    """How far a tabulation is."""
+@dataclass(frozen=True)
+class Progress:
+    """How far a tabulation is.
 
-    states: int  # found so far
-    expanded: int  # all of whose actions are done
+    Attributes
+    ----------
+    states : int
+        Those found so far.
+    expanded : int
+        Those all of whose actions have been taken.
+    transitions : int
+        Outcomes found so far.
+    seconds : float
+        Since the tabulation began.
+    """
+
+    states: int
+    expanded: int
     transitions: int
     seconds: float
 
