@@ -20,6 +20,7 @@ from .families.pursuits import (
 )
 from .four_rooms import FourRooms as FourRooms
 from .gridworld import GridWorld as GridWorld, Rewards as Rewards
+from .key_lock_pit import KeyLockPit as KeyLockPit
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP
 from .observation_task import ObservationTask as ObservationTask

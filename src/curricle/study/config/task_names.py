@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from curricle.checks import unfit_name
 from curricle.study.config.tables import KeyPath, shown, suggestion
 
-DRAWN = ("maze", "crop", "four_rooms", "family")
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")
 """Types of tasks that a crop may be a part of."""
 
 

@@ -37,13 +37,14 @@ from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.grid_map import MOVES
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.task import generative_model
 
 Pair = tuple[Whole, Whole]
-CROPPED = (GridWorld, FourRooms)
+CROPPED = (GridWorld, FourRooms, KeyLockPit)
 """Tasks that lie on a map, of which a crop may be a part."""
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
@@ -118,6 +119,18 @@ FourRoomsTask = table_of(
         word("be 'corner', 'uniform' or a list of cells", ("corner", "uniform")),
         AfterValidator(_in_order),
     ],
+    time_limit=TimeLimit,
+)
+KeyLockPitTask = table_of(
+    KeyLockPit,
+    _MazeTask,
+    tag="key_lock_pit",
+    map=Annotated[str, AfterValidator(_without_margins)],
+    needs=Annotated[
+        Literal["all"] | tuple[tuple[Whole, ...], ...],
+        word("be 'all' or a list of keys for each lock", ("all",)),
+    ],
+    start=Start,
     time_limit=TimeLimit,
 )
 RiverSwimTask = table_of(
@@ -297,6 +310,7 @@ TASKS = (
     CropTask,
     PursuitTask,
     FourRoomsTask,
+    KeyLockPitTask,
     RiverSwimTask,
     DeepSeaTask,
     GymnasiumTask,
