@@ -7,7 +7,14 @@ from hypothesis import given, strategies as st
 
 from curricle import FiniteMDP
 from curricle.planning import solve
-from curricle.transfer import TaskPair, by_homomorphism, find_mappings
+from curricle.tasks.reachability import reachable_states
+from curricle.transfer import (
+    TaskPair,
+    by_homomorphism,
+    by_lax_bisimulation,
+    find_mappings,
+    lax_bisimulation,
+)
 from curricle.transfer.homomorphisms import equivalent_pairs
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 from tests.tasks import mdps
@@ -132,3 +139,32 @@ def test_the_copy_comes_first_and_regains_everything(dense, seed):
     best = find_mappings(copy, task)[0]
     assert best.scores.regained > 1 - 1e-6 or np.isnan(best.scores.regained)
     assert best.scores.optimistic == 0
+
+
+@given(mdps(max_states=5), mdps(max_states=5))
+def test_lax_bisimulation_bounds_the_difference_of_values(one, other):
+    """Also at discounts that differ."""
+    target, source = one.task(), other.task()
+    found = lax_bisimulation(target, source)
+    here, there = solve(target), solve(source)
+    slack = 1e-9 * (1 + abs(there.values).max())
+    apart = abs(here.values[:, None] - there.values)
+    assert (apart <= found.states + slack).all()
+    phi = np.where(
+        found.nearest >= 0, there.action_values.ravel()[np.maximum(found.nearest, 0)], 0.0
+    )
+    assert (abs(here.action_values - phi) <= found.pairs + slack)[~target.terminal].all()
+    for proposal in by_lax_bisimulation(TaskPair(target, source)):
+        read = proposal.mapping.read(there.action_values)[reachable_states(target)]
+        off = abs(here.action_values[reachable_states(target)] - read)
+        assert off.max() <= proposal.bound + slack
+
+
+@given(mdps(max_states=5), st.integers(0, 2**32 - 1))
+def test_lax_bisimulation_of_a_renumbered_task_is_zero_where_it_is_the_same(dense, seed):
+    task = dense.task()
+    copy, new, _ = renumbered(task, np.random.default_rng(seed))
+    found = lax_bisimulation(copy, task)
+    largest = 1 + abs(found.states).max()
+    assert found.states[new, np.arange(len(new))].max() <= 2e-3 * largest
+    assert found.pairs.max() <= 2e-3 * largest

@@ -23,6 +23,11 @@ from .mapping import (
 )
 from .mapping_scores import MappingScores as MappingScores, score_mapping as score_mapping
 from .mapping_search import Projection as Projection, find_projections as find_projections
+from .nearest_pairs import (
+    LaxBisimulation as LaxBisimulation,
+    by_lax_bisimulation as by_lax_bisimulation,
+    lax_bisimulation as lax_bisimulation,
+)
 from .observation_mapping import (
     ObservationCoverage as ObservationCoverage,
     ObservationMapping as ObservationMapping,

@@ -13,13 +13,19 @@ from curricle.transfer.component_search import by_assignment, by_name
 from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
 from curricle.transfer.mapping_scores import MappingScores, score_mapping
+from curricle.transfer.nearest_pairs import by_lax_bisimulation
 from curricle.transfer.proposal import NOT_PROVEN, Proposal
 from curricle.transfer.task_pair import TaskPair
 
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
 
-SEARCHES: tuple[Search, ...] = (by_name, by_assignment, by_homomorphism)
+SEARCHES: tuple[Search, ...] = (
+    by_name,
+    by_assignment,
+    by_homomorphism,
+    by_lax_bisimulation,
+)
 LEAST_REGAINED = 0.1
 """Share of the way from the random policy to the optimum that a mapping used unseen must regain."""
 MOST_UNEXPLAINED = 0.75
@@ -133,7 +139,7 @@ def find_mappings(
     --------
     >>> from curricle import Pursuit
     >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for one in find_mappings(hunt, chase)[:2]:
+    >>> for one in find_mappings(hunt, chase, searches=[by_assignment])[:2]:
     ...     print(one.how)
     components by assignment: predator is predator_1, prey by name
     components by assignment: predator is predator_2, prey by name

@@ -1,0 +1,87 @@
+"""The distances of lax bisimulation against a naive fixed point with linear programs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.optimize import linprog
+
+from curricle.transfer import lax_bisimulation
+from curricle.transfer.transport import UNSET, scratch, transport_cost
+from tests.tasks import mdps, random_mdp
+
+
+def transport_naively(p, q, cost):
+    n, m = cost.shape
+    rows = np.kron(np.eye(n), np.ones(m))
+    columns = np.kron(np.ones(n), np.eye(m))
+    solved = linprog(cost.ravel(), A_eq=np.vstack([rows, columns]), b_eq=np.append(p, q))
+    return solved.fun
+
+
+@given(st.integers(2, 6), st.integers(2, 6), st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=60)
+def test_transport_is_exact_also_from_the_last_basis(n, m, seed, even):
+    """Even masses and whole costs are the degenerate ones, which tie."""
+    rng = np.random.default_rng(seed)
+    p, q = rng.dirichlet(np.ones(n)), rng.dirichlet(np.ones(m))
+    if even:
+        p, q = np.full(n, 1 / n), np.full(m, 1 / m)
+    space, tree = scratch(7, 8), np.full((2, n + m), UNSET, np.uint8)
+    for _ in range(3):
+        cost = rng.integers(0, 4, (n, m)).astype(float) if even else rng.random((n, m))
+        space.cost[:n, :m] = cost
+        found = transport_cost(p, q, tree[0], tree[1], space)
+        assert found == pytest.approx(transport_naively(p, q, cost), abs=1e-8)
+
+
+def dense(task):
+    """Return P (S, A, S) and r (S, A), terminal states absorbing and without reward."""
+    n_states, n_actions = task.outcome_row.shape
+    p, r = np.zeros((n_states, n_actions, n_states)), np.zeros((n_states, n_actions))
+    for s in range(n_states):
+        for a in range(n_actions):
+            if task.terminal[s]:
+                p[s, a, s] = 1
+                continue
+            row = task.outcome_row[s, a]
+            np.add.at(p[s, a], task.next_state[row], task.probability[row])
+            r[s, a] = task.probability[row] @ task.reward[row]
+    return p, r
+
+
+def distance_naively(target, source, sweeps):
+    """Return d of states and of pairs after so many sweeps from 0."""
+    (p, r), (q, w) = dense(target), dense(source)
+    d = np.zeros((len(p), len(q)))
+    pairs = np.zeros((*r.shape, *w.shape))
+    for _ in range(sweeps):
+        for s, a, u, b in np.ndindex(pairs.shape):
+            cost = transport_naively(p[s, a], q[u, b], d)
+            pairs[s, a, u, b] = abs(r[s, a] - w[u, b]) + target.discount * cost
+        one_way = pairs.min(axis=3).max(axis=1)
+        other_way = pairs.min(axis=1).max(axis=2)
+        d = np.maximum(one_way, other_way)
+    return d, pairs
+
+
+@given(mdps(discounts=(0.3,), max_states=3, max_actions=2), mdps(max_states=3, max_actions=2))
+@settings(max_examples=12)
+def test_distances_are_those_of_the_naive_fixed_point(one, other):
+    target = one.task()
+    source = type(other)(other.p, other.r, other.terminal, one.discount).task()
+    found = lax_bisimulation(target, source, tolerance=1e-9)
+    d, pairs = distance_naively(target, source, sweeps=12)
+    left = 0.3**12 / 0.7 * 20
+    np.testing.assert_allclose(found.states, d, atol=left + 1e-6)
+    live = ~target.terminal
+    nearest = pairs.reshape(*pairs.shape[:2], -1).min(axis=2)
+    np.testing.assert_allclose(found.pairs[live], nearest[live], atol=left + 1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_larger_task_agrees_with_the_naive_one(width):
+    target = random_mdp(1, n_states=5, n_actions=2, width=width, discount=0.5)
+    source = random_mdp(2, n_states=4, n_actions=2, width=width, discount=0.5)
+    found = lax_bisimulation(target, source, tolerance=1e-9)
+    d, _ = distance_naively(target, source, sweeps=10)
+    np.testing.assert_allclose(found.states, d, atol=0.5**10 * 20)
