@@ -8,8 +8,10 @@ from curricle import GridWorld, Pursuit, project, run_study
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, json_schema, read_study
 from curricle.tasks import maze_family
+from curricle.tasks.families.built_in import BUILT_IN
 from tests.studies import complaints_of, reader
 
+NAMES = ", ".join(BUILT_IN)
 HUNT = """\
 name = "hunt"
 seeds = 2
@@ -201,7 +203,7 @@ def test_what_is_set_from_outside_may_be_a_familys(tmp_path):
         (
             'family = "pursuit"',
             'family = "persuit"',
-            "line 7: families.ring.family must be one of maze, pursuit, or a family of one's own "
+            f"line 7: families.ring.family must be one of {NAMES}, or a family of one's own "
             "as module:function: got 'persuit', did you mean 'pursuit'?",
         ),
         ('family = "pursuit"\n', "", "line 6: families.ring.family is missing"),
@@ -223,7 +225,7 @@ def test_what_is_set_from_outside_may_be_a_familys(tmp_path):
         (
             'family = "ring", size = 3, predators = 1',
             'family = "rnig"',
-            "line 12: tasks.chase.family must be one of ring, maze, pursuit, or a family of one's "
+            f"line 12: tasks.chase.family must be one of ring, {NAMES}, or a family of one's "
             "own as module:function: got 'rnig', did you mean 'ring'?",
         ),
         (

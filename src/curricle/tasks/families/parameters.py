@@ -1,6 +1,7 @@
 """Declared parameters of a task family: which values they take, and which are harder."""
 
 import inspect
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import NoneType, UnionType
@@ -38,7 +39,7 @@ class Parameter:
         Which values make harder tasks; "later" is the order of `values`. Without it values are not
         ordered.
     optional : bool
-        Whether None is a value too; it has no place in the order.
+        Whether None is a value too; where values are ordered, it is the hardest.
 
     Raises
     ------
@@ -159,23 +160,28 @@ class Parameter:
 
     def difficulty(self, value: Any) -> float | None:
         """Return a number that is larger for harder values; None where values are not ordered."""
-        if self.harder is None or value is None:
+        if self.harder is None:
             return None
+        if value is None:
+            return math.inf
         if self.harder == "later":
             return float([_key(known) for known in self.values].index(_key(value)))
         return float(value) if self.harder == "larger" else -float(value)
 
     def easier_than(self, value: Any) -> tuple[Any, ...]:
         """Return the values that are easier, in order; none where they cannot be listed."""
-        most, first = self.difficulty(value), self.low if self.harder == "larger" else self.high
+        most = self.difficulty(value)
         if most is None:
             return ()
         if self.values is not None or self.kind is bool:
             known = (False, True) if self.values is None else self.values
             return tuple(one for one in known if (self.difficulty(one) or 0.0) < most)
-        if self.kind is not int or first is None or abs(value - first) > MOST_LISTED:
+        up = self.harder == "larger"
+        first, last = (self.low, self.high) if up else (self.high, self.low)
+        end = value if value is not None else None if last is None else last + (1 if up else -1)
+        if self.kind is not int or first is None or end is None or abs(end - first) > MOST_LISTED:
             return ()
-        return tuple(range(int(first), value, 1 if self.harder == "larger" else -1))
+        return tuple(range(int(first), int(end), 1 if up else -1))
 
     def listed(self) -> str:
         """Return the values in words.

@@ -1,0 +1,302 @@
+"""FrozenLake: from the start to the goal over ice that has holes and may be slippery.
+
+Gymnasium's ``FrozenLake-v1`` (Towers et al. 2024; its rules in ``toy_text/frozen_lake.py``), with
+its maps, its random maps and its parameters, and the parts of a lake that Gymnasium does not have.
+On slippery ice a move goes where it was meant to with probability `success_rate`, and to either
+side with half of the rest. A move off the map stays where it is. Episodes end at the goal and in
+holes.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
+from curricle.checks import instance, number, whole_number
+from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.mdp import FiniteMDP, check_horizon
+from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.spaces import Component, Space, whole
+
+MAPS: dict[str, tuple[str, ...]] = {
+    "4x4": ("SFFF", "FHFH", "FFFH", "HFFG"),
+    "8x8": (
+        *("SFFFFFFF", "FFFFFFFF", "FFFHFFFF", "FFFFFHFF"),
+        *("FFFHFFFF", "FHHFFFHF", "FHFFHFHF", "FFFHFFFG"),
+    ),
+}
+"""Gymnasium's maps: S start, F frozen, H hole, G goal."""
+MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
+LARGEST_LAKE, LEAST_FROZEN = 100, 0.6
+Cell = tuple[int, int]
+Start = Literal["map", "uniform"] | Iterable[Cell]
+
+
+@dataclass(frozen=True)
+class FrozenLake(Frozen):
+    """A lake of ice with holes, drawn as text.
+
+    Parameters
+    ----------
+    map : {"4x4", "8x8"} or sequence of str
+        One of Gymnasium's maps, or lines of ``S`` start, ``F`` frozen, ``H`` hole and ``G`` goal.
+    slippery : bool
+        Whether moves may go to either side.
+    success_rate : float
+        Probability that a move on slippery ice goes where it was meant to.
+    goal_reward, hole_reward, step_reward : float
+        Of entering the goal, a hole, any other cell.
+    start : "map", "uniform" or cells
+        At an ``S``, on any cell that does not end the episode, or in one of the given
+        ``(row, column)`` cells; all are equally likely.
+    origin : (int, int)
+        Row and column of the top-left cell. A part keeps the coordinates of the whole lake.
+    discount, time_limit
+        As in :class:`FiniteMDP`; Gymnasium's lakes have a limit of 100 steps, and 200 if 8x8.
+
+    Raises
+    ------
+    TaskError
+        On a map that is no lake, a start where there is no ice, or a number out of range.
+
+    Examples
+    --------
+    >>> lake = FrozenLake("8x8", slippery=False, time_limit=200)
+    >>> part = lake.crop(rows=(4, 8), columns=(4, 8))
+    >>> part.map, part.states.label(0)
+    (('FFFF', 'FFHF', 'HFHF', 'FFFG'), 'row=4 column=4')
+    """
+
+    map: Any = "4x4"
+    slippery: bool = True
+    success_rate: float = 1 / 3
+    goal_reward: float = 1.0
+    hole_reward: float = 0.0
+    step_reward: float = 0.0
+    start: Any = "map"
+    origin: Cell = (0, 0)
+    discount: float = 0.99
+    time_limit: int | None = 100
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "map", _read_map(self.map))
+        instance("slippery", self.slippery, bool, TaskError)
+        check_numbers(self, ("goal_reward", "hole_reward", "step_reward"), ("success_rate",))
+        origin = whole(self.origin, "the origin's row and column")
+        if origin.shape != (2,):
+            raise TaskError(f"origin must be a row and a column: got {self.origin!r}")
+        object.__setattr__(self, "origin", (int(origin[0]), int(origin[1])))
+        check_horizon(self)
+        if not isinstance(self.start, str):
+            object.__setattr__(self, "start", self._read_cells())
+        self._start_states()
+
+    # -- variants ------------------------------------------------------------------------------
+
+    def with_start(self, start: Start) -> Self:
+        """Return the same lake with another start: ``"map"``, ``"uniform"`` or cells."""
+        return replace(self, start=start)
+
+    def crop(
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Start = "uniform"
+    ) -> Self:
+        """Return the part in the half-open ranges `rows` x `columns`, in this lake's coordinates.
+
+        Raises
+        ------
+        TaskError
+            When the part exceeds the lake, is empty, or has no goal.
+        """
+        parts = list[slice]()
+        for name, given, first, size in (
+            ("rows", rows, self.origin[0], len(self.map)),
+            ("columns", columns, self.origin[1], len(self.map[0])),
+        ):
+            low, high = whole(given, f"a crop's {name}").tolist()
+            if not first <= low < high <= first + size:
+                raise TaskError(
+                    f"a crop must lie within the lake's {name} {first}..{first + size}: got "
+                    f"{low}..{high}"
+                )
+            parts.append(slice(low - first, high - first))
+        lines = [line[parts[1]] for line in self.map[parts[0]]]
+        return replace(self, map=lines, start=start, origin=(rows[0], columns[0]))
+
+    # -- spaces --------------------------------------------------------------------------------
+
+    @cached_property
+    def states(self) -> Space:
+        """One state for each cell, holes and goal too."""
+        row, column = self.origin
+        return Space(
+            [
+                Component("row", len(self.map), low=row),
+                Component("column", len(self.map[0]), low=column),
+            ]
+        )
+
+    @cached_property
+    def actions(self) -> Space:
+        """The moves west, south, east and north, in Gymnasium's order."""
+        return Space([Component("move", 4, labels=tuple(MOVES))])
+
+    @cached_property
+    def _contents(self) -> Any:
+        """The map's character for each state, (S,)."""
+        return np.array([character for line in self.map for character in line])
+
+    @property
+    def goal(self) -> BoolArray:
+        """Which states are the goal, (S,) bool."""
+        return np.asarray(self._contents == "G")
+
+    @cached_property
+    def layout(self) -> GridLayout:
+        """Where the states lie, for pictures."""
+        cells = frozen(np.stack(list(self.states.decode().values()), axis=1))
+        names = {"G": "goal", "H": "pit"}
+        return GridLayout(
+            cells=cells,
+            components=("row", "column"),
+            shape=(len(self.map), len(self.map[0])),
+            origin=self.origin,
+            objects=tuple(
+                (names[character], row, column, True)
+                for character, (row, column) in zip(self._contents, cells.tolist(), strict=True)
+                if character in names
+            ),
+        )
+
+    # -- tables --------------------------------------------------------------------------------
+
+    @cached_property
+    def mdp(self) -> FiniteMDP:
+        """The lake as tables: on slippery ice O = to the one side, ahead, to the other side."""
+        entered = np.where(self.goal, self.goal_reward, self.step_reward)
+        entered = np.where(self._contents == "H", self.hole_reward, entered)
+        landing = moves_in_a_box(len(self.map), len(self.map[0]), list(MOVES.values()))
+        sides = (1 - self.success_rate) / 2
+        chances = [sides, self.success_rate, sides] if self.slippery else [1.0]
+        after = slipping(landing) if self.slippery else landing[:, :, None]
+        starting = self._start_states()
+        start = np.zeros(len(entered))
+        start[starting] = 1 / len(starting)
+        return FiniteMDP(
+            states=self.states,
+            actions=self.actions,
+            outcome_row=np.arange(landing.size).reshape(landing.shape),
+            probability=np.tile(chances, (landing.size, 1)),
+            next_state=after.reshape(landing.size, -1),
+            reward=entered[after].reshape(landing.size, -1),
+            terminal=np.isin(self._contents, ["G", "H"]),
+            start=start,
+            discount=self.discount,
+            time_limit=self.time_limit,
+        )
+
+    def _start_states(self) -> IntArray:
+        if isinstance(self.start, str):
+            if self.start not in ("map", "uniform"):
+                raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
+            characters = ["S"] if self.start == "map" else ["S", "F"]
+            found = np.flatnonzero(np.isin(self._contents, characters))
+            if not found.size:
+                raise TaskError(f"start={self.start!r} needs {' or '.join(characters)} on the map")
+            return found
+        row, column = np.array(self.start).T
+        found = self.states.encode(row=row, column=column)
+        for cell, state in zip(self.start, found, strict=True):
+            if state < 0 or self._contents[state] in "GH":
+                raise TaskError(f"a start must be a cell of ice on the map: got {cell}")
+        return found
+
+    def _read_cells(self) -> tuple[Cell, ...]:
+        listed = list(self.start) if isinstance(self.start, Iterable) else []
+        given = whole(listed, "the cells of start")
+        if given.ndim != 2 or given.shape[1] != 2 or not len(given):
+            raise TaskError(
+                f"start must be 'map', 'uniform' or cells such as [(2, 1)]: got {self.start!r}"
+            )
+        return tuple(sorted({(row, column) for row, column in given.tolist()}))
+
+
+def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tuple[str, ...]:
+    """Return the map of a random lake that has a way to the goal, as Gymnasium draws it.
+
+    It is ``gymnasium.envs.toy_text.frozen_lake.generate_random_map(size, frozen_share, seed)``.
+
+    Parameters
+    ----------
+    size : int
+        Cells per side, 2 to 100.
+    frozen_share : float
+        Probability that a cell is frozen, 0.6 to 1: large lakes with a way are too rare below.
+    seed : int
+        At least 0.
+
+    Examples
+    --------
+    >>> random_lake(size=4, seed=1)
+    ('SHFH', 'FFHF', 'FFFF', 'FFFG')
+    """
+    from gymnasium.envs.toy_text.frozen_lake import generate_random_map
+
+    size = whole_number("size of a lake", size, 2, TaskError)
+    number("size of a lake", size, TaskError, 2, LARGEST_LAKE)
+    number("frozen_share of a lake", frozen_share, TaskError, LEAST_FROZEN, 1)
+    seed = whole_number("seed of a lake", seed, 0, TaskError)
+    return tuple(generate_random_map(size=size, p=frozen_share, seed=seed))
+
+
+def moves_in_a_box(rows: int, columns: int, steps: list[Cell]) -> IntArray:
+    """Return the cell that each step leads to from each of a box, which it does not leave, (S, A).
+
+    Examples
+    --------
+    >>> moves_in_a_box(1, 3, [(0, 1)]).ravel()
+    array([1, 2, 2])
+    """
+    row, column = np.divmod(np.arange(rows * columns)[:, None], columns)
+    down, right = np.array(steps).T
+    row, column = np.clip(row + down, 0, rows - 1), np.clip(column + right, 0, columns - 1)
+    return np.asarray(row * columns + column)
+
+
+def slipping(landing: IntArray) -> IntArray:
+    """Return where slipping moves may land, (S, A, 3); each move is a quarter turn from the next.
+
+    The outcomes of a move are those of the one before it, of itself and of the one after it.
+    """
+    return np.stack([np.roll(landing, 1, axis=1), landing, np.roll(landing, -1, axis=1)], axis=2)
+
+
+def _read_map(said: Any) -> tuple[str, ...]:
+    given = said
+    if isinstance(given, str):
+        if given not in MAPS:
+            raise TaskError(
+                f"map must be one of {', '.join(MAPS)}, or a list of lines: got {given!r}"
+            )
+        return MAPS[given]
+    if not isinstance(given, list | tuple) or not all(isinstance(one, str) for one in given):
+        raise TaskError(f"map must be one of {', '.join(MAPS)}, or a list of lines: got {given!r}")
+    lines = tuple(given)
+    for row, line in enumerate(lines):
+        if len(line) != len(lines[0]):
+            raise TaskError(
+                f"all lines of a lake must be equally long: line {row} has {len(line)} characters, "
+                f"line 0 has {len(lines[0])}"
+            )
+        for column, character in enumerate(line):
+            if character not in "SFHG":
+                raise TaskError(
+                    f"a lake is drawn with S F H G: row {row}, column {column} has {character!r}"
+                )
+    if not any("G" in line for line in lines):
+        raise TaskError("a lake needs a goal G: there is none")
+    return lines

@@ -1,0 +1,196 @@
+"""The families that come with the library: members are what they say, and map onto each other."""
+
+import numpy as np
+import pytest
+
+from curricle import ENDED, Curriculum, GreedyEvaluation, QLearning, Transfer, compare, solve
+from curricle.errors import MappingError, TaskError
+from curricle.tasks import (
+    CliffWalking,
+    DeepSea,
+    FrozenLake,
+    RiverSwim,
+    Taxi,
+    cliff_walking_family,
+    deep_sea_family,
+    frozen_lake_family,
+    part_of_lake,
+    random_lake,
+    river_swim_family,
+    taxi_family,
+)
+from curricle.tasks.families.built_in import BUILT_IN
+from curricle.tasks.task import generative_model
+from curricle.transfer import family_mappings, same_position
+
+RELATIVES = {
+    "maze": [{"size": 5}, {"size": 3, "start": "uniform"}],
+    "pursuit": [{"size": 3}, {"size": 3, "predators": 1}],
+    "frozen_lake": [
+        {"map": "8x8", "slippery": False},
+        {"map": "8x8", "part": 5, "slippery": False},
+    ],
+    "cliff_walking": [{"columns": 10}, {"columns": 5}],
+    "taxi": [{}, {"size": 3, "stands": 2}],
+    "river_swim": [{"size": 10}, {"size": 6}],
+    "deep_sea": [{"size": 10}, {"size": 6}],
+}
+
+
+def test_the_defaults_are_those_of_the_domains():
+    assert frozen_lake_family().task == FrozenLake()
+    assert cliff_walking_family().task == CliffWalking()
+    assert taxi_family().task == Taxi()
+    assert river_swim_family().task == RiverSwim()
+    assert deep_sea_family().task == DeepSea()
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_a_member_maps_onto_itself_pair_by_pair(name):
+    family = BUILT_IN[name]
+    member = family(**RELATIVES[name][-1])
+    (mapping,) = family_mappings(member, member)
+    task = generative_model(member.task)
+    pairs = np.arange(task.states.size * task.actions.size).reshape(mapping.index.shape)
+    assert (mapping.index == np.where(task.terminal[:, None], ENDED, pairs)).all()
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_easier_members_are_built_and_read(name):
+    target, source = (BUILT_IN[name](**given) for given in RELATIVES[name])
+    easier = list(BUILT_IN[name].easier(source))
+    assert all(one.family == target.family and one != source for one in easier)
+    for one in easier[-3:]:
+        assert generative_model(one.task).states.size >= 2
+        for mapping in family_mappings(target, one):
+            assert mapping.coverage().mapped > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "correlation", "agreement"),
+    [
+        ("maze", 0.99, 0.99),
+        ("pursuit", 0.7, 0.6),
+        ("frozen_lake", 0.99, 0.99),
+        ("cliff_walking", 0.8, 0.95),
+        ("taxi", 0.9, 0.8),
+        ("river_swim", 0.9, 0.95),
+        ("deep_sea", 0.99, 0.99),
+    ],
+)
+def test_the_values_of_a_relative_are_worth_reading(name, correlation, agreement):
+    """Where the mapping reads something: the order of states, and the share of optimal actions."""
+    target, source = (BUILT_IN[name](**given) for given in RELATIVES[name])
+    own, values = solve(target.task).action_values, solve(source.task).action_values
+    read = [f.read(values) for f in family_mappings(target, source)]
+    phi = np.ma.masked_invalid(read).mean(axis=0).filled(np.nan)
+    known = ~np.isnan(phi).all(axis=1) & ~generative_model(target.task).terminal
+    assert known.mean() > 0.2
+    phi, own = np.nan_to_num(phi[known], nan=-np.inf), own[known]
+    assert np.corrcoef(phi.max(axis=1), own.max(axis=1))[0, 1] > correlation
+    best = own[np.arange(len(own)), phi.argmax(axis=1)] > own.max(axis=1) - 1e-6
+    assert best.mean() > agreement
+
+
+def test_parts_of_lakes():
+    whole, part = frozen_lake_family(map="8x8"), frozen_lake_family(map="8x8", part=4)
+    assert part.task == FrozenLake("8x8").crop(rows=(4, 8), columns=(4, 8))
+    (mapping,) = family_mappings(whole, part)
+    row, column = whole.task.layout.cells.T
+    inside = (row >= 4) & (column >= 4)
+    assert ((mapping.index != -1).all(axis=1) == inside | whole.task.mdp.terminal).all()
+    drawn = frozen_lake_family(map="random", size=6, seed=9, frozen_share=0.7)
+    assert drawn.task.map == random_lake(6, 0.7, 9)
+    assert [
+        one["part"] for one in frozen_lake_family.easier(frozen_lake_family(slippery=False))
+    ] == [
+        2,
+        3,
+    ]
+
+
+def test_mazes_and_parts_keep_their_places():
+    target, source = (BUILT_IN["maze"](**given).task for given in RELATIVES["maze"])
+    members = (BUILT_IN["maze"](**given) for given in RELATIVES["maze"])
+    (mapping,) = family_mappings(*members)
+    assert (mapping.index == same_position(target, source).index).all()
+
+
+@pytest.mark.parametrize("seeds", [(None, 3), (3, None), (3, 4), (3, 3)])
+def test_right_moves_are_read_as_right_moves(seeds):
+    target, source = (
+        deep_sea_family(size=n, mapping_seed=seed) for n, seed in zip((6, 4), seeds, strict=True)
+    )
+    (mapping,) = family_mappings(target, source)
+    states = np.flatnonzero((mapping.index >= 0).all(axis=1))
+    assert len(states) == 4 * 5 // 2
+    read = mapping.index[states, target.task.right[states]]
+    assert (read % 2 == source.task.right[read // 2]).all()
+
+
+def test_stands_are_read_as_stands():
+    target, source = taxi_family(), taxi_family(size=3)
+    (mapping,) = family_mappings(target, source)
+    for own, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
+        row, column = np.divmod(own, 5)
+        state = target.task.states.encode(row=row, column=column, passenger=4, destination=1)
+        read = mapping.index[state, 0]
+        if read == ENDED:
+            continue
+        values = source.task.states.decode(read // 6)
+        assert values["row"] * 3 + values["column"] == other
+
+
+def test_a_smaller_walk_pays():
+    """Every step charged, the cliff is learnt from a narrow one in fewer steps."""
+    wide = cliff_walking_family(time_limit=200)
+    narrow = wide.replace(columns=5)
+    (mapping,) = family_mappings(wide, narrow)
+    curriculum = Curriculum(
+        {"narrow": narrow.task, "wide": wide.task},
+        [Transfer("narrow", "wide", mapping)],
+        learner=QLearning(learning_rate=0.1, epsilon=0.1),
+        budget={"narrow": 1_500, "wide": 20_000},
+        evaluation=GreedyEvaluation(discounted=False),
+    )
+    found = compare({"narrow": curriculum}, seeds=5, threshold=-15.0).contrasts["narrow"]
+    assert found.strong_steps_saved.low > 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (
+            lambda: frozen_lake_family(map="4x4", part=4),
+            "part of frozen_lake must be less than the lake's 4 rows: got frozen_lake",
+        ),
+        (
+            lambda: frozen_lake_family(map="random", size=5, part=6),
+            "part of frozen_lake must be less than the lake's 5 rows",
+        ),
+        (lambda: frozen_lake_family(size=6), "size of frozen_lake is of random lakes"),
+        (
+            lambda: frozen_lake_family(map="9x9"),
+            "map of frozen_lake must be one of 4x4, 8x8, random",
+        ),
+        (lambda: part_of_lake("9x9"), "map of a lake must be one of 4x4, 8x8, random: got '9x9'"),
+        (lambda: part_of_lake(part=4), r"part of a lake must lie in \[2, 3\]: got 4"),
+        (lambda: part_of_lake(part=1), "part of a lake must be a whole number, at least 2"),
+        (lambda: part_of_lake(start="there"), "start of a lake must be one of map, uniform"),
+        (
+            lambda: river_swim_family(forward=0.7, back=0.5),
+            "forward and back of river_swim must be at most 1 together: got river_swim",
+        ),
+        (lambda: taxi_family(stands=1), "stands of taxi must be a whole number, at least 2: got 1"),
+        (lambda: cliff_walking_family(columns=2), "columns of cliff_walking must be a whole"),
+        (lambda: deep_sea_family(noise=-1), "noise of deep_sea must be at least 0: got -1"),
+    ],
+)
+def test_bad_members_are_refused_in_a_sentence(wrong, said):
+    with pytest.raises(TaskError, match=said):
+        wrong()
+
+
+def test_members_of_two_families_do_not_map():
+    with pytest.raises(MappingError, match="members of one family map onto each other"):
+        family_mappings(taxi_family(), cliff_walking_family())

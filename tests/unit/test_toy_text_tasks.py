@@ -1,0 +1,237 @@
+"""FrozenLake, CliffWalking and Taxi by own rules: equal to Gymnasium's, and their relatives."""
+
+import pickle
+from collections import deque
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.toy_text.frozen_lake import generate_random_map
+from hypothesis import given, settings, strategies as st
+
+from curricle import from_gymnasium, solve
+from curricle.errors import TaskError
+from curricle.tasks import CliffWalking, FrozenLake, Taxi, random_lake
+from curricle.tasks.grid_view import GridView
+from curricle.tasks.reachability import reachable_states
+
+
+def dense(mdp):
+    """Return P and R as (S, A, S) arrays."""
+    p = np.zeros((mdp.states.size, mdp.actions.size, mdp.states.size))
+    r = np.zeros_like(p)
+    for s, a in np.ndindex(p.shape[:2]):
+        row = mdp.outcome_row[s, a]
+        np.add.at(p[s, a], mdp.next_state[row], mdp.probability[row])
+        np.add.at(r[s, a], mdp.next_state[row], mdp.probability[row] * mdp.reward[row])
+    return p, r
+
+
+def assert_equal_to_gymnasium(task, name, **arguments):
+    """Compare with Gymnasium's own P, in every state that goes on; with names and start too."""
+    theirs = from_gymnasium(name, discount=task.discount, **arguments)
+    mine = task.mdp
+    met = reachable_states(theirs)  # of other ends theirs say nothing
+    assert (mine.terminal == theirs.terminal)[met].all()
+    assert np.array_equal(mine.start, theirs.start)
+    assert (mine.states, mine.actions) == (theirs.states, theirs.actions)
+    alive = ~mine.terminal
+    for own, other in zip(dense(mine), dense(theirs), strict=True):
+        assert np.array_equal(own[alive], other[alive])
+
+
+@pytest.mark.parametrize("name", ["4x4", "8x8"])
+@pytest.mark.parametrize("slippery", [False, True])
+def test_lakes_are_those_of_gymnasium(name, slippery):
+    lake = FrozenLake(name, slippery=slippery)
+    assert_equal_to_gymnasium(lake, "FrozenLake-v1", map_name=name, is_slippery=slippery)
+    assert lake.time_limit == gym.spec("FrozenLake-v1").max_episode_steps
+
+
+@given(
+    st.integers(2, 7),
+    st.floats(0.6, 1),
+    st.integers(0, 2**32),
+    st.floats(0.05, 0.95),
+    st.tuples(*[st.integers(-5, 5)] * 3),
+)
+@settings(max_examples=15, deadline=None)
+def test_random_lakes_are_those_of_gymnasium(size, share, seed, success_rate, rewards):
+    lines = random_lake(size, share, seed)
+    assert list(lines) == generate_random_map(size=size, p=share, seed=seed)
+    goal, hole, frozen = rewards
+    lake = FrozenLake(
+        lines,
+        success_rate=success_rate,
+        goal_reward=goal,
+        hole_reward=hole,
+        step_reward=frozen,
+    )
+    others = {"success_rate": success_rate, "reward_schedule": rewards}
+    assert_equal_to_gymnasium(lake, "FrozenLake-v1", desc=list(lines), **others)
+
+
+@pytest.mark.parametrize("slippery", [False, True])
+def test_the_cliff_is_that_of_gymnasium(slippery):
+    walk = CliffWalking(slippery=slippery)
+    assert_equal_to_gymnasium(walk, "CliffWalking-v1", is_slippery=slippery)
+    assert walk.time_limit == gym.spec("CliffWalking-v1").max_episode_steps
+
+
+@pytest.mark.parametrize("rainy", [False, True])
+def test_the_taxi_is_that_of_gymnasium(rainy):
+    assert_equal_to_gymnasium(Taxi(rainy=rainy), "Taxi-v4", is_rainy=rainy)
+    assert Taxi().time_limit == gym.spec("Taxi-v4").max_episode_steps
+
+
+def test_a_taxi_in_other_rain_is_that_of_gymnasium():
+    theirs = {"is_rainy": True, "rainy_probability": 0.5}
+    assert_equal_to_gymnasium(Taxi(rainy=True, success_rate=0.5), "Taxi-v4", **theirs)
+
+
+# -- relatives that Gymnasium lacks --------------------------------------------------------------
+
+
+def test_a_part_of_a_lake_is_the_lake_there():
+    whole = FrozenLake("8x8", slippery=False)
+    part = whole.crop(rows=(3, 8), columns=(2, 8))
+    assert part.map == tuple(line[2:] for line in whole.map[3:])
+    row, column = part.layout.cells.T
+    own = whole.states.encode(row=row, column=column)
+    assert (whole.goal[own] == part.goal).all()
+    # Inside the part a move leads to the same cell as in the whole lake.
+    inner = part.mdp.next_state[part.mdp.outcome_row, 0]
+    outer = whole.mdp.next_state[whole.mdp.outcome_row[own], 0]
+    stays = np.isin(outer, own)
+    assert (own[inner] == outer)[stays].all()
+    assert (inner == np.arange(len(own))[:, None])[~stays].all()
+    assert part.mdp.start[part.mdp.terminal].sum() == 0
+
+
+def steps_to_goal(mdp):
+    """Return the fewest steps from the start to an end, by breadth first search forward."""
+    first = np.flatnonzero(mdp.start)
+    waiting, distance = deque(first.tolist()), dict.fromkeys(first.tolist(), 0)
+    while waiting:
+        state = waiting.popleft()
+        if mdp.terminal[state]:
+            return distance[state]
+        for after in set(mdp.next_state[mdp.outcome_row[state], 0].tolist()):
+            if after not in distance:
+                distance[after] = distance[state] + 1
+                waiting.append(after)
+    raise AssertionError("no end can be reached")
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(2, 3), (3, 6), (4, 12), (5, 20)])
+def test_a_walk_of_any_size_takes_the_way_past_the_cliff(rows, columns):
+    walk = CliffWalking(rows, columns, discount=0.9)
+    assert steps_to_goal(walk.mdp) == columns + 1
+    best = -(1 - 0.9 ** (columns + 1)) / (1 - 0.9)
+    assert solve(walk).start_value == pytest.approx(best)
+    assert walk.states.label(walk.states.size - 1) == "row=3 column=11"
+
+
+@pytest.mark.parametrize("size", [3, 4, 5, 6])
+@pytest.mark.parametrize("stands", [2, 3, 4])
+@pytest.mark.parametrize("walls", [False, True])
+def test_every_ride_in_every_town_is_possible(size, stands, walls):
+    """The best value of each start is that of the shortest ride, found on the map of the town."""
+    town = Taxi(size, stands, walls=walls)
+    far = distances(town)
+    places, values = town.stand_cells, town.states.decode()
+    best = solve(town).values
+    for state in np.flatnonzero(town.mdp.start):
+        cell = values["row"][state] * size + values["column"][state]
+        fetch, ride = places[values["passenger"][state]], places[values["destination"][state]]
+        steps = far[cell, fetch] + 1 + far[fetch, ride]
+        gamma = town.discount
+        expected = -(1 - gamma**steps) / (1 - gamma) + 20 * gamma**steps
+        assert best[state] == pytest.approx(expected)
+
+
+def distances(town):
+    """Return the steps between cells of a town, (cells, cells), by Floyd and Warshall."""
+    n = town.size**2
+    far = np.where(np.eye(n, dtype=bool), 0.0, np.inf)
+    for cell in range(n):
+        row, column = divmod(cell, town.size)
+        if row + 1 < town.size:
+            far[cell, cell + town.size] = far[cell + town.size, cell] = 1
+        if column + 1 < town.size and not town.wall_cells[row, column]:
+            far[cell, cell + 1] = far[cell + 1, cell] = 1
+    for middle in range(n):
+        far = np.minimum(far, far[:, [middle]] + far[[middle]])
+    assert np.isfinite(far).all()
+    return far
+
+
+@pytest.mark.parametrize(
+    "task", [FrozenLake("8x8").crop(rows=(2, 8), columns=(4, 8)), CliffWalking(3, 5), Taxi(3)]
+)
+def test_tasks_are_values_that_can_be_drawn(task):
+    again = pickle.loads(pickle.dumps(task))
+    assert again == task
+    assert hash(again) == hash(task)
+    assert GridView.of(task).shape == task.layout.shape
+    assert GridView.for_replay(task) is not None
+
+
+@pytest.mark.parametrize(
+    ("start", "expected"), [("uniform", [0, 1, 3, 4]), ([(4, 8), (3, 8)], [0, 4]), ("map", [0])]
+)
+def test_lakes_start_where_they_are_told(start, expected):
+    lake = FrozenLake(["SFHF", "FHHG"], origin=(3, 8)).with_start(start)
+    found = np.flatnonzero(lake.mdp.start).tolist()
+    assert found == expected
+    assert len(set(lake.mdp.start[found])) == 1
+
+
+def test_walks_start_where_they_are_told():
+    walk = CliffWalking(3, 4)
+    assert np.flatnonzero(walk.mdp.start).tolist() == [8]
+    assert np.flatnonzero(walk.with_start("uniform").mdp.start).tolist() == list(range(9))
+    assert np.flatnonzero(walk.with_start([(2, 11)]).mdp.start).tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: FrozenLake("5x5"), "map must be one of 4x4, 8x8, or a list of lines: got '5x5'"),
+        (lambda: FrozenLake(3), "map must be one of 4x4, 8x8, or a list of lines: got 3"),
+        (lambda: FrozenLake(["SF", "G"]), "all lines of a lake must be equally long: line 1"),
+        (lambda: FrozenLake(["SX", "FG"]), "drawn with S F H G: row 0, column 1 has 'X'"),
+        (lambda: FrozenLake(["SF", "FF"]), "a lake needs a goal G: there is none"),
+        (lambda: FrozenLake(["FF", "FG"]), "start='map' needs S on the map"),
+        (lambda: FrozenLake(["HH", "HG"], start="uniform"), "needs S or F on the map"),
+        (lambda: FrozenLake(start="there"), "start must be 'map', 'uniform' or cells: got 'there'"),
+        (lambda: FrozenLake(start=[(1, 1)]), r"must be a cell of ice on the map: got \(1, 1\)"),
+        (lambda: FrozenLake(start=[(9, 9)]), r"must be a cell of ice on the map: got \(9, 9\)"),
+        (lambda: FrozenLake(start=[]), r"or cells such as \[\(2, 1\)\]"),
+        (lambda: FrozenLake(start=7), r"or cells such as \[\(2, 1\)\]"),
+        (lambda: FrozenLake(slippery=1), "slippery must be a bool"),
+        (lambda: FrozenLake(success_rate=2), r"success_rate must lie in \[0, 1\]"),
+        (lambda: FrozenLake(origin=(1, 2, 3)), "origin must be a row and a column"),
+        (
+            lambda: FrozenLake().crop(rows=(0, 5), columns=(0, 4)),
+            r"a crop must lie within the lake's rows 0\.\.4: got 0\.\.5",
+        ),
+        (lambda: FrozenLake().crop(rows=(0, 2), columns=(0, 2)), "a lake needs a goal G"),
+        (lambda: random_lake(1), "size of a lake must be a whole number, at least 2: got 1"),
+        (lambda: random_lake(4, 0.2), r"frozen_share of a lake must lie in \[0.6, 1\]: got 0.2"),
+        (lambda: random_lake(4, seed=-1), "seed of a lake must be a whole number, at least 0"),
+        (lambda: CliffWalking(rows=1), "rows must be a whole number, at least 2: got 1"),
+        (lambda: CliffWalking(columns=2), "columns must be a whole number, at least 3: got 2"),
+        (lambda: CliffWalking(columns=2000), r"columns must lie in \[3, 1000\]: got 2000"),
+        (lambda: CliffWalking(start=[(3, 5)]), "beside the cliff and the goal"),
+        (lambda: CliffWalking(start="goal"), "start must be 'map', 'uniform' or cells"),
+        (lambda: CliffWalking(start=3), r"or cells such as \[\(2, 11\)\]"),
+        (lambda: Taxi(size=2), "size must be a whole number, at least 3: got 2"),
+        (lambda: Taxi(stands=5), r"stands must lie in \[2, 4\]: got 5"),
+        (lambda: Taxi(rainy="yes"), "rainy must be a bool"),
+        (lambda: Taxi(success_rate=-0.1), r"success_rate must lie in \[0, 1\]"),
+    ],
+)
+def test_bad_values_are_refused_in_a_sentence(wrong, said):
+    with pytest.raises(TaskError, match=said):
+        wrong()
