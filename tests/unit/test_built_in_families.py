@@ -8,12 +8,16 @@ from curricle.errors import MappingError, TaskError
 from curricle.tasks import (
     CliffWalking,
     DeepSea,
+    FourRooms,
     FrozenLake,
+    KeyLockPit,
     RiverSwim,
     Taxi,
     cliff_walking_family,
     deep_sea_family,
+    four_rooms_family,
     frozen_lake_family,
+    key_lock_pit_family,
     part_of_lake,
     random_lake,
     river_swim_family,
@@ -32,6 +36,8 @@ RELATIVES = {
     ],
     "cliff_walking": [{"columns": 10}, {"columns": 5}],
     "taxi": [{}, {"size": 3, "stands": 2}],
+    "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}],
+    "key_lock_pit": [{"size": 8}, {"size": 6}],
     "river_swim": [{"size": 10}, {"size": 6}],
     "deep_sea": [{"size": 10}, {"size": 6}],
 }
@@ -41,6 +47,8 @@ def test_the_defaults_are_those_of_the_domains():
     assert frozen_lake_family().task == FrozenLake()
     assert cliff_walking_family().task == CliffWalking()
     assert taxi_family().task == Taxi()
+    assert four_rooms_family().task == FourRooms()
+    assert key_lock_pit_family().task == KeyLockPit()
     assert river_swim_family().task == RiverSwim()
     assert deep_sea_family().task == DeepSea()
 
@@ -74,6 +82,8 @@ def test_easier_members_are_built_and_read(name):
         ("frozen_lake", 0.99, 0.99),
         ("cliff_walking", 0.8, 0.95),
         ("taxi", 0.9, 0.8),
+        ("four_rooms", 0.9, 0.8),
+        ("key_lock_pit", 0.95, 0.99),
         ("river_swim", 0.9, 0.95),
         ("deep_sea", 0.99, 0.99),
     ],
@@ -126,6 +136,30 @@ def test_right_moves_are_read_as_right_moves(seeds):
     assert len(states) == 4 * 5 // 2
     read = mapping.index[states, target.task.right[states]]
     assert (read % 2 == source.task.right[read // 2]).all()
+
+
+@pytest.mark.parametrize(("size", "smaller"), [(13, 9), (13, 7), (20, 13), (9, 13)])
+def test_hallways_are_read_as_hallways(size, smaller):
+    target, source = four_rooms_family(size=size), four_rooms_family(size=smaller)
+    (mapping,) = family_mappings(target, source)
+    for name, (row, column) in target.task.hallways.items():
+        pair = mapping.index[target.task.states.encode(row=row, column=column), 0]
+        if name == "east":
+            assert pair == ENDED
+        else:
+            cell = source.task.states.points[pair // 4]
+            assert tuple(cell) == source.task.hallways[name]
+
+
+@pytest.mark.parametrize("size", range(4, 12))
+def test_keys_pits_and_locks_are_read_as_such(size):
+    target, source = key_lock_pit_family(size=11), key_lock_pit_family(size=size)
+    (mapping,) = family_mappings(target, source)
+    own, other = target.task, source.task
+    key = mapping.index[own.states.encode(row=1, column=1, key=0, lock=0), 4]
+    assert other.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
+    lock = mapping.index[own.states.encode(row=10, column=10, key=1, lock=0), 5]
+    assert other.mdp.terminal[other.mdp.next_state[other.mdp.outcome_row.ravel()[lock], 0]]
 
 
 def test_stands_are_read_as_stands():

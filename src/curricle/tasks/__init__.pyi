@@ -29,6 +29,14 @@ from .families.rivers import (
     river_mapping as river_mapping,
     river_swim_family as river_swim_family,
 )
+from .families.rooms import (
+    four_rooms_family as four_rooms_family,
+    four_rooms_mapping as four_rooms_mapping,
+    four_rooms_task as four_rooms_task,
+    key_lock_pit_family as key_lock_pit_family,
+    key_lock_pit_mapping as key_lock_pit_mapping,
+    key_lock_pit_task as key_lock_pit_task,
+)
 from .families.seas import (
     deep_sea_family as deep_sea_family,
     sea as sea,

@@ -19,15 +19,14 @@ from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.frozen_lake import moves_in_a_box, slipping
 from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.grid_map import MOVES, Cell, read_cells
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space, whole
+from curricle.tasks.spaces import Component, Space
 
 ROWS, COLUMNS = 4, 12
 """Of Gymnasium's cliff."""
 LARGEST_SIDE = 1000
-MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
-Cell = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,8 @@ class CliffWalking(Frozen):
         check_numbers(self, ("step_reward", "cliff_reward"))
         check_horizon(self)
         if not isinstance(self.start, str):
-            object.__setattr__(self, "start", self._read_cells())
+            cells = read_cells(self.start, "'map', 'uniform'", "[(2, 11)]")
+            object.__setattr__(self, "start", cells)
         self._start_states()
 
     def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
@@ -109,7 +109,7 @@ class CliffWalking(Frozen):
         return Space([Component("move", 4, labels=tuple(MOVES))])
 
     @property
-    def goal(self) -> BoolArray:
+    def goal_states(self) -> BoolArray:
         """Which states are the goal, (S,) bool."""
         return np.asarray(np.arange(self.states.size) == self.states.size - 1)
 
@@ -151,14 +151,14 @@ class CliffWalking(Frozen):
             probability=np.full((pairs, width), 1 / width),
             next_state=np.where(fallen, first, after).reshape(pairs, width),
             reward=reward.reshape(pairs, width),
-            terminal=self.goal,
+            terminal=self.goal_states,
             start=start,
             discount=self.discount,
             time_limit=self.time_limit,
         )
 
     def _start_states(self) -> IntArray:
-        standing = ~(self._cliff | self.goal)
+        standing = ~(self._cliff | self.goal_states)
         if isinstance(self.start, str):
             if self.start not in ("map", "uniform"):
                 raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
@@ -170,12 +170,3 @@ class CliffWalking(Frozen):
             if state < 0 or not standing[state]:
                 raise TaskError(f"a start must be a cell beside the cliff and the goal: got {cell}")
         return found
-
-    def _read_cells(self) -> tuple[Cell, ...]:
-        listed = list(self.start) if isinstance(self.start, Iterable) else []
-        given = whole(listed, "the cells of start")
-        if given.ndim != 2 or given.shape[1] != 2 or not len(given):
-            raise TaskError(
-                f"start must be 'map', 'uniform' or cells such as [(2, 11)]: got {self.start!r}"
-            )
-        return tuple(sorted({(row, column) for row, column in given.tolist()}))

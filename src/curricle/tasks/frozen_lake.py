@@ -19,9 +19,10 @@ from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.grid_map import Cell, cut, read_cells, read_map, read_origin
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space, whole
+from curricle.tasks.spaces import Component, Space
 
 MAPS: dict[str, tuple[str, ...]] = {
     "4x4": ("SFFF", "FHFH", "FFFH", "HFFG"),
@@ -32,8 +33,8 @@ MAPS: dict[str, tuple[str, ...]] = {
 }
 """Gymnasium's maps: S start, F frozen, H hole, G goal."""
 MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
+CHARACTERS = "SFHG"
 LARGEST_LAKE, LEAST_FROZEN = 100, 0.6
-Cell = tuple[int, int]
 Start = Literal["map", "uniform"] | Iterable[Cell]
 
 
@@ -43,8 +44,9 @@ class FrozenLake(Frozen):
 
     Parameters
     ----------
-    map : {"4x4", "8x8"} or sequence of str
-        One of Gymnasium's maps, or lines of ``S`` start, ``F`` frozen, ``H`` hole and ``G`` goal.
+    map : {"4x4", "8x8"}, str or sequence of str
+        One of Gymnasium's maps, or one line a row, north first: ``S`` start, ``F`` frozen, ``H``
+        hole and ``G`` goal.
     slippery : bool
         Whether moves may go to either side.
     success_rate : float
@@ -84,16 +86,16 @@ class FrozenLake(Frozen):
     time_limit: int | None = 100
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "map", _read_map(self.map))
+        drawn = MAPS.get(self.map, self.map) if isinstance(self.map, str) else self.map
+        object.__setattr__(self, "map", read_map(drawn, CHARACTERS))
+        if not any("G" in line for line in self.map):
+            raise TaskError("a lake needs a goal G: there is none")
+        object.__setattr__(self, "origin", read_origin(self.origin))
         instance("slippery", self.slippery, bool, TaskError)
         check_numbers(self, ("goal_reward", "hole_reward", "step_reward"), ("success_rate",))
-        origin = whole(self.origin, "the origin's row and column")
-        if origin.shape != (2,):
-            raise TaskError(f"origin must be a row and a column: got {self.origin!r}")
-        object.__setattr__(self, "origin", (int(origin[0]), int(origin[1])))
         check_horizon(self)
         if not isinstance(self.start, str):
-            object.__setattr__(self, "start", self._read_cells())
+            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
         self._start_states()
 
     # -- variants ------------------------------------------------------------------------------
@@ -112,20 +114,8 @@ class FrozenLake(Frozen):
         TaskError
             When the part exceeds the lake, is empty, or has no goal.
         """
-        parts = list[slice]()
-        for name, given, first, size in (
-            ("rows", rows, self.origin[0], len(self.map)),
-            ("columns", columns, self.origin[1], len(self.map[0])),
-        ):
-            low, high = whole(given, f"a crop's {name}").tolist()
-            if not first <= low < high <= first + size:
-                raise TaskError(
-                    f"a crop must lie within the lake's {name} {first}..{first + size}: got "
-                    f"{low}..{high}"
-                )
-            parts.append(slice(low - first, high - first))
-        lines = [line[parts[1]] for line in self.map[parts[0]]]
-        return replace(self, map=lines, start=start, origin=(rows[0], columns[0]))
+        part = cut(self.map, self.origin, rows, columns)
+        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     # -- spaces --------------------------------------------------------------------------------
 
@@ -151,7 +141,7 @@ class FrozenLake(Frozen):
         return np.array([character for line in self.map for character in line])
 
     @property
-    def goal(self) -> BoolArray:
+    def goal_states(self) -> BoolArray:
         """Which states are the goal, (S,) bool."""
         return np.asarray(self._contents == "G")
 
@@ -177,7 +167,7 @@ class FrozenLake(Frozen):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The lake as tables: on slippery ice O = to the one side, ahead, to the other side."""
-        entered = np.where(self.goal, self.goal_reward, self.step_reward)
+        entered = np.where(self.goal_states, self.goal_reward, self.step_reward)
         entered = np.where(self._contents == "H", self.hole_reward, entered)
         landing = moves_in_a_box(len(self.map), len(self.map[0]), list(MOVES.values()))
         sides = (1 - self.success_rate) / 2
@@ -214,15 +204,6 @@ class FrozenLake(Frozen):
             if state < 0 or self._contents[state] in "GH":
                 raise TaskError(f"a start must be a cell of ice on the map: got {cell}")
         return found
-
-    def _read_cells(self) -> tuple[Cell, ...]:
-        listed = list(self.start) if isinstance(self.start, Iterable) else []
-        given = whole(listed, "the cells of start")
-        if given.ndim != 2 or given.shape[1] != 2 or not len(given):
-            raise TaskError(
-                f"start must be 'map', 'uniform' or cells such as [(2, 1)]: got {self.start!r}"
-            )
-        return tuple(sorted({(row, column) for row, column in given.tolist()}))
 
 
 def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tuple[str, ...]:
@@ -273,30 +254,3 @@ def slipping(landing: IntArray) -> IntArray:
     The outcomes of a move are those of the one before it, of itself and of the one after it.
     """
     return np.stack([np.roll(landing, 1, axis=1), landing, np.roll(landing, -1, axis=1)], axis=2)
-
-
-def _read_map(said: Any) -> tuple[str, ...]:
-    given = said
-    if isinstance(given, str):
-        if given not in MAPS:
-            raise TaskError(
-                f"map must be one of {', '.join(MAPS)}, or a list of lines: got {given!r}"
-            )
-        return MAPS[given]
-    if not isinstance(given, list | tuple) or not all(isinstance(one, str) for one in given):
-        raise TaskError(f"map must be one of {', '.join(MAPS)}, or a list of lines: got {given!r}")
-    lines = tuple(given)
-    for row, line in enumerate(lines):
-        if len(line) != len(lines[0]):
-            raise TaskError(
-                f"all lines of a lake must be equally long: line {row} has {len(line)} characters, "
-                f"line 0 has {len(lines[0])}"
-            )
-        for column, character in enumerate(line):
-            if character not in "SFHG":
-                raise TaskError(
-                    f"a lake is drawn with S F H G: row {row}, column {column} has {character!r}"
-                )
-    if not any("G" in line for line in lines):
-        raise TaskError("a lake needs a goal G: there is none")
-    return lines

@@ -35,6 +35,7 @@ from curricle.study.config.tables import (
 from curricle.study.config.task_table import TaskTable
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
+from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.grid_map import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
@@ -44,7 +45,7 @@ from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.task import generative_model
 
 Pair = tuple[Whole, Whole]
-CROPPED = (GridWorld, FourRooms, KeyLockPit)
+CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
 """Tasks that lie on a map, of which a crop may be a part."""
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)

@@ -6,6 +6,7 @@ from curricle.tasks.families.lakes import frozen_lake_family
 from curricle.tasks.families.mazes import maze_family
 from curricle.tasks.families.pursuits import pursuit_family
 from curricle.tasks.families.rivers import river_swim_family
+from curricle.tasks.families.rooms import four_rooms_family, key_lock_pit_family
 from curricle.tasks.families.seas import deep_sea_family
 from curricle.tasks.families.taxis import taxi_family
 
@@ -17,6 +18,8 @@ BUILT_IN: dict[str, TaskFamily] = {
         frozen_lake_family,
         cliff_walking_family,
         taxi_family,
+        four_rooms_family,
+        key_lock_pit_family,
         river_swim_family,
         deep_sea_family,
     )
