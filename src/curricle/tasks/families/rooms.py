@@ -119,20 +119,24 @@ def key_lock_pit_mapping(target: FamilyMember, source: FamilyMember) -> Any:
 
 
 def _plan(size: int) -> dict[str, list[int]]:
-    """Return the rows, in the west and the east, and the columns of walls and hallways."""
+    """Return the rows, in the west and the east, and the columns of hallways, walls and corners."""
     half, sixth, first = size // 2, (size - 1) // 6, size // 4
     last = size - 1 - sixth
     return {
-        "west": [1, first, half - 1, half, half + 1, last, size - 2],
-        "east": [1, first, half, half + 1, half + 2, last, size - 2],
-        "columns": [1, sixth, half - 1, half, half + 1, half + half // 2, size - 2],
+        "west": [first, last, half, half - 1, half + 1, 1, size - 2],
+        "east": [first, last, half + 1, half, half + 2, 1, size - 2],
+        "columns": [sixth, half + half // 2, half, half - 1, half + 1, 1, size - 2],
     }
 
 
 def _between(values: IntArray, own: list[int], other: list[int]) -> IntArray:
-    """Return values so that each of one's own marks becomes the other's, in proportion between."""
+    """Return values so that each of one's own marks becomes the other's, in proportion between.
+
+    Of two marks in one place the first counts.
+    """
     marks, first = np.unique(own, return_index=True)
-    return np.rint(np.interp(values, marks, np.array(other)[first])).astype(np.int64)
+    read = np.interp(values, marks, np.array(other)[first])
+    return np.asarray(np.rint(read), dtype=np.int64)
 
 
 four_rooms_family = TaskFamily(
