@@ -176,7 +176,8 @@ def complaints(tmp_path, monkeypatch):
             'project = { predator = "predator_1" }',
             "mapping = 'same_positon'",
             "line 20: transfers[0].mapping must be 'identity', 'same_position', "
-            "'relative_objects' or 'family': got 'same_positon', did you mean 'same_position'?",
+            "'relative_objects', 'family' or 'auto': got 'same_positon', did you mean "
+            "'same_position'?",
         ),
     ],
 )

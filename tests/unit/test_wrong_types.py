@@ -100,7 +100,7 @@ CALLS = {
     "an unmapped value as text": lambda: cr.transfer.identity(LINE).__class__(
         LINE, LINE, cr.transfer.identity(LINE).index, "x"
     ),
-    "no mapping": lambda: cr.Transfer("chase", "hunt", None),
+    "no mapping": lambda: cr.Transfer("chase", "hunt", 0),
     "one transfer, bare": lambda: alone(transfers=cr.Transfer("a", "b", FIRST)),
     "transfers as tuples": lambda: alone(transfers=[("a", "b", FIRST)]),
     "no transfers": lambda: alone(transfers=None),

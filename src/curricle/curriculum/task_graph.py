@@ -9,6 +9,7 @@ from curricle.checks import fit_name, instance, one_of
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
+from curricle.transfer.chosen_mapping import with_mapping
 from curricle.transfer.edges import Transfer
 
 
@@ -43,8 +44,15 @@ class TaskGraph:
         for transfer in self.transfers:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             for role in ("source", "target"):
+                one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
+        found = (
+            with_mapping(one, self.tasks[one.target], self.tasks[one.source])
+            for one in self.transfers
+        )
+        object.__setattr__(self, "transfers", tuple(found))
+        for transfer in self.transfers:
+            for role in ("source", "target"):
                 name = getattr(transfer, role)
-                one_of(f"a transfer's {role}", name, self.tasks, CurriculumError)
                 if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
                     raise CurriculumError(
                         f"a transfer's mapping must be made for its tasks: the mapping's {role} is "

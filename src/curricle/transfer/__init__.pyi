@@ -1,5 +1,6 @@
 from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .calibration import Calibration as Calibration, calibrate as calibrate
+from .chosen_mapping import auto_mapping as auto_mapping
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
 from .component_search import by_assignment as by_assignment, by_name as by_name
 from .edges import Calibrate as Calibrate, Transfer as Transfer

@@ -5,17 +5,26 @@ from collections.abc import Iterator
 import numpy as np
 
 from curricle.errors import MappingError
-from curricle.transfer.component_mapping import ComponentMapping, describe_renaming, project
+from curricle.tasks.families.components_by_name import Unequal
+from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
 from curricle.transfer.mapping_search import Assignment, assignments
 from curricle.transfer.proposal import Proposal
 from curricle.transfer.task_pair import TaskPair
 
+WORDS: dict[Unequal, str] = {
+    "unmapped": "components by name",
+    "scale": "components by name, unequal ranges scaled",
+    "clip": "components by name, unequal ranges clipped",
+}
 KEPT = 12
 """Assignments that are scored in full: those whose dynamics predict the target best."""
 
 
 def by_name(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mapping that :func:`project` makes without renaming.
+    """Yield the mappings that :func:`project` makes without renaming.
+
+    Where ranges of a component differ, values that the source lacks are left unmapped, scaled or
+    clipped; these are three candidates.
 
     Raises
     ------
@@ -30,7 +39,10 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
     Traceback (most recent call last):
     curricle.errors.MappingError: source component 'predator' must be read from a target ...
     """
-    yield Proposal(project(tasks.target, tasks.source), "components by name")
+    ways: tuple[Unequal, ...] = ("unmapped", "scale", "clip")
+    for unequal in ways:
+        mapping = ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal)
+        yield Proposal(mapping, WORDS[unequal])
 
 
 def by_assignment(tasks: TaskPair) -> Iterator[Proposal]:

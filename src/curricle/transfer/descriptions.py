@@ -6,6 +6,7 @@ from curricle.tasks.task import generative_model
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.proposal import SearchedMapping
 
 LARGEST_COVERAGE = 5_000_000
 """Target pairs up to which a mapping's coverage is counted."""
@@ -31,6 +32,8 @@ def mapping_words(transfer: Transfer) -> str:
         return words if mapping.unequal == "unmapped" else f"{words}; {UNEQUAL[mapping.unequal]}"
     if isinstance(mapping, ObservationMapping):
         return mapping.description
+    if isinstance(mapping, SearchedMapping):
+        return f"found: {mapping.how}"
     return "state by state and action by action"
 
 

@@ -104,8 +104,10 @@ class Transfer:
     ----------
     source, target : str
         Names of tasks in the curriculum.
-    mapping : StateActionMapping or ObservationMapping
-        From the target to the source; the latter where the target has observations.
+    mapping : StateActionMapping or ObservationMapping, optional
+        From the target to the source; the latter where the target has observations. By default a
+        curriculum finds it when it is made, from the tables of both tasks (:func:`auto_mapping`),
+        and prints its scores and the runner-up's.
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
@@ -131,14 +133,14 @@ class Transfer:
 
     source: str
     target: str
-    mapping: Any
+    mapping: Any = None
     scale: float = 1.0
     shift: float = 0.0
     calibrate: bool | Calibrate = False
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"
-        if not isinstance(self.mapping, StateActionMapping | ObservationMapping):
+        if not isinstance(self.mapping, StateActionMapping | ObservationMapping | None):
             raise CurriculumError(
                 f"mapping of {edge} must be a StateActionMapping or an ObservationMapping: got "
                 f"{self.mapping!r}"
@@ -165,6 +167,11 @@ class Transfer:
 
     def potential(self, source_values: npt.ArrayLike) -> FloatArray:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""
+        if self.mapping is None:
+            raise CurriculumError(
+                f"the mapping of {self.source} -> {self.target} is found when a curriculum is made "
+                "of it: it has none yet"
+            )
         return np.asarray(self.mapping.read(source_values, self.scale, self.shift))
 
 

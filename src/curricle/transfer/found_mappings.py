@@ -9,6 +9,7 @@ import numpy as np
 from curricle.checks import whole_number
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.task import Task
+from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_assignment, by_name
 from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
@@ -179,9 +180,10 @@ def proposals(
 
 def replace_unmapped_value(mapping: StateActionMapping, value: float) -> StateActionMapping:
     """Return the same mapping with another value of unmapped pairs."""
-    if type(mapping) is StateActionMapping:
-        return replace(mapping, unmapped_value=value)
-    return type(mapping)(mapping.target, mapping.source, mapping.renaming, value)  # type: ignore
+    if isinstance(mapping, ComponentMapping):
+        parts = mapping.target, mapping.source, mapping.renaming
+        return ComponentMapping(*parts, value, mapping.unequal)
+    return replace(mapping, unmapped_value=value)
 
 
 def different(given: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:

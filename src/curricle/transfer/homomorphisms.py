@@ -10,9 +10,9 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.errors import MappingError
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.mapping import UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, refined
-from curricle.transfer.proposal import Proposal
+from curricle.transfer.proposal import Proposal, SearchedMapping
 from curricle.transfer.task_pair import TaskPair
 
 LARGEST = 20_000_000
@@ -51,10 +51,10 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     share = float((index[live] >= 0).mean())
     if share == 0:
         raise MappingError("no pair of the target is equivalent to one of the source")
-    mapping = StateActionMapping(tasks.target, tasks.source, index)
+    how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
+    mapping = SearchedMapping(tasks.target, tasks.source, index, how=how)
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-    words = f"{share:.0%} of pairs have a source pair of the same Q*"
-    yield Proposal(mapping, f"exact homomorphism: {words}", error)
+    yield Proposal(mapping, how, error)
 
 
 def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:

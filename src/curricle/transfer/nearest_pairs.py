@@ -20,9 +20,9 @@ from curricle.transfer.bisimulation_distance import (
     fixed_point,
     quotient,
 )
-from curricle.transfer.mapping import ENDED, StateActionMapping
+from curricle.transfer.mapping import ENDED
 from curricle.transfer.partition_refinement import Blocks
-from curricle.transfer.proposal import Proposal
+from curricle.transfer.proposal import Proposal, SearchedMapping
 from curricle.transfer.task_pair import TaskPair
 from curricle.transfer.transport import WIDEST
 
@@ -120,9 +120,9 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
         ("nearest pair", fixed.bisimulation.nearest, fixed.bisimulation.pairs),
         ("nearest pair of the nearest state", *fixed.by_state),
     ):
-        mapping = StateActionMapping(tasks.target, tasks.source, index)
-        worst = float(bound[tasks.judged].max())
-        yield Proposal(mapping, f"lax bisimulation: {name}", worst)
+        how = f"lax bisimulation: {name}"
+        mapping = SearchedMapping(tasks.target, tasks.source, index, how=how)
+        yield Proposal(mapping, how, float(bound[tasks.judged].max()))
 
 
 @dataclass(frozen=True, eq=False)

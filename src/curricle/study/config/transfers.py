@@ -13,6 +13,7 @@ from curricle.study.config.tables import Name, Number, Reference, shown, whole_n
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import component_mapping, mapping
+from curricle.transfer.chosen_mapping import announced
 from curricle.transfer.edges import Transfer
 from curricle.transfer.family_mapping import member_mappings
 from curricle.transfer.observation_mapping import ObservationMapping
@@ -43,10 +44,13 @@ class _TransferTable(ObjectTable):
         description="f by name: source component = target component where the names differ; may be "
         "empty.",
     )
-    mapping: Literal["identity", "same_position", "relative_objects", "family"] | None = Field(
-        default=None,
-        description="f, one of Curricle's other mappings; 'family' is what the family of both "
-        "tasks says, one transfer for each mapping that it names.",
+    mapping: Literal["identity", "same_position", "relative_objects", "family", "auto"] | None = (
+        Field(
+            default=None,
+            description="f, one of Curricle's other mappings; 'family' is what the family of both "
+            "tasks says, one transfer for each mapping that it names; 'auto' is the best that is "
+            "found between the tasks.",
+        )
     )
     function: Reference | None = Field(
         default=None,
@@ -126,6 +130,9 @@ class _TransferTable(ObjectTable):
         and source in their families, None for a task that has none.
         """
         to, of = members
+        if self.mapping == "auto":
+            edge = f"{self.source} -> {self.target}"
+            return (announced(edge, target, source, self.unmapped_value).mapping,)
         if self.mapping != "family" or to is None or of is None:
             return (self.mapping_in(target, source, folder),)
         with users_code(f"the mapping of {to.family.name}"):

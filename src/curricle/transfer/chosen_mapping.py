@@ -1,0 +1,112 @@
+"""The best mapping that is found between two tasks, or the reason why none is used."""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from curricle.errors import CurriculumError, MappingError
+from curricle.tasks.task import Task, has_tables
+from curricle.transfer.edges import Transfer
+from curricle.transfer.found_mappings import (
+    LEAST_REGAINED,
+    MOST_UNEXPLAINED,
+    FoundMapping,
+    FoundMappings,
+    clears_bar,
+    find_mappings,
+)
+
+REMEMBERED = 16
+"""Searches whose result is kept while the program runs; one may take half a minute."""
+
+
+def auto_mapping(
+    target: Task, source: Task, *, unmapped_value: float | None = None
+) -> FoundMapping:
+    """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
+
+    Its greedy policy must regain at least 10 % of the way from the random policy to the optimum,
+    and its values may leave unexplained at most 75 % of what a constant does
+    (:class:`MappingScores`).
+
+    Raises
+    ------
+    MappingError
+        When no mapping that is found clears that bar.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> auto_mapping(GridWorld("S..T"), GridWorld("T..S")).how
+    'exact homomorphism: 100% of pairs have a source pair of the same Q*'
+    """
+    return best_of(_found(target, source, unmapped_value))
+
+
+def best_of(found: FoundMappings) -> FoundMapping:
+    """Return the first candidate if it clears the bar, or raise MappingError."""
+    bar = (
+        f"a mapping is used unseen where it regains at least {LEAST_REGAINED:.0%} and leaves "
+        f"at most {MOST_UNEXPLAINED:.0%} unexplained"
+    )
+    if not len(found):
+        raise MappingError(f"{bar}: none is found between these tasks")
+    best: FoundMapping = found[0]
+    if not clears_bar(best.scores):
+        raise MappingError(
+            f"{bar}: the best that is found, {best.how}, regains {best.scores.regained:.0%} and "
+            f"leaves {best.scores.unexplained:.0%} unexplained"
+        )
+    return best
+
+
+def with_mapping(transfer: Transfer, target: Task, source: Task) -> Transfer:
+    """Return a transfer as it is, or with the mapping that is found; what is found is printed.
+
+    Raises
+    ------
+    CurriculumError
+        When a mapping has to be found, and a task has no tables or no mapping fits well enough.
+    """
+    if transfer.mapping is not None:
+        return transfer
+    edge = f"{transfer.source} -> {transfer.target}"
+    try:
+        mapping = announced(edge, target, source).mapping
+    except MappingError as error:
+        raise CurriculumError(f"no mapping for {edge}: {error}") from error
+    return replace(transfer, mapping=mapping)
+
+
+def announced(
+    edge: str, target: Task, source: Task, unmapped_value: float | None = None
+) -> FoundMapping:
+    """Return the mapping that is found for an edge, and print it and the runner-up.
+
+    Raises
+    ------
+    MappingError
+        As :func:`auto_mapping`, or when a task has no tables.
+    """
+    for role, task in (("target", target), ("source", source)):
+        if not has_tables(task):
+            raise MappingError(f"a mapping is found between tasks with tables: the {role} has none")
+    found = _found(target, source, unmapped_value)
+    best = best_of(found)
+    print(f"mapping found for {edge}: {best}", flush=True)
+    print(f"  runner-up: {found[1] if len(found) > 1 else 'none'}", flush=True)
+    return best
+
+
+def _found(target: Any, source: Any, unmapped_value: float | None) -> FoundMappings:
+    """Return what is found, from memory where the same tasks were asked for."""
+    try:
+        hash((target, source))
+    except TypeError:  # of a user's own task
+        return find_mappings(target, source, unmapped_value=unmapped_value)
+    return _remembered(target, source, unmapped_value)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _remembered(target: Any, source: Any, unmapped_value: float | None) -> FoundMappings:
+    return find_mappings(target, source, unmapped_value=unmapped_value)
