@@ -1,3 +1,4 @@
+from .block_dude import BlockDude as BlockDude
 from .cliff_walking import CliffWalking as CliffWalking
 from .computed import ComputedMDP as ComputedMDP
 from .deep_sea import DeepSea as DeepSea

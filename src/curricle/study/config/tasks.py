@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Field,
     JsonValue,
     ValidationInfo,
@@ -33,6 +34,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.task_table import TaskTable
+from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
@@ -107,6 +109,11 @@ MazeTask = table_of(
 )
 
 
+def _level(value: Any) -> int | str:
+    """Return a level's number, or its map without margins."""
+    return _without_margins(value) if isinstance(value, str) else whole_number(value)
+
+
 FourRoomsTask = table_of(
     FourRooms,
     TaskTable,
@@ -132,6 +139,13 @@ KeyLockPitTask = table_of(
         word("be 'all' or a list of keys for each lock", ("all",)),
     ],
     start=Start,
+    time_limit=TimeLimit,
+)
+BlockDudeTask = table_of(
+    BlockDude,
+    TaskTable,
+    tag="block_dude",
+    level=Annotated[int | str, BeforeValidator(_level)],
     time_limit=TimeLimit,
 )
 RiverSwimTask = table_of(
@@ -312,6 +326,7 @@ TASKS = (
     PursuitTask,
     FourRoomsTask,
     KeyLockPitTask,
+    BlockDudeTask,
     RiverSwimTask,
     DeepSeaTask,
     GymnasiumTask,

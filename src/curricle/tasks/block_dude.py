@@ -1,0 +1,381 @@
+"""Block Dude: an agent climbs to an exit over walls, with the help of blocks that it can carry.
+
+The rules are those of BURLAP (``burlap.domain.singleagent.blockdude``, MacGlashan 2016), after the
+game for graphing calculators. The world is seen from the side.
+
+- West, east: the agent faces that way and moves one column, unless a brick or block is in front of
+  it; it falls onto what lies below. A carried block, over its head, comes along and needs no room.
+- Up: the agent climbs onto what is in front of it, if that is one brick or block high and there is
+  room above it: one cell, or two with a block.
+- Pick up: the block in front of the agent, at its own height and with nothing above it.
+- Put down: the carried block falls in front of the agent, unless bricks or blocks there are higher
+  than one.
+
+Everything else leaves the state as it is. The episode ends at the exit. BURLAP's reward is -1 a
+step.
+
+Below the map is solid ground, above it open sky. Columns beside the map cannot be entered; BURLAP
+fails there for all actions but moves. The blocks are alike, so that states which differ only in
+which block is where are one state (BURLAP's hashing independent of object identifiers), and only
+states that can be reached are in the table.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+
+from curricle.array_types import IntArray
+from curricle.checks import one_of
+from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.grid_map import Cell, cut, read_map, read_origin
+from curricle.tasks.mdp import FiniteMDP, check_horizon
+from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.spaces import Component, Space
+
+CHARACTERS = "<>EB#."
+FACING = {"<": -1, ">": 1}
+"""How the agent is drawn -> the columns that a step goes."""
+ACTIONS = ("west", "east", "up", "pick up", "put down")
+LARGEST_SPACE = 1_000_000
+"""States at most; they are found one by one."""
+LEVELS = (
+    """
+    .........................
+    .........................
+    ...#.......#.............
+    E..#...#.B.#.B.>.........
+    """,
+    """
+    .........................
+    E........................
+    #........................
+    #...........#..B.........
+    #...........#B.BB<.......
+    #####...#################
+    ....#..B#................
+    """,
+    """
+    .................#.......
+    .................#.......
+    ................B#.......
+    ...............BB#.......
+    .###....<...#B.##........
+    .#.#....#..#####.........
+    .#.#BB.##..#.............
+    E#.######.##.............
+    """,
+)
+"""The three levels of BURLAP, which has them on 25x25 cells."""
+
+
+class _State(NamedTuple):
+    """Heights are counted from the ground, which is 0."""
+
+    column: int
+    height: int
+    facing: int
+    holding: bool
+    blocks: tuple[Cell, ...]  # column and height of each that is not carried, sorted
+
+
+@dataclass(frozen=True)
+class BlockDude(Frozen):
+    """An agent that carries blocks to climb to an exit.
+
+    Parameters
+    ----------
+    level : {1, 2, 3} or str or sequence of str
+        One of BURLAP's levels, or a map, one line a row, the highest first: ``<`` or ``>`` the
+        agent and where it faces, ``E`` exit, ``B`` block, ``#`` brick, ``.`` free.
+    step_reward, exit_reward : float
+        Of a step that does not / does enter the exit.
+    start : {"map", "uniform"}
+        As drawn, or in any state that can be reached from there and is not the exit. Some of them
+        may be dead ends.
+    origin : (int, int)
+        Row and column of the top-left cell. A crop keeps the coordinates of the whole map. Rows
+        above the map count on.
+    discount, time_limit
+        As in :class:`FiniteMDP`.
+
+    Raises
+    ------
+    TaskError
+        When the map, a reward or the start makes no sense; later, when there are too many states.
+
+    Examples
+    --------
+    >>> task = BlockDude(level=1)
+    >>> task.states.size, task.states.names
+    (788, ('row', 'column', 'facing', 'holding', 'block_1', 'block_2'))
+    >>> print(task.states.label(0))
+    row=3 column=15 facing=east holding=no block_1=(3,9) block_2=(3,13)
+    """
+
+    level: Any = 1
+    step_reward: float = -1.0
+    exit_reward: float = -1.0
+    start: Literal["map", "uniform"] = "map"
+    origin: Cell = (0, 0)
+    discount: float = 0.99
+    time_limit: int | None = 500
+
+    def __post_init__(self) -> None:
+        level = self.level
+        if not isinstance(level, str | list | tuple):
+            one_of("level", level, range(1, len(LEVELS) + 1), TaskError)
+            level = LEVELS[level - 1]
+        object.__setattr__(self, "level", read_map(level, CHARACTERS))
+        object.__setattr__(self, "origin", read_origin(self.origin))
+        check_numbers(self, ("step_reward", "exit_reward"))
+        one_of("start", self.start, ("map", "uniform"), TaskError)
+        check_horizon(self)
+        self._check_map()
+
+    def _check_map(self) -> None:
+        for what, letters in (("agent < or >", "<>"), ("exit E", "E")):
+            count = sum(line.count(letter) for line in self.level for letter in letters)
+            if count != 1:
+                raise TaskError(f"a map needs one {what}: there are {count or 'none'}")
+        first, bricks = self._first, self._bricks
+        solid = bricks | set(first.blocks)
+        for what, (column, height) in (
+            ("agent", first[:2]),
+            *(("block", block) for block in first.blocks),
+        ):
+            if height > 1 and (column, height - 1) not in solid:
+                raise TaskError(
+                    f"the {what} needs ground, a brick or a block below it: there is none below "
+                    f"row {self._row(height)}, column {column + self.origin[1]}"
+                )
+
+    # -- variants ------------------------------------------------------------------------------
+
+    def with_start(self, start: Literal["map", "uniform"]) -> Self:
+        """Return the same level with another start: ``"map"`` or ``"uniform"``."""
+        return replace(self, start=start)
+
+    def crop(
+        self,
+        *,
+        columns: tuple[int, int],
+        agent: int | None = None,
+        start: Literal["map", "uniform"] = "map",
+    ) -> Self:
+        """Return the part in the half-open range `columns`, in this map's coordinates.
+
+        `agent` is the column in which the agent begins, on top of what is drawn there; by default
+        it begins where it is.
+
+        Raises
+        ------
+        TaskError
+            When the part exceeds the map or does not have the exit and the agent.
+
+        Examples
+        --------
+        >>> BlockDude(1).crop(columns=(0, 12), agent=10).level[2:]
+        ('...#.......#', 'E..#...#.B>#')
+        """
+        rows = (self.origin[0], self.origin[0] + len(self.level))
+        part = cut(self.level, self.origin, rows, columns)
+        if agent is not None:
+            part = self._with_agent(part, agent - columns[0])
+        return replace(self, level=part, start=start, origin=(self.origin[0], columns[0]))
+
+    def _with_agent(self, part: list[str], column: int) -> list[str]:
+        """Return a part of the map with the agent on top of a column."""
+        letter = "<" if self._first.facing < 0 else ">"
+        lines = [line.replace(letter, ".") for line in part]
+        if not 0 <= column < len(lines[0]):
+            raise TaskError(
+                f"the agent's column must lie in a crop of {len(lines[0])} columns: got number "
+                f"{column}"
+            )
+        drawn = [line[column] for line in lines]
+        free = next((row for row, what in enumerate(drawn) if what != "."), len(drawn)) - 1
+        if free < 0 or "E" in drawn[free + 1 : free + 2]:
+            raise TaskError("the agent needs a free cell above what is drawn in its column")
+        line = lines[free]
+        lines[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
+        return lines
+
+    # -- the rules -----------------------------------------------------------------------------
+
+    def _row(self, height: Any) -> Any:
+        return self.origin[0] + len(self.level) - height
+
+    @cached_property
+    def _drawn(self) -> dict[Cell, str]:
+        """What is drawn at (column, height), without free cells."""
+        top = len(self.level)
+        return {
+            (column, top - row): what
+            for row, line in enumerate(self.level)
+            for column, what in enumerate(line)
+            if what != "."
+        }
+
+    @cached_property
+    def _bricks(self) -> set[Cell]:
+        return {cell for cell, what in self._drawn.items() if what == "#"}
+
+    @cached_property
+    def _exit(self) -> Cell:
+        return next(cell for cell, what in self._drawn.items() if what == "E")
+
+    @cached_property
+    def _first(self) -> _State:
+        """The state that is drawn."""
+        (agent,) = (cell for cell, what in self._drawn.items() if what in FACING)
+        blocks = sorted(cell for cell, what in self._drawn.items() if what == "B")
+        return _State(*agent, FACING[self._drawn[agent]], False, tuple(blocks))
+
+    def _below(self, state: _State, column: int, height: int) -> int:
+        """Return the greatest height of a brick, a block or the ground, `height` at most."""
+        while height > 0:
+            if (column, height) in self._bricks or (column, height) in state.blocks:
+                return height
+            height -= 1
+        return 0
+
+    def _after(self, state: _State, action: str) -> _State:
+        """Return the state that an action leads to."""
+        column, height, _, holding, blocks = state
+        if action in ("west", "east"):
+            state = state._replace(facing=-1 if action == "west" else 1)
+        there = column + state.facing
+        if not 0 <= there < len(self.level[0]):
+            return state
+        if action in ("west", "east"):
+            below = self._below(state, there, height)
+            return state if below == height else state._replace(column=there, height=below + 1)
+        if action == "up":
+            below = self._below(state, there, height + 1 + holding)
+            return state if below != height else state._replace(column=there, height=height + 1)
+        if action == "pick up":
+            above = (there, height + 1)
+            covered = above in blocks or above in self._bricks
+            if holding or covered or (there, height) not in blocks:
+                return state
+            rest = tuple(block for block in blocks if block != (there, height))
+            return state._replace(holding=True, blocks=rest)
+        below = self._below(state, there, height + 1)
+        if not holding or below > height:
+            return state
+        return state._replace(holding=False, blocks=tuple(sorted((*blocks, (there, below + 1)))))
+
+    @cached_property
+    def _reached(self) -> tuple[list[_State], IntArray]:
+        """The states that can be reached, the drawn one first, and successors, (S, A) int64."""
+        number, states, successors = {self._first: 0}, [self._first], list[list[int]]()
+        for state in states:  # which grows meanwhile
+            row = list[int]()
+            for action in ACTIONS:
+                ended = state[:2] == self._exit
+                after = state if ended else self._after(state, action)
+                if after not in number:
+                    number[after] = len(states)
+                    states.append(after)
+                row.append(number[after])
+            successors.append(row)
+            if len(states) > LARGEST_SPACE:
+                raise TaskError(
+                    f"a level may have at most {LARGEST_SPACE:,} states that can be reached: this "
+                    f"one, of {len(self.level[0])} columns and {len(self._first.blocks)} blocks, "
+                    "has more"
+                )
+        return states, np.array(successors)
+
+    # -- spaces --------------------------------------------------------------------------------
+
+    @cached_property
+    def _cells(self) -> IntArray:
+        """Row and column of the agent and of each block, a carried one last, (S, 1 + k, 2)."""
+        heights = [
+            (state[:2], *state.blocks, *[(state.column, state.height + 1)] * state.holding)
+            for state in self._reached[0]
+        ]
+        column, height = np.array(heights).transpose(2, 0, 1)
+        return frozen(np.stack([self._row(height), column + self.origin[1]], axis=-1))
+
+    @cached_property
+    def states(self) -> Space:
+        """The agent's cell, where it faces, whether it carries a block, and each block's cell.
+
+        Blocks are in the order of their columns and from below, a carried one is the last.
+        """
+        states, cells = self._reached[0], self._cells
+        (rows, columns), blocks = cells[:, 0].T, cells[:, 1:]
+        facing = np.array([state.facing > 0 for state in states])
+        holding = np.array([state.holding for state in states])
+        axes = [
+            Component("row", int(rows.max() - rows.min()) + 1, int(rows.min())),
+            Component("column", len(self.level[0]), self.origin[1]),
+            Component("facing", 2, labels=("west", "east")),
+            Component("holding", 2, labels=("no", "yes")),
+        ]
+        carried = np.zeros(blocks.shape[:2], bool)
+        carried[holding, -1:] = True
+        lie, number = np.unique(blocks[~carried], axis=0, return_inverse=True)
+        values = np.full(carried.shape, len(lie))
+        values[~carried] = number.ravel()
+        labels = (*(f"({row},{column})" for row, column in lie.tolist()), "carried")
+        axes += [Component(name, len(labels), labels=labels) for name in self._block_names]
+        return Space(axes, np.column_stack([rows, columns, facing, holding, values]).astype(int))
+
+    @cached_property
+    def actions(self) -> Space:
+        """West, east, up, pick up and put down."""
+        return Space([Component("move", len(ACTIONS), labels=ACTIONS)])
+
+    @property
+    def _block_names(self) -> tuple[str, ...]:
+        """``block`` if there is one, else ``block_1``, ``block_2``, ..."""
+        k = len(self._first.blocks)
+        return ("block",) if k == 1 else tuple(f"block_{i + 1}" for i in range(k))
+
+    @cached_property
+    def layout(self) -> GridLayout:
+        """Where the agent is in each state, for pictures."""
+        top, left = int(self._cells[..., 0].min()), self.origin[1]
+        first = min(top, self.origin[0])
+        bricks = [(self._row(height), column + left) for column, height in sorted(self._bricks)]
+        column, height = self._exit
+        return GridLayout(
+            cells=self._cells[:, 0],
+            components=("row", "column"),
+            shape=(self.origin[0] + len(self.level) - first, len(self.level[0])),
+            origin=(first, left),
+            objects=(("exit", self._row(height), column + left, True),),
+            walls=np.array(bricks, dtype=np.int64).reshape(-1, 2),
+            markers={name: self._cells[:, 1 + i] for i, name in enumerate(self._block_names)},
+        )
+
+    # -- tables --------------------------------------------------------------------------------
+
+    @cached_property
+    def mdp(self) -> FiniteMDP:
+        """The level as tables: a row for entering each state, O = 1."""
+        states, after = self._reached
+        ended = np.array([state[:2] == self._exit for state in states])
+        start = np.zeros(len(states))
+        start[0] = 1.0
+        if self.start == "uniform":
+            start = ~ended / np.count_nonzero(~ended)
+        return FiniteMDP(
+            states=self.states,
+            actions=self.actions,
+            outcome_row=after,
+            probability=np.ones((len(states), 1)),
+            next_state=np.arange(len(states))[:, None],
+            reward=np.where(ended, self.exit_reward, self.step_reward)[:, None],
+            terminal=ended,
+            start=start,
+            discount=self.discount,
+            time_limit=self.time_limit,
+        )
