@@ -11,6 +11,7 @@ from .potential_shaping import (
     VectorPotentialShaping as VectorPotentialShaping,
 )
 from .tabulation.exploration import Progress as Progress
+from .tabulation.minigrid import MiniGridState as MiniGridState
 from .tabulation.observation_table import ObservationTable as ObservationTable
 from .tabulation.state_access import DeepCopy as DeepCopy
 from .tabulation.tabulate import tabulate as tabulate

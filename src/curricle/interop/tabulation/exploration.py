@@ -110,6 +110,7 @@ class Explored:
     reward: list[float] = field(default_factory=list)
     cut: int = 0  # states from which nothing goes on, as episodes are truncated there
     seconds: float = 0.0
+    observing: float = 0.0  # of them those that observations and words took
 
 
 def explore(world: Explorable, budget: Budget) -> Explored:
@@ -170,7 +171,9 @@ class _Search:
             state = self.numbers[name] = len(self.contents)
             if state >= self.budget.states:
                 raise self._too_many()
+            before = time.perf_counter()
             observation, words = self.world.look()
+            self.found.observing += time.perf_counter() - before
             self.contents.append(reached.content)
             self.queued.append(False)
             self.found.terminal.append(reached.terminated)

@@ -42,6 +42,9 @@ class StateAccess(Protocol):
 
     copies: bool
 
+    def prepare(self, env: Environment) -> None:
+        """Change for good what is to be tabulated in another way than the environment has it."""
+
     def begin(self, env: Environment) -> None:
         """Note what a reset made."""
 
@@ -91,40 +94,53 @@ class DeepCopy:
 
     def open(self) -> StateAccess:
         """Return what saves and restores by copies."""
-        return _Copies(frozenset(self.ignore))
+        return Copies(frozenset(self.ignore))
 
 
-class _Copies:
-    """States as copies: the content of one is an environment and its random generators."""
+class Copies:
+    """States as copies: the content of one is an environment and its random generators.
+
+    Parameters
+    ----------
+    ignored : frozenset of str
+        As of :class:`DeepCopy`.
+    """
 
     copies = True
 
     def __init__(self, ignored: frozenset[str]):
         self.ignored = ignored
 
+    def prepare(self, env: Environment) -> None:
+        """Nothing is changed."""
+
     def begin(self, env: Environment) -> None:
-        pass
+        """Nothing is noted."""
 
     def save(self, env: Environment) -> SavedState:
+        """Return the environment itself, and its digest."""
         generators = list[Any]()
         return SavedState(
             fingerprint(env, self.ignored | left_out(env), generators), (env, generators)
         )
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return a copy, and its generators."""
         saved, generators = content
         copy, memo = copied(saved)
         return copy, [memo[id(each)] for each in generators if id(each) in memo]
 
     def observation(self, env: Environment, returned: Any) -> Any:
+        """Return what the step returned."""
         return returned
 
     def describe(self, env: Environment) -> Words:
+        """Return the plain attributes of the environment."""
         found, ignored = plain_attributes(env.unwrapped), self.ignored | left_out(env)
         return {name: value for name, value in found.items() if name not in ignored}
 
     def end(self) -> None:
-        pass
+        """Nothing is left to be checked."""
 
 
 class SaveAndRestore:
@@ -146,6 +162,9 @@ class SaveAndRestore:
     ):
         self.save_state, self.restore_state = save_state, restore_state
         self.generators = list[Any]()
+
+    def prepare(self, env: Environment) -> None:
+        """Nothing is changed."""
 
     def begin(self, env: Environment) -> None:
         """Find the random generators."""

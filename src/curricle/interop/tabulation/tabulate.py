@@ -2,11 +2,9 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-from rich.console import Console
 
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
@@ -17,29 +15,20 @@ from curricle.interop.gymnasium import (
     maker_of,
     refusals_of_make,
 )
-from curricle.interop.tabulation.assembling import Tables, assembled
-from curricle.interop.tabulation.explorables import Listed, ListedOutcomes, StepOutcomes
-from curricle.interop.tabulation.exploration import Budget, Explored, Progress, explore
-from curricle.interop.tabulation.playing import Checker
-from curricle.interop.tabulation.state_access import (
-    DeepCopy,
-    SaveAndRestore,
-    StateAccess,
-    Words,
-    copied,
-)
-from curricle.interop.tabulation.tabulated_task import TabulatedTask, TabulationRecord
-from curricle.interop.tabulation.world import World, time_limit_of
-from curricle.interop.toy_text import has_table, names_of
+from curricle.interop.tabulation.explorables import Listed
+from curricle.interop.tabulation.exploration import Budget, Progress
+from curricle.interop.tabulation.minigrid import max_steps_of, named_actions
+from curricle.interop.tabulation.plan import Plan
+from curricle.interop.tabulation.state_access import copied
+from curricle.interop.tabulation.tabulated_task import TabulatedTask
+from curricle.interop.tabulation.world import time_limit_of
+from curricle.interop.toy_text import names_of
 from curricle.learning.seeds import seed_tuple
-from curricle.tasks.labels import values_of
 
 MOST_STATES = 1_000_000
 """States of a table by default, at most."""
 MOST_SECONDS = 3600.0
 """Seconds that a tabulation takes by default, at most."""
-MOST_SAMPLES = 1_000_000
-"""Steps by which the outcomes of a pair are estimated, at most."""
 
 
 def tabulate(
@@ -77,8 +66,9 @@ def tabulate(
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
-    state : DeepCopy or (save, restore), optional
-        How states are saved and restored. By default :class:`DeepCopy`, which fits everywhere. Two
+    state : DeepCopy, MiniGridState or (save, restore), optional
+        How states are saved and restored. By default :class:`DeepCopy`, which fits everywhere, and
+        in MiniGrid's environments :class:`MiniGridState`, where the goal's reward is 1. Two
         functions are faster: ``save(env)`` returns the state, hashable and different for different
         states, ``restore(env, state)`` puts the environment, without wrappers, back into it. The
         fields of a named tuple are the names of components.
@@ -120,7 +110,7 @@ def tabulate(
     """
     plan = Plan(
         seeds=seed_tuple(seeds),
-        state=_checked_state(state),
+        state=state,
         outcomes=outcomes,
         samples=samples,
         budget=Budget(
@@ -134,120 +124,17 @@ def tabulate(
     make = maker_of(environment, time_limit, make_arguments)
     with _opened(environment, make, plan) as env:
         name = str(make) if make.what is not None else type(env.unwrapped).__name__
-        act, actions = actions_of(env.action_space, None, names_of(env.unwrapped)[1])
-        limit: Any = time_limit_of(env) if time_limit == "own" else time_limit
+        named = names_of(env.unwrapped)[1] or named_actions(env)
+        act, actions = actions_of(env.action_space, None, named)
         tables, record = plan.carried_out(env, act, actions.size, name)
+        limit: Any = own_time_limit(env) if time_limit == "own" else time_limit
     return TabulatedTask(tables.mdp(actions, discount, limit), tables.observations, record)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """How an environment is tabulated."""
-
-    seeds: tuple[int, ...]
-    state: Any
-    outcomes: Listed | None
-    samples: int | None
-    budget: Budget
-    progress: bool | Callable[[Progress], Any]
-
-    def check(self) -> None:
-        """Raise SettingError if settings are invalid or contradict each other."""
-        if self.outcomes is not None and not callable(self.outcomes):
-            raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
-        if self.samples is not None:
-            samples = whole_number("samples", self.samples, 1, SettingError)
-            number("samples", samples, SettingError, high=MOST_SAMPLES)
-            if self.outcomes is not None:
-                raise SettingError("outcomes are listed or estimated: got outcomes and samples")
-
-    def carried_out(
-        self, env: Any, act: Callable[[int], Any], n_actions: int, name: str
-    ) -> tuple[Tables, TabulationRecord]:
-        """Return an environment's tables, and how they came about."""
-        access = self._access()
-        world = World(env, act, access, name)
-        source = self._source(world, n_actions)
-        found = self._explored(source)
-        by_steps = isinstance(source, StepOutcomes)
-        sampled = self.samples is not None
-        tables = assembled(found, n_actions, sampled=sampled, merge=access.copies and by_steps)
-        access.end()
-        checked = 0 if sampled else Checker(world, tables, n_actions).check(self.seeds)
-        record = TabulationRecord(
-            environment=name,
-            seeds=self.seeds,
-            samples=self.samples,
-            transitions=source.transitions,
-            drawing=world.drawing,
-            checked=checked,
-            cut=found.cut,
-            explored=len(found.terminal),
-            seconds=found.seconds,
-        )
-        return tables, record
-
-    def _access(self) -> StateAccess:
-        if isinstance(self.state, tuple):
-            return SaveAndRestore(*self.state)
-        access: StateAccess = (self.state or DeepCopy()).open()
-        return access
-
-    def _source(self, world: World, n_actions: int) -> StepOutcomes | ListedOutcomes:
-        """Return what is explored: listed outcomes where there are any, else steps."""
-        env, base = world.env, world.env.unwrapped
-        if self.outcomes is not None:
-            save = self.state[0] if isinstance(self.state, tuple) else None
-            return ListedOutcomes(env, self.outcomes, n_actions, self.seeds, world.name, save)
-        if self.state is None and self.samples is None and has_table(env):
-            table: Any = base
-            return ListedOutcomes(
-                env,
-                lambda s, a: table.P[s][a],
-                n_actions,
-                self.seeds,
-                world.name,
-                words=words_of(base),
-            )
-        return StepOutcomes(world, n_actions, self.seeds, self.samples)
-
-    def _explored(self, source: Any) -> Explored:
-        """Return all states, and show the progress if asked to."""
-        if self.progress is not True:
-            show = self.progress if callable(self.progress) else None
-            return explore(source, self.budget._replace(show=show))
-        with Console(stderr=True).status(f"tabulating {source.name}") as status:
-            return explore(
-                source,
-                self.budget._replace(show=lambda now: status.update(now.in_words(source.name))),
-            )
-
-
-def words_of(world: Any) -> Callable[[Any], Words] | None:
-    """Return the function from a state of a known environment to its components, if known."""
-    states = names_of(world)[0]
-    if states is None:
-        return None
-
-    def words(state: Any) -> Words:
-        values = values_of(states, int(state)).items()
-        return {
-            name: value if states.component(name).labels is None
-            else states.component(name).label(value)
-            for name, value in values
-        }  # fmt: skip
-
-    return words
-
-
-def _checked_state(state: Any) -> Any:
-    """Return how states are saved, or raise SettingError."""
-    pair = isinstance(state, tuple) and len(state) == 2 and all(map(callable, state))
-    if state is None or pair or callable(getattr(state, "open", None)):
-        return state
-    raise SettingError(
-        f"state must be DeepCopy(...) or two functions, (save, restore): got {state!r}"
-    )
+def own_time_limit(env: Any) -> int | None:
+    """Return the steps after which an environment truncates: the least of its limits."""
+    limits = [limit for limit in (time_limit_of(env), max_steps_of(env)) if limit is not None]
+    return min(limits, default=None)
 
 
 def _opened(environment: Any, make: Any, plan: Plan) -> AbstractContextManager[Any]:

@@ -39,6 +39,9 @@ class TabulationRecord:
     explored : int
         States found, before those that are alike were made one.
     seconds : float
+        Those of the search, by the wall clock.
+    observing : float
+        Of them those in which states that were found were looked at and described.
     note : str
         What the tables say in another way than the environment, such as rewards.
     """
@@ -52,12 +55,14 @@ class TabulationRecord:
     cut: int = 0
     explored: int = 0
     seconds: float = 0.0
+    observing: float = 0.0
     note: str = ""
 
     @property
     def transitions_per_second(self) -> float:
-        """Pairs a second."""
-        return self.transitions / self.seconds if self.seconds > 0 else float("inf")
+        """Pairs a second: saved, restored and stepped, and each step repeated."""
+        seconds = self.seconds - self.observing
+        return self.transitions / seconds if seconds > 0 else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +170,8 @@ class TabulatedTask(Frozen):
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
         samples = self.record.samples
         kind = "exact" if samples is None else f"estimated from {samples:,} steps a pair"
-        return f"TabulatedTask({self.record.environment}: {size}, {kind})"
+        note = f", {self.record.note}" if self.record.note else ""
+        return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:

@@ -44,13 +44,16 @@ class World:
 
     def __init__(self, env: Environment, act: Callable[[int], Any], access: StateAccess, name: str):
         self.env, self.act, self.access, self.name = env, act, access, name
-        self.core, self.views = _core_and_views(env, views_apart=not access.copies)
+        self.core, self.views = core_and_views(env, views_apart=not access.copies)
         self.now = self.core
+        access.prepare(env)
         self.random_states = RandomStates()
         self.drawing = 0  # pairs whose steps draw random numbers
+        self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
     def start(self, seed: int) -> Arrival:
         """Return where an episode begins that is reset with a seed."""
+        self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
         observed, _ = self.now.reset(seed=seed)
@@ -67,16 +70,21 @@ class World:
             When the step, repeated with other random numbers, leads elsewhere.
         """
         env, generators = self.access.restore(self.core, content)
-        before = [state_of(each) for each in generators]
+        before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
-        times = 2
-        if [state_of(each) for each in generators] != before:
-            self.drawing += 1
-            times = REPETITIONS
-        for repetition in range(1, times):
-            again, generators = self.access.restore(self.core, content)
-            self.random_states.restart(generators, repetition)
+        after = [*map(state_of, generators)]
+        if after == before:
+            again, _ = self.access.restore(self.core, content)
             self._check_repeated(first, self._arrival(again, action), action)
+            # Where all is one environment its generators are now as they were.
+            self._known = None if self.access.copies else after
+        else:
+            self.drawing += 1
+            self._known = None
+            for repetition in range(1, REPETITIONS):
+                again, generators = self.access.restore(self.core, content)
+                self.random_states.restart(generators, repetition)
+                self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
         return first
@@ -101,23 +109,18 @@ class World:
         return Arrival(state, earned, bool(terminated), bool(truncated), observed)
 
     def _check_repeated(self, first: Arrival, again: Arrival, action: int) -> None:
-        differing = [
-            name
-            for name, one, other in (
-                ("state", first.state.key, again.state.key),
-                ("reward", first.reward, again.reward),
-                ("end", first[2:4], again[2:4]),
-            )
-            if one != other
-        ]
-        if not differing and not same_observation(first.observed, again.observed):
-            differing = ["observation"]
-        if differing:
-            raise TaskError(
-                "steps must be deterministic to be tabulated, unless outcomes are listed "
-                f"(outcomes=) or estimated (samples=): action {action}, repeated from one state of "
-                f"{self.name}, led to another {differing[0]}"
-            )
+        same = first.state.key == again.state.key
+        if same and first[1:4] == again[1:4]:
+            if same_observation(first.observed, again.observed):
+                return
+            differing = "observation"
+        else:
+            differing = "state" if not same else "reward or end"
+        raise TaskError(
+            "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
+            f"or estimated (samples=): action {action}, repeated from one state of {self.name}, "
+            f"led to another {differing}"
+        )
 
     def observation(self, arrival: Arrival) -> Any:
         """Return what is observed at the arrival that came last."""
@@ -154,7 +157,7 @@ def _rewind_clocks(env: Environment) -> None:
         env = env.env
 
 
-def _core_and_views(
+def core_and_views(
     env: Environment, *, views_apart: bool
 ) -> tuple[Environment, Sequence[gym.ObservationWrapper[Any, Any, Any]]]:
     """Return the part of an environment that is stepped, and wrappers to look through after it.

@@ -1,0 +1,289 @@
+"""MiniGrid's states, saved and restored a thousand times as fast as by copies."""
+
+import sys
+from collections.abc import Iterator, MutableMapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from curricle.errors import TaskError
+from curricle.interop.tabulation.fingerprint import fingerprint
+from curricle.interop.tabulation.minigrid_level import MOVED, REPLACED, SHOWN, Level
+from curricle.interop.tabulation.observation_table import Unseen
+from curricle.interop.tabulation.state_access import (
+    Copies,
+    Environment,
+    SavedState,
+    StateAccess,
+    Words,
+    left_out,
+)
+from curricle.tasks.spaces import Component, Space
+
+PROBED = 300
+"""Random steps by which it is found out whether a level has a state beside MiniGrid's own."""
+
+
+@dataclass(frozen=True)
+class MiniGridState:
+    """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
+
+    It is the default for MiniGrid's environments. MiniGrid pays 1 - 0.9 t / max_steps at step t of
+    an episode, which depends on the time and on nothing else; as a table of states that are not
+    times it has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a
+    discount below 1 is as short as possible, and best by MiniGrid's own reward as well.
+
+    Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
+    each `key`, `ball` and `box`, such as `key_x` and `key_y`: -1 while it is carried, -2 while it
+    is in a box or gone. Several of a kind are numbered, as in `door_1`.
+
+    Parameters
+    ----------
+    own_reward : bool
+        Pay MiniGrid's own reward. The time is then part of a state, `step`, so that there are up to
+        max_steps times as many.
+    copies : bool
+        Whether to save states by copies. By default only where a level keeps a state elsewhere
+        (BabyAI's instructions), or a wrapper does.
+
+    Examples
+    --------
+    >>> MiniGridState(own_reward=True)
+    MiniGridState(own_reward=True, copies=False)
+    """
+
+    own_reward: bool = False
+    copies: bool = False
+
+    def open(self) -> StateAccess:
+        """Return what saves and restores the states."""
+        if self.copies:
+            return Copies(frozenset()) if self.own_reward else _TimelessCopies()
+        return MiniGridAccess(own_reward=self.own_reward)
+
+    @property
+    def note(self) -> str:
+        """What the tables say in another way than MiniGrid."""
+        return "" if self.own_reward else "goal reward 1"
+
+
+def is_minigrid(env: Environment) -> bool:
+    """Return whether an environment is one of MiniGrid's, which need not be installed."""
+    module = sys.modules.get("minigrid.minigrid_env")
+    return module is not None and isinstance(env.unwrapped, module.MiniGridEnv)
+
+
+def max_steps_of(env: Environment) -> int | None:
+    """Return the steps after which MiniGrid truncates; None of another environment."""
+    base: Any = env.unwrapped
+    return int(base.max_steps) if is_minigrid(env) else None
+
+
+def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
+    """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+    core : gymnasium.Env
+        Its inner part, without wrappers that have no state.
+    seed : int
+        Of the reset before the random steps that are tried.
+    """
+    if core is not env.unwrapped:
+        return MiniGridState(copies=True)
+    access = MiniGridAccess(own_reward=False)
+    core.reset(seed=seed)
+    access.begin(core)
+    rng = np.random.default_rng(seed)
+    for _ in range(PROBED):
+        _, _, over, _, _ = core.step(int(rng.integers(core.action_space.n)))  # type: ignore[attr-defined]
+        if over:
+            break
+    access.release()
+    return MiniGridState(copies=bool(access.missed(core)))
+
+
+def named_actions(env: Environment) -> Space | None:
+    """Return MiniGrid's actions by name: left, right, forward, pickup, drop, toggle, done."""
+    if not is_minigrid(env):
+        return None
+    base: Any = env.unwrapped
+    labels = tuple(action.name for action in base.actions)[: int(base.action_space.n)]
+    return Space([Component("action", len(labels), labels=labels)])
+
+
+def _one() -> float:
+    return 1.0
+
+
+class _TimelessCopies(Copies):
+    """Copies of which each is at the beginning of an episode's time."""
+
+    def __init__(self) -> None:
+        super().__init__(frozenset({"step_count"}))
+
+    def prepare(self, env: Environment) -> None:
+        base: Any = env.unwrapped
+        base._reward = _one
+
+    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        copy, generators = super().restore(env, content)
+        base: Any = copy.unwrapped
+        base.step_count = 0
+        return copy, generators
+
+
+class _View(Unseen, MutableMapping[str, Any]):
+    """An observation that is made when somebody looks at it."""
+
+    def __init__(self, env: Any):
+        self.env = env
+
+    @cached_property
+    def made(self) -> dict[str, Any]:
+        """The observation."""
+        seen: dict[str, Any] = type(self.env).gen_obs(self.env)
+        return seen
+
+    def __getitem__(self, key: str) -> Any:
+        return self.made[key]
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        self.made[key] = value
+
+    def __delitem__(self, key: str) -> None:
+        del self.made[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.made)
+
+    def __len__(self) -> int:
+        return len(self.made)
+
+
+class MiniGridAccess:
+    """Saves states as tuples, and restores them into the one environment.
+
+    While states are visited, observations are made only where they are looked at.
+    """
+
+    copies = False
+
+    def __init__(self, *, own_reward: bool):
+        self.own_reward = own_reward
+        self.levels = list[Level]()
+        self.by_digest = dict[bytes, tuple[Level, Any]]()
+        self.grid_numbers = dict[tuple[Any, ...], int]()
+        self.grids = list[list[Any]]()
+        self.last_grid = -1  # the number of the grid that was restored last
+        self.level: Any = None
+        self.first = list[tuple[Any, dict[str, bytes]]]()  # by level: its first state, its digests
+        self.env: Any = None
+
+    def prepare(self, env: Environment) -> None:
+        """Let the goal pay 1, unless the reward is MiniGrid's own."""
+        base: Any = env.unwrapped
+        if not self.own_reward:
+            base._reward = _one
+
+    def begin(self, env: Environment) -> None:
+        """Note the level that a reset made, or find it among those before."""
+        base: Any = env.unwrapped
+        self.env = base
+        vars(base).pop("gen_obs", None)
+        digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
+        if digest in self.by_digest:
+            _, content = self.by_digest[digest]
+            here = base.agent_pos, base.agent_dir, base.step_count
+            self.restore(base, content)
+            base.agent_pos, base.agent_dir, base.step_count = here
+        else:
+            self.level = Level(len(self.levels), base)
+            self.levels.append(self.level)
+            content = self.save(base).content
+            self.by_digest[digest] = self.level, content
+            self.first.append((content, self.level.digests()))
+        base.gen_obs = lambda: _View(base)
+
+    def save(self, env: Environment) -> SavedState:
+        """Return the state as a tuple, which tells it from others and restores it."""
+        base: Any = env
+        x, y = base.agent_pos
+        attributes, level = vars(base), self.level
+        state = (
+            level.number,
+            int(x),
+            int(y),
+            int(base.agent_dir),
+            base.carrying,
+            self._grid_number(base.grid.grid),
+            level.object_states(),
+            level.values_of_plain(attributes),
+            base.step_count if self.own_reward else 0,
+        )
+        return SavedState(state, state)
+
+    def _grid_number(self, cells: list[Any]) -> int:
+        """Return the number of a grid with these contents."""
+        last = self.last_grid
+        if last >= 0 and cells == self.grids[last]:  # as after most steps; quicker than a look-up
+            return last
+        key = tuple(cells)
+        number = self.grid_numbers.get(key)
+        if number is None:
+            number = self.grid_numbers[key] = len(self.grids)
+            self.grids.append(list(cells))
+        return number
+
+    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return the same environment, put into the state."""
+        base: Any = env
+        number, x, y, direction, carrying, grid, objects, plain, step = content
+        level = self.levels[number]
+        if level is not self.level:
+            vars(base).update(level.constants)
+            self.level = level
+        base.agent_pos, base.agent_dir, base.carrying = (x, y), direction, carrying
+        base.grid.grid[:] = self.grids[grid]
+        self.last_grid = grid
+        level.set_objects(objects)
+        if level.values_of_plain(vars(base)) != plain:
+            vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
+        base.step_count = step
+        return env, (base.np_random,)
+
+    def observation(self, env: Environment, returned: Any) -> Any:
+        """Return the observation of the state that the environment is in."""
+        return returned.made if isinstance(returned, _View) else returned
+
+    def describe(self, env: Environment) -> Words:
+        """Return the components of the state."""
+        words = self.level.words(self.env)
+        return {**words, "step": self.env.step_count} if self.own_reward else words
+
+    def missed(self, env: Environment) -> str:
+        """Return an attribute that steps have changed though it is not part of what is saved."""
+        for level, (content, digests) in zip(self.levels, self.first, strict=True):
+            self.restore(env, content)
+            for name, digest in level.digests().items():
+                if digest != digests[name]:
+                    return name
+        return ""
+
+    def release(self) -> None:
+        """Give the environment its own observations again."""
+        vars(self.env).pop("gen_obs", None)
+
+    def end(self) -> None:
+        """Release the environment; TaskError if a state was missed."""
+        self.release()
+        missed = self.missed(self.env)
+        if missed:
+            raise TaskError(
+                "states of MiniGrid are saved fast if they are in the agent, the grid, its objects "
+                "and plain attributes, and by MiniGridState(copies=True) else: steps changed "
+                f"{missed!r} of {self.env}"
+            )

@@ -1,0 +1,198 @@
+"""Tables of MiniGrid's levels, beside searches and copies that know nothing of them."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import curricle as cr
+from benchmarks.minigrid_by_hand import shortest
+from curricle.errors import TaskError
+from curricle.interop import MiniGridState
+from curricle.transfer import UNMAPPED
+
+minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+LEVELS = {
+    "MiniGrid-DoorKey-8x8-v0": [3],
+    "MiniGrid-MultiRoom-N4-S5-v1": [0, 7],
+    "MiniGrid-KeyCorridorS3R2-v0": [5],
+    "MiniGrid-LavaCrossingS9N2-v0": [0, 1, 2],
+    "MiniGrid-FourRooms-v0": [0, 4],
+    "MiniGrid-Unlock-v0": [0, 9],
+}
+
+
+def optimal_length(task):
+    """The steps of the optimal policy, followed in the table."""
+    solution = cr.solve(task)
+    (state,) = np.flatnonzero(task.mdp.start)
+    for steps in range(task.states.size + 1):
+        if task.mdp.terminal[state]:
+            return steps
+        action = solution.action_values[state].argmax()
+        state = task.mdp.next_state[task.mdp.outcome_row[state, action], 0]
+    raise AssertionError("the optimal policy goes round")
+
+
+def by_label(task, values):
+    return {task.states.label(s): float(values[s]) for s in range(task.states.size)}
+
+
+@pytest.mark.parametrize(("name", "seed"), [(n, s) for n, seeds in LEVELS.items() for s in seeds])
+def test_optimal_lengths_are_those_found_by_hand(name, seed):
+    task = cr.tabulate(name, discount=0.99, seeds=[seed])
+    with gym.make(name) as env:
+        env.reset(seed=seed)
+        length = shortest(env)
+    assert task.exact
+    assert task.record.cut == task.record.drawing == 0
+    assert cr.solve(task).start_value == pytest.approx(0.99 ** (length - 1), abs=1e-9)
+    assert optimal_length(task) == length
+    assert task.mdp.time_limit == env.unwrapped.max_steps
+
+
+@pytest.mark.parametrize("name", ["MiniGrid-DoorKey-5x5-v0", "MiniGrid-LavaGapS5-v0"])
+def test_the_fast_way_gives_the_tables_of_copies(name):
+    def make():  # the whole grid is seen
+        return minigrid.wrappers.FullyObsWrapper(gym.make(name))
+
+    fast, copies = (
+        cr.tabulate(make, discount=0.9, state=MiniGridState(copies=way)) for way in (False, True)
+    )
+    assert fast.states.size >= copies.states.size  # copies that are alike are one
+    counterparts = copies.many(fast.observations.batch())
+    unique = counterparts != UNMAPPED
+    assert unique.mean() > 0.1
+    values, known = cr.solve(fast).values, cr.solve(copies).values
+    np.testing.assert_allclose(values[unique], known[counterparts[unique]], atol=1e-9)
+    assert set(values.round(9)) == set(known.round(9))
+
+
+def test_states_are_named_after_what_is_in_the_level():
+    task = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9)
+    assert task.states.names == ("x", "y", "direction", "door", "key_x", "key_y")
+    assert task.states.component("door").labels[0] == "locked"
+    assert [task.actions.label(a) for a in (2, 3)] == ["action=forward", "action=pickup"]
+    carried = task.states.decode()["key_x"] == -1
+    assert carried.any()
+    locked = task.states.decode()["door"] == 0
+    assert not task.mdp.terminal[locked].any()
+    assert "goal reward 1" in repr(task)
+
+
+def test_the_reward_of_minigrid_itself_is_paid_where_time_is_part_of_the_state():
+    own = cr.tabulate("MiniGrid-Empty-5x5-v0", discount=0.9, state=MiniGridState(own_reward=True))
+    # Two steps, a turn and two steps: the goal at the fifth of 100.
+    assert cr.solve(own).start_value == pytest.approx(0.9**4 * (1 - 0.9 * 5 / 100))
+    assert own.states.component("step").size == 101
+    last = own.states.decode()["step"] == 100
+    assert own.record.cut == (last & ~own.mdp.terminal).sum() > 0
+    assert "goal reward" not in repr(own)
+
+
+def test_resets_that_make_one_level_share_its_states():
+    same = cr.tabulate("MiniGrid-Empty-Random-5x5-v0", discount=0.9, seeds=5)
+    assert same.states.names == ("x", "y", "direction")
+    starts = set()
+    for seed in range(5):
+        with gym.make("MiniGrid-Empty-Random-5x5-v0") as env:
+            env.reset(seed=seed)
+            base = env.unwrapped
+            starts.add((*map(int, base.agent_pos), base.agent_dir))
+    assert (same.mdp.start > 0).sum() == len(starts) > 1
+    several = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=3)
+    one = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=[1])
+    assert several.states.names[0] == "level"
+    begins = np.flatnonzero(several.mdp.start)
+    assert begins.size == 3
+    values = cr.solve(several).values[begins]
+    assert cr.solve(one).start_value == pytest.approx(values[1])
+
+
+@pytest.mark.parametrize("wrapper", ["FullyObsWrapper", "ImgObsWrapper"])
+def test_observations_are_those_of_the_environment(wrapper):
+    def make():
+        return getattr(minigrid.wrappers, wrapper)(gym.make("MiniGrid-DoorKey-5x5-v0"))
+
+    task = cr.tabulate(make, discount=0.9)
+    with make() as env:
+        state, (seen, _) = int(np.flatnonzero(task.mdp.start)[0]), env.reset(seed=0)
+        rng = np.random.default_rng(0)
+        for _ in range(200):
+            kept = task.observations.batch([state])
+            for name in seen if isinstance(seen, dict) else [None]:
+                one, other = (seen, kept) if name is None else (seen[name], kept[name])
+                assert np.array_equal(one, other[0])
+            if wrapper == "FullyObsWrapper" and not task.observations.ambiguous[state]:
+                assert task.state(seen) == state
+            action = int(rng.integers(7))
+            seen, _, over, _, _ = env.step(action)
+            state = task.mdp.next_state[task.mdp.outcome_row[state, action], 0]
+            assert over == task.mdp.terminal[state]
+            if over:
+                break
+
+
+class Notes(minigrid.envs.EmptyEnv):
+    """Keeps a list of what was toggled, which must not be empty at the goal."""
+
+    def __init__(self, **settings):
+        super().__init__(size=4, **settings)
+
+    def reset(self, **settings):
+        self.notes = []
+        return super().reset(**settings)
+
+    def step(self, action):
+        if action == 5 and not self.notes and self.worth_noting():
+            self.notes.append(action)
+        seen, reward, *rest = super().step(action)
+        return seen, reward * len(self.notes), *rest
+
+    def worth_noting(self):
+        return True
+
+
+class FarNotes(Notes):
+    """Notes it only where random steps hardly get to."""
+
+    def __init__(self, **settings):
+        minigrid.envs.EmptyEnv.__init__(self, size=8, **settings)
+
+    def worth_noting(self):
+        return tuple(map(int, self.agent_pos)) == (6, 5)
+
+
+@pytest.mark.parametrize(("level", "length"), [(Notes, 4), (FarNotes, 12)])
+def test_levels_that_keep_a_state_elsewhere_are_saved_by_copies(level, length):
+    with pytest.raises(TaskError, match=r"MiniGridState\(copies=True\)|deterministic"):
+        cr.tabulate(level, discount=0.9, state=MiniGridState())
+    task = cr.tabulate(level, discount=0.9)
+    assert cr.solve(task).start_value == pytest.approx(0.9 ** (length - 1))
+
+
+def test_a_level_of_babyai():
+    task = cr.tabulate("BabyAI-GoToRedBallNoDists-v0", discount=0.9, max_states=50_000)
+    assert 0.9**20 < cr.solve(task).start_value < 1
+
+
+def test_a_wrapper_with_a_state_makes_the_states_copies():
+    class Toll(gym.Wrapper):
+        """The second step forward in a row costs."""
+
+        def reset(self, **settings):
+            self.forward = False
+            return self.env.reset(**settings)
+
+        def step(self, action):
+            seen, reward, *rest = self.env.step(action)
+            toll, self.forward = self.forward and action == 2, action == 2
+            return seen, reward - toll, *rest
+
+    task = cr.tabulate(lambda: Toll(gym.make("MiniGrid-Empty-5x5-v0")), discount=0.99)
+    # Two steps, a turn, two steps, and a pause between each two of the steps.
+    assert cr.solve(task).start_value == pytest.approx(0.99**6)
+
+
+def test_moving_obstacles_are_refused():
+    with pytest.raises(TaskError, match="steps must be deterministic"):
+        cr.tabulate("MiniGrid-Dynamic-Obstacles-5x5-v0", discount=0.9)
