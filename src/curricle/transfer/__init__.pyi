@@ -4,6 +4,7 @@ from .chosen_mapping import auto_mapping as auto_mapping
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
 from .component_search import by_assignment as by_assignment, by_name as by_name
 from .edges import Calibrate as Calibrate, Transfer as Transfer
+from .factored_homomorphisms import by_component_values as by_component_values
 from .family_mapping import family_mappings as family_mappings
 from .found_mappings import (
     FoundMapping as FoundMapping,

@@ -11,6 +11,7 @@ from curricle.errors import MappingError, SettingError
 from curricle.tasks.task import Task
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_assignment, by_name
+from curricle.transfer.factored_homomorphisms import by_component_values
 from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
 from curricle.transfer.mapping_scores import MappingScores, score_mapping
@@ -25,6 +26,7 @@ SEARCHES: tuple[Search, ...] = (
     by_name,
     by_assignment,
     by_homomorphism,
+    by_component_values,
     by_lax_bisimulation,
 )
 LEAST_REGAINED = 0.1

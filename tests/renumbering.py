@@ -1,0 +1,86 @@
+"""Tasks whose states, actions or components are numbered anew, and the symmetries of a square."""
+
+import numpy as np
+
+from curricle import Component, FiniteMDP, Space
+
+
+def renumbered(task, rng):
+    """Return a task with its states renumbered, and its actions anew in every state.
+
+    Also where each state went, (S,), and for each new pair the old action, (S, A).
+    """
+    n_states, n_actions = task.outcome_row.shape
+    new = rng.permutation(n_states)
+    old = np.argsort(new)
+    actions = np.argsort(rng.random((n_states, n_actions)), axis=1)
+    copy = FiniteMDP(
+        states=Space([Component("state", n_states)]),
+        actions=Space([Component("action", n_actions)]),
+        outcome_row=np.take_along_axis(task.outcome_row[old], actions, axis=1),
+        probability=task.probability,
+        next_state=new[task.next_state],
+        reward=task.reward,
+        terminal=task.terminal[old],
+        start=task.start[old],
+        discount=task.discount,
+        time_limit=task.time_limit,
+    )
+    return copy, new, actions
+
+
+def nameless(task, rng):
+    """Return a task whose components are shuffled, renamed, their values and moves renumbered.
+
+    Also the new number of each state, (S,), and of each action, (A,).
+    """
+    (states, new), (actions, moved) = (
+        _shuffled(space, rng) for space in (task.states, task.actions)
+    )
+    old, unmoved = np.argsort(new), np.argsort(moved)
+    copy = FiniteMDP(
+        states=states,
+        actions=actions,
+        outcome_row=task.outcome_row[old][:, unmoved],
+        probability=task.probability,
+        next_state=new[task.next_state],
+        reward=task.reward,
+        terminal=task.terminal[old],
+        start=task.start[old],
+        discount=task.discount,
+        time_limit=task.time_limit,
+    )
+    return copy, new, moved
+
+
+def _shuffled(space, rng):
+    order = rng.permutation(len(space.components))
+    values = space.decode()
+    columns, components = [], []
+    for place, one in enumerate(order):
+        component = space.components[one]
+        numbers = rng.permutation(component.size)
+        columns.append(numbers[values[component.name] - component.low])
+        components.append(Component(f"component_{place}", component.size))
+    if space.is_box:
+        made = Space(components)
+    else:
+        points = np.stack(columns, axis=1)
+        made = Space(components, points[rng.permutation(len(points))])
+    return made, made.encode(**dict(zip(made.names, columns, strict=True)))
+
+
+def turns(size):
+    """Return the eight symmetries of a square: where each cell goes, and each of five moves."""
+    row, column = np.divmod(np.arange(size**2), size)
+    steps = np.array([(0, 0), (-1, 0), (0, 1), (1, 0), (0, -1)])
+    last, found = size - 1, []
+    for swap in (False, True):
+        for flips in np.ndindex(2, 2):
+            at, by = np.stack([row, column], axis=1), steps
+            at, by = (at[:, ::-1], by[:, ::-1]) if swap else (at, by)
+            at = np.where(flips, last - at, at)
+            by = np.where(flips, -by, by)
+            moves = [int(np.flatnonzero((steps == step).all(axis=1))[0]) for step in by]
+            found.append((at[:, 0] * size + at[:, 1], np.array(moves)))
+    return found
