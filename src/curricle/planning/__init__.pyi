@@ -8,3 +8,4 @@ from .solution import (
     solve as solve,
 )
 from .target import Target as Target
+from .visits import visit_distribution as visit_distribution

@@ -12,9 +12,10 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.checks import indices, instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.frozen_lake import moves_in_a_box, slipping
@@ -87,6 +88,11 @@ class CliffWalking(Frozen):
     def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
         """Return the same walk with another start: ``"map"``, ``"uniform"`` or cells."""
         return replace(self, start=start)
+
+    def start_in(self, states: npt.ArrayLike) -> Self:
+        """Return the same walk with starts in these states, by number, equally likely."""
+        cells = self.layout.cells[indices("start states", states, self.states.size, TaskError)]
+        return self.with_start([(int(row), int(column)) for row, column in cells])
 
     # -- spaces --------------------------------------------------------------------------------
 

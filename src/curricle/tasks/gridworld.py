@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance, number, one_of
+from curricle.checks import indices, instance, number, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.grid_layout import GridLayout
@@ -162,6 +162,17 @@ class GridWorld(Frozen):
         array([0.5, 0.5, 0. ])
         """
         return replace(self, start=start)
+
+    def start_in(self, states: npt.ArrayLike) -> Self:
+        """Return the same maze with starts in these states, by number, equally likely.
+
+        Examples
+        --------
+        >>> GridWorld("S..T").start_in([1, 2]).start
+        ((0, 1), (0, 2))
+        """
+        cells = self.cells[indices("start states", states, len(self.cells), TaskError)]
+        return self.with_start([(int(row), int(column)) for row, column in cells])
 
     def crop(
         self,

@@ -1,0 +1,320 @@
+"""Start states of any task with tables: near the goal, reachable, or as given.
+
+Episodes that start near the goal first and farther off later are a curriculum of their own (Asada
+et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum generation").
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import indices, numbers, whole_number
+from curricle.errors import TaskError
+from curricle.frozen_arrays import Frozen, adopted
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.reachability import reachable_states
+from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.task import tables
+
+Goal = npt.ArrayLike | Mapping[str, Any] | None
+WORDS = ("uniform", "reachable")
+
+
+@dataclass(frozen=True)
+class GoalDistance:
+    """The states whose distance to the goal lies in a range, equally likely: a ring around it.
+
+    Only states that the task's own start can reach are meant; tables may have others, such as the
+    cells of a cliff.
+
+    Parameters
+    ----------
+    low, high : int
+        Steps, both included; without `high` exactly `low`.
+    goal : optional
+        As in :func:`goal_distance`.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = with_start(GridWorld("S...T"), GoalDistance(1, 2))
+    >>> maze.start
+    ((0, 2), (0, 3))
+    """
+
+    low: int
+    high: int | None = None
+    goal: Any = None
+
+    def __post_init__(self) -> None:
+        low = whole_number("the lowest distance to the goal", self.low, 0, TaskError)
+        high = low if self.high is None else self.high
+        high = whole_number("the highest distance to the goal", high, low, TaskError)
+        object.__setattr__(self, "low", low)
+        object.__setattr__(self, "high", high)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TaskWithStart(Frozen):
+    """A task whose episodes start elsewhere; made by :func:`with_start`.
+
+    It has the states, actions and tables of the task, and its layout if it has one.
+
+    Parameters
+    ----------
+    task : Task
+    start : (S,) float64
+        Probability of starting in each state; 0 in terminal states.
+    """
+
+    task: Any
+    start: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", adopted(self.start, np.float64))
+        _ = self.mdp
+
+    @property
+    def states(self) -> Space:
+        """The state space of the task."""
+        space: Space = self.task.states
+        return space
+
+    @property
+    def actions(self) -> Space:
+        """The action space of the task."""
+        space: Space = self.task.actions
+        return space
+
+    @cached_property
+    def mdp(self) -> FiniteMDP:
+        """The tables of the task with the other start."""
+        return replace(tables(self.task), start=self.start)
+
+    @property
+    def layout(self) -> Any:
+        """Where the states of the task lie; AttributeError if it does not say."""
+        return self.task.layout
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, TaskWithStart):
+            return NotImplemented
+        return bool(self.task == other.task) and np.array_equal(self.start, other.start)
+
+    def __hash__(self) -> int:
+        return hash((self.task, self.start.tobytes()))
+
+    def __repr__(self) -> str:
+        return f"TaskWithStart({self.task!r}, start={self.start!r})"
+
+
+def with_start(task: Any, start: Any) -> Any:
+    """Return the same task with episodes that start elsewhere.
+
+    Parameters
+    ----------
+    task : Task
+        Any task with tables.
+    start
+        - ``"uniform"``: in any state that does not end the episode, as the task itself has it;
+        - ``"reachable"``: in any of those that the task's own start can reach;
+        - :class:`GoalDistance`: in a ring around the goal;
+        - a whole number, or an array of them: in these states, equally likely;
+        - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
+
+    Returns
+    -------
+    Task
+        A :class:`FiniteMDP` of one, a :class:`GridWorld` of one where all starts are equally
+        likely, else a :class:`TaskWithStart`. States and actions are those of the task, so that
+        mappings fit both.
+
+    Raises
+    ------
+    TaskError
+        When the task has no tables, no state is left, a state does not exist or ends the episode,
+        or probabilities do not sum to 1.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> near = with_start(Pursuit(size=3, predators=1), GoalDistance(1))
+    >>> int((near.mdp.start > 0).sum())
+    52
+    """
+    base = task.task if isinstance(task, TaskWithStart) else task
+    mdp = tables(base)
+    if isinstance(start, str) and start == "uniform" and hasattr(base, "with_start"):
+        return base.with_start("uniform")
+    distribution = _distribution(mdp, start)
+    moved = replace(mdp, start=distribution)  # checks it
+    if isinstance(base, FiniteMDP):
+        return moved
+    positive = np.flatnonzero(distribution)
+    equal = (distribution[positive] == distribution[positive[0]]).all()
+    if equal and hasattr(base, "start_in"):
+        return base.start_in(positive)
+    return TaskWithStart(base, distribution)
+
+
+def goal_distance(task: Any, goal: Goal = None) -> IntArray:
+    """Return the fewest steps from each state to the goal, (S,) int64; -1 where there is no way.
+
+    An outcome counts if its probability is positive: it is the smallest number of steps after which
+    some policy can have reached the goal, exact by breadth-first search from the goal backwards. No
+    way leads through a terminal state.
+
+    Parameters
+    ----------
+    task : Task
+        Any task with tables.
+    goal : optional
+        The goal's states: a (S,) bool array, an array of their numbers, or a dict from components
+        to a value, a label or a list of them. By default the terminal states that are entered with
+        the largest reward: the treasure and not the pits.
+
+    Raises
+    ------
+    TaskError
+        When there is no goal, or it is no set of states.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> goal_distance(GridWorld(["S.PT", ".#.."]))  # a wall between south-west and south-east
+    array([-1, -1, -1,  0, -1,  2,  1])
+    """
+    # Imported here: every task imports this module's neighbours, and SciPy's import takes time.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    mdp = tables(task)
+    wanted = goal_states(mdp, goal)
+    n_states, n_rows = len(mdp.terminal), len(mdp.probability)
+    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
+    state, _ = np.nonzero(pairs)
+    row, outcome = np.nonzero(mdp.probability > 0)
+    # Edges backwards: from states to the outcome rows before them, from rows to the states of pairs
+    # that have them.
+    source = np.concatenate([mdp.next_state[row, outcome], n_states + mdp.outcome_row[pairs]])
+    target = np.concatenate([n_states + row, state])
+    nodes = n_states + n_rows
+    graph = csr_array((np.ones(len(source), np.bool_), (source, target)), shape=(nodes, nodes))
+    found = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
+    far = found[:n_states] / 2  # a step is an edge to a row and one from it
+    return np.where(np.isfinite(far), far, -1).astype(np.int64)
+
+
+def goal_states(task: Any, goal: Goal = None) -> BoolArray:
+    """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
+    mdp = tables(task)
+    found = _entered_best(mdp) if goal is None else _given_goal(mdp, goal)
+    if not found.any():
+        raise TaskError(
+            "a goal needs at least one state: none is terminal and can be entered; give the goal"
+            if goal is None
+            else f"a goal needs at least one state: got {goal!r}"
+        )
+    return found
+
+
+def _entered_best(mdp: FiniteMDP) -> BoolArray:
+    """Return the terminal states that are entered with the largest reward of all, (S,) bool."""
+    used = np.zeros(len(mdp.probability), dtype=bool)
+    used[mdp.outcome_row[~mdp.terminal]] = True
+    ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
+    found = np.zeros(len(mdp.terminal), dtype=bool)
+    if ends.any():
+        best = mdp.reward[ends].max()
+        found[mdp.next_state[ends & (mdp.reward == best)]] = True
+    return found
+
+
+def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
+    n_states = len(mdp.terminal)
+    if isinstance(goal, Mapping):
+        found = np.ones(n_states, dtype=bool)
+        values = mdp.states.decode()
+        for name, given in goal.items():
+            component = mdp.states.component(name)
+            found &= np.isin(values[name], [_value(component, one) for one in _listed(given)])
+        return found
+    array = np.asarray(goal)
+    if array.dtype == np.bool_:
+        if array.shape != (n_states,):
+            raise TaskError(f"a goal of flags must have shape ({n_states},): got {array.shape}")
+        return array
+    found = np.zeros(n_states, dtype=bool)
+    found[indices("the states of a goal", goal, n_states, TaskError)] = True
+    return found
+
+
+def _listed(given: Any) -> list[Any]:
+    return [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
+
+
+def _value(component: Component, given: Any) -> int:
+    """Return the value of a component that a number or a label names."""
+    if isinstance(given, str) and component.labels is not None and given in component.labels:
+        return component.low + component.labels.index(given)
+    if isinstance(given, str):
+        known = ", ".join(component.labels or ()) or "numbers"
+        raise TaskError(f"{component.name} of a goal must be one of {known}: got {given!r}")
+    value = whole_number(f"{component.name} of a goal", given, component.low, TaskError)
+    if value > component.high:
+        raise TaskError(
+            f"{component.name} of a goal must lie in {component.low}..{component.high}: got {value}"
+        )
+    return value
+
+
+def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
+    """Return the start distribution that a description means, (S,) float64."""
+    n_states = len(mdp.terminal)
+    if isinstance(start, GoalDistance):
+        return _equally(_ring(mdp, start))
+    if isinstance(start, str):
+        if start not in WORDS:
+            raise TaskError(
+                "start must be 'uniform', 'reachable', a GoalDistance, states or probabilities: "
+                f"got {start!r}"
+            )
+        found = ~mdp.terminal
+        found &= reachable_states(mdp) if start == "reachable" else True
+        if not found.any():
+            raise TaskError(f"start={start!r} needs a state that does not end the episode")
+        return _equally(found)
+    array = np.asarray(start)
+    if array.dtype.kind in "iu":
+        states = np.atleast_1d(indices("start states", start, n_states, TaskError))
+        if not states.size or states.ndim > 1:
+            raise TaskError(f"start must name at least one state: got {start!r}")
+        found = np.zeros(n_states, dtype=bool)
+        found[states] = True
+        return _equally(found)
+    given = numbers("start", start, TaskError)
+    if given.shape != (n_states,):
+        raise TaskError(f"start probabilities must have shape ({n_states},): got {given.shape}")
+    return given
+
+
+def _ring(mdp: FiniteMDP, ring: GoalDistance) -> BoolArray:
+    far = goal_distance(mdp, ring.goal)
+    possible = reachable_states(mdp) & ~mdp.terminal
+    found = (far >= ring.low) & (far <= (ring.high or 0)) & possible
+    if not found.any():
+        most = far[possible].max(initial=MISSING)
+        reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
+        raise TaskError(
+            f"no state to start in lies {ring.low}..{ring.high} steps from the goal: {reached}"
+        )
+    return found
+
+
+def _equally(states: BoolArray) -> FloatArray:
+    return states / np.count_nonzero(states)

@@ -1,0 +1,216 @@
+"""Tasks that start elsewhere: of every kind with tables, as values, and refusals."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from curricle import (
+    Curriculum,
+    FiniteMDP,
+    GridWorld,
+    Pursuit,
+    Transfer,
+    from_gymnasium,
+    learn,
+    project,
+    same_position,
+    solve,
+)
+from curricle.errors import TaskError
+from curricle.planning import visit_distribution
+from curricle.tasks import (
+    CliffWalking,
+    DeepSea,
+    FourRooms,
+    FrozenLake,
+    GoalDistance,
+    KeyLockPit,
+    RiverSwim,
+    TaskWithStart,
+    Taxi,
+    goal_distance,
+    goal_states,
+    with_start,
+)
+from curricle.tasks.grid_view import GridView
+from curricle.tasks.reachability import reachable_states
+from tests.tasks import ring
+
+MAZE = GridWorld(["S..P", ".#.T", "...."])
+TASKS = {
+    "maze": MAZE,
+    "pursuit": Pursuit(size=3, predators=1),
+    "lake": FrozenLake(),
+    "cliff": CliffWalking(3, 5),
+    "taxi": Taxi(3),
+    "rooms": FourRooms(9),
+    "key": KeyLockPit.room(5),
+    "sea": DeepSea(4),
+    "tables": from_gymnasium("FrozenLake-v1", discount=0.9),
+}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_starts_in_a_ring(name):
+    task = TASKS[name]
+    near = with_start(task, GoalDistance(1, 2))
+    mdp = task.mdp
+    starting = np.flatnonzero(near.mdp.start)
+    far = goal_distance(task)
+    met = reachable_states(mdp) & ~mdp.terminal
+    assert starting.tolist() == np.flatnonzero((far >= 1) & (far <= 2) & met).tolist()
+    assert (near.states, near.actions) == (task.states, task.actions)
+    assert np.array_equal(near.mdp.next_state, mdp.next_state)
+    assert np.array_equal(near.mdp.reward, mdp.reward)
+    assert near.mdp.discount == mdp.discount
+    assert near.mdp.time_limit == mdp.time_limit
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_that_starts_elsewhere_is_a_value(name):
+    task = TASKS[name]
+    near, again, other = (with_start(task, GoalDistance(n)) for n in (1, 1, 2))
+    copied = pickle.loads(pickle.dumps(near))
+    assert np.array_equal(copied.mdp.start, near.mdp.start)
+    if not isinstance(task, FiniteMDP):  # tables are themselves alone
+        assert near == again == copied
+        assert hash(near) == hash(copied)
+        assert near != other
+        assert near != task
+
+
+def test_kinds_are_kept_where_they_can_say_it():
+    assert with_start(MAZE, GoalDistance(1)) == MAZE.with_start([(0, 2), (2, 3), (1, 2)][1:])
+    assert isinstance(with_start(TASKS["tables"], "reachable"), FiniteMDP)
+    assert isinstance(with_start(FrozenLake(), "reachable"), FrozenLake)
+    assert isinstance(with_start(CliffWalking(), "reachable"), CliffWalking)
+    assert isinstance(with_start(TASKS["pursuit"], "uniform"), TaskWithStart)
+    shares = visit_distribution(MAZE)
+    visited = with_start(MAZE, shares)
+    assert isinstance(visited, TaskWithStart)
+    assert np.array_equal(visited.mdp.start, shares)
+    assert with_start(visited, "uniform") == MAZE.with_start("uniform")
+    once = with_start(TASKS["pursuit"], GoalDistance(1))
+    assert with_start(once, GoalDistance(2)) == with_start(TASKS["pursuit"], GoalDistance(2))
+
+
+def test_a_relative_maze_starts_by_its_cells():
+    relative = GridWorld(["S..T", "...."], representation="relative")
+    near = with_start(relative, GoalDistance(1))
+    assert near.representation == "relative"
+    assert near.start == ((0, 2), (1, 3))
+
+
+def test_states_and_probabilities_are_taken_as_they_are():
+    assert with_start(MAZE, [0, 1]).start == ((0, 0), (0, 1))
+    assert with_start(MAZE, 4).start == ((1, 0),)
+    given = np.zeros(11)
+    given[[0, 1]] = 0.25, 0.75
+    assert with_start(MAZE, given).mdp.start[1] == 0.75
+
+
+def test_goals_are_named_by_components():
+    river = RiverSwim()
+    assert goal_distance(river, {"position": 5}).tolist() == [5, 4, 3, 2, 1, 0]
+    assert goal_distance(Pursuit(3, 1), {"prey": "(0,0)", "predator": ["(0,0)", "(2,2)"]})[0] == 0
+    fetched = goal_states(Taxi(3), {"passenger": "taxi"})
+    assert fetched.sum() == 9 * 4
+    assert with_start(river, GoalDistance(0, goal={"position": 5})).mdp.start[5] == 1
+
+
+def test_the_treasure_is_the_goal_and_pits_are_not():
+    assert np.flatnonzero(goal_states(MAZE)).tolist() == [MAZE.state(1, 3)]
+    lake = FrozenLake()
+    assert np.flatnonzero(goal_states(lake)).tolist() == [15]
+    assert goal_states(CliffWalking()).tolist() == CliffWalking().goal_states.tolist()
+    opened = np.flatnonzero(goal_states(KeyLockPit.room(5)))
+    assert [KeyLockPit.room(5).states.label(s) for s in opened] == [
+        "row=4 column=4 key=held lock=open"
+    ]
+    caught = Pursuit(3, 2)
+    assert goal_states(caught).tolist() == caught.terminal.tolist()
+
+
+def test_no_way_leads_through_a_pit():
+    corridor = GridWorld("S.P.T", ends=("pit", "treasure"))
+    assert goal_distance(corridor).tolist() == [-1, -1, -1, 1, 0]
+
+
+def test_mappings_fit_a_task_that_starts_elsewhere():
+    hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
+    near = with_start(chase, GoalDistance(1))
+    mapping = project(hunt, near, predator="predator_1")
+    curriculum = Curriculum(
+        {"near": near, "hunt": hunt}, [Transfer("near", "hunt", mapping)], budget=300
+    )
+    assert curriculum.train(seeds=[0])["hunt"].steps_used == [300]
+    part = with_start(MAZE, GoalDistance(1, 2))
+    assert same_position(MAZE, part).coverage().mapped == 1
+
+
+def test_it_is_learnt_solved_and_drawn():
+    near = with_start(TASKS["pursuit"], GoalDistance(1))
+    assert solve(near).start_value == pytest.approx(
+        solve(near.task).values[np.flatnonzero(near.start)].mean()
+    )
+    assert learn(near, budget=200).steps_used == [200]
+    drawn = with_start(DeepSea(4), visit_distribution(DeepSea(4)))
+    assert GridView.of(drawn).shape == (5, 4)
+    assert GridView.for_replay(near) is not None
+    assert "TaskWithStart(Pursuit(" in repr(near)
+
+
+def test_a_pursuit_learns_from_a_ring_what_it_learns_anywhere():
+    """The optimum does not depend on the start."""
+    task = Pursuit(3, 1)
+    near = with_start(task, GoalDistance(2))
+    assert np.allclose(solve(near).values, solve(task).values)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: with_start(MAZE, "far"), "start must be 'uniform', 'reachable', a GoalDistance"),
+        (
+            lambda: with_start(MAZE, GoalDistance(30)),
+            "lies 30..30 steps from the goal: the farthest",
+        ),
+        (lambda: with_start(MAZE, [3]), "must not start in a terminal state: state 3"),
+        (lambda: with_start(MAZE, [99]), "start states must be whole numbers in 0..10: got"),
+        (lambda: with_start(MAZE, []), "start probabilities must have shape"),
+        (
+            lambda: with_start(MAZE, np.ones(11)),
+            "start probabilities must sum to 1: they sum to 11",
+        ),
+        (lambda: with_start(MAZE, np.full(11, 1 / 11)), "must not start in a terminal st"),
+        (lambda: with_start(MAZE, np.ones(3) / 3), r"must have shape \(11,\): got \(3,\)"),
+        (lambda: with_start(MAZE, {"a": 1}), "start must be an array of numbers"),
+        (lambda: with_start(ring(), "uniform"), "given by functions or played live has no tables"),
+        (lambda: with_start(RiverSwim(), GoalDistance(1)), "none is terminal and can be entered"),
+        (lambda: GoalDistance(-1), "the lowest distance to the goal must be a whole number, at le"),
+        (
+            lambda: GoalDistance(3, 2),
+            "the highest distance to the goal must be .* at least 3: got 2",
+        ),
+        (lambda: goal_distance(MAZE, {"x": 1}), "a component must be one of row, column: got 'x'"),
+        (lambda: goal_distance(MAZE, {"row": 9}), r"row of a goal must lie in 0\.\.2: got 9"),
+        (
+            lambda: goal_distance(MAZE, {"row": "a"}),
+            "row of a goal must be one of numbers: got 'a'",
+        ),
+        (
+            lambda: goal_distance(MAZE, {"row": 1, "column": 1}),
+            "a goal needs at least one state: got",
+        ),
+        (lambda: goal_distance(MAZE, np.ones(3, bool)), r"must have shape \(11,\): got \(3,\)"),
+        (lambda: goal_distance(MAZE, [99]), "the states of a goal must be whole numbers in 0..10"),
+        (
+            lambda: goal_distance(Pursuit(3, 1), {"prey": "(9,9)"}),
+            r"prey of a goal must be one of \(0,0\), .*: got '\(9,9\)'",
+        ),
+    ],
+)
+def test_bad_starts_are_refused_in_a_sentence(wrong, said):
+    with pytest.raises(TaskError, match=said):
+        wrong()
