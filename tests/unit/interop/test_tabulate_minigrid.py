@@ -196,3 +196,17 @@ def test_a_wrapper_with_a_state_makes_the_states_copies():
 def test_moving_obstacles_are_refused():
     with pytest.raises(TaskError, match="steps must be deterministic"):
         cr.tabulate("MiniGrid-Dynamic-Obstacles-5x5-v0", discount=0.9)
+
+
+def test_tables_of_minigrid_are_kept_and_found(tmp_path):
+    first, second = (
+        cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, cache=tmp_path) for _ in range(2)
+    )
+    assert second.record.cached
+    assert first.states == second.states
+    assert [*second.observations.parts] == ["image", "direction", "mission"]
+    seen = second.observations.batch([0])
+    assert seen["mission"].item().startswith("use the key")
+    assert not cr.tabulate(
+        "MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=[1], cache=tmp_path
+    ).record.cached

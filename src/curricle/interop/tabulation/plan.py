@@ -19,6 +19,7 @@ from curricle.interop.tabulation.minigrid import (
 )
 from curricle.interop.tabulation.playing import Checker
 from curricle.interop.tabulation.state_access import DeepCopy, SaveAndRestore, Words
+from curricle.interop.tabulation.table_cache import TableCache, name_of
 from curricle.interop.tabulation.tabulated_task import TabulationRecord
 from curricle.interop.tabulation.world import World, core_and_views
 from curricle.interop.toy_text import has_table, names_of
@@ -38,6 +39,7 @@ class Plan:
     samples: int | None
     budget: Budget
     progress: bool | Callable[[Progress], Any]
+    cache: TableCache | None = None
 
     def check(self) -> None:
         """Raise SettingError if settings are invalid or contradict each other."""
@@ -59,8 +61,23 @@ class Plan:
     def carried_out(
         self, env: Any, act: Callable[[int], Any], n_actions: int, name: str
     ) -> tuple[Tables, TabulationRecord]:
-        """Return an environment's tables, and how they came about."""
+        """Return an environment's tables, and how they came about; from the cache if there."""
         how = self._how(env)
+        if self.cache is None:
+            return self._made(env, act, n_actions, name, how)
+        ways = [*how] if isinstance(how, tuple) else [how]
+        ways += [self.outcomes, self.samples, self.state is None]
+        kept = name_of(env, self.seeds, ways)
+        found = self.cache.find(kept)
+        if found is None:
+            found = self._made(env, act, n_actions, name, how)
+            self.cache.keep(kept, *found)
+        return found
+
+    def _made(
+        self, env: Any, act: Callable[[int], Any], n_actions: int, name: str, how: Any
+    ) -> tuple[Tables, TabulationRecord]:
+        """Return an environment's tables, made anew."""
         if self.state is None and isinstance(how, MiniGridState) and not how.copies:
             fast = MiniGridAccess(own_reward=False)
             try:

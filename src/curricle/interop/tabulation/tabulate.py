@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -20,6 +21,7 @@ from curricle.interop.tabulation.exploration import Budget, Progress
 from curricle.interop.tabulation.minigrid import max_steps_of, named_actions
 from curricle.interop.tabulation.plan import Plan
 from curricle.interop.tabulation.state_access import copied
+from curricle.interop.tabulation.table_cache import TableCache
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
 from curricle.interop.tabulation.world import time_limit_of
 from curricle.interop.toy_text import names_of
@@ -43,6 +45,7 @@ def tabulate(
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
     progress: bool | Callable[[Progress], Any] = False,
+    cache: str | Path | None = None,
     **make_arguments: Any,
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
@@ -82,6 +85,10 @@ def tabulate(
         What the tabulation may need at most.
     progress : bool or callable
         Whether to show how far it is, or a function that is called with a :class:`Progress`.
+    cache : str or Path, optional
+        A folder in which tables are kept and found again by a hash of what they are made from: what
+        the environment holds after each reset, the code of its classes, the versions of their
+        packages, and the settings above. Not of what it reads elsewhere, such as a file of data.
     **make_arguments
         Arguments of ``gymnasium.make`` or the callable.
 
@@ -98,6 +105,8 @@ def tabulate(
         a budget does not suffice, or an episode in the environment is not in the tables.
     SettingError
         When a setting makes no sense.
+    StoreError
+        When the cache is no folder, or cannot be written to.
 
     Examples
     --------
@@ -118,6 +127,7 @@ def tabulate(
             number("max_seconds", max_seconds, SettingError, low=0),
         ),
         progress=progress,
+        cache=None if cache is None else TableCache(Path(cache)),
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)

@@ -44,6 +44,8 @@ class TabulationRecord:
         Of them those in which states that were found were looked at and described.
     note : str
         What the tables say in another way than the environment, such as rewards.
+    cached : bool
+        Whether they were found on disk.
     """
 
     environment: str
@@ -57,6 +59,7 @@ class TabulationRecord:
     seconds: float = 0.0
     observing: float = 0.0
     note: str = ""
+    cached: bool = False
 
     @property
     def transitions_per_second(self) -> float:
