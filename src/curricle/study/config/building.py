@@ -9,6 +9,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.learning.budget import default_budget, limits, spacing
 from curricle.study.config.families import FamilyTask
 from curricle.study.config.settings import Settings
+from curricle.study.config.start_states import started
 from curricle.study.config.study_tables import ArmTables
 from curricle.study.config.tables import KeyPath
 from curricle.study.config.task_names import NameGraph
@@ -64,7 +65,10 @@ class CurriculumBuilder:
                 with self.refuse(("tasks", name)):
                     if key not in self.made:
                         whole = self._member(name) if of is None else tasks[of]
-                        self.made[key] = self.arm.tasks[name].build(self.folder, whole)
+                        table = self.arm.tasks[name]
+                        self.made[key] = started(
+                            table.build(self.folder, whole), table.start_states
+                        )
                     tasks[name] = self.made[key]
         return tasks
 

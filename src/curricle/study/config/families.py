@@ -118,6 +118,12 @@ def _own(reference: str, folder: Path) -> TaskFamily:
             f"{reference} must be a TaskFamily, such as a function under @task_family(): got "
             f"{found!r}"
         )
+    taken = [one.name for one in found.parameters if one.name in FamilyTask.model_fields]
+    if taken:
+        raise ConfigError(
+            f"{reference} has the parameter {taken[0]}, which is a key of every task in a file: "
+            "give it another name"
+        )
     return found
 
 

@@ -4,8 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
+from pydantic import Field
+
 from curricle.study.config.derived_tables import ObjectTable
 from curricle.study.config.settings import SHAPINGS, Settings
+from curricle.study.config.start_states import StartStates
 from curricle.study.config.tables import KeyPath
 
 
@@ -14,6 +17,12 @@ class TaskTable(ObjectTable, Settings):
 
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
+
+    start_states: StartStates = Field(
+        default=None,
+        description="Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } "
+        'from the goal, or { visits = "random" }.',
+    )
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
@@ -47,6 +56,8 @@ def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath
             f"must be one of {known} for {name}, which a network learns: got {task.shaping.type!r}",
         )
     left_out = f"must be left out for {name}: it is for tables, and a network learns {name}"
+    if getattr(task, "start_states", None) is not None:
+        yield ("start_states",), left_out
     if getattr(task.shaping, "guard", None) is not None:
         yield ("shaping", "guard"), left_out
     if task.retrain is not None:

@@ -44,6 +44,7 @@ from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.river_swim import RiverSwim
+from curricle.tasks.start_states import TaskWithStart
 from curricle.tasks.task import generative_model
 
 Pair = tuple[Whole, Whole]
@@ -189,6 +190,8 @@ class CropTask(TaskTable):
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the part of the whole."""
+        if isinstance(whole, TaskWithStart):
+            whole = whole.task
         if not isinstance(whole, CROPPED):
             known = ", ".join(kind.__name__ for kind in CROPPED)
             raise TaskError(f"what a crop is a part of must be one of {known}: got {whole!r}")
