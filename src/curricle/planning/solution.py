@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -124,7 +125,7 @@ def solve(task: Task, *, tolerance: float | None = None) -> Solution:
     return Solution(frozen(values), model.start_value(values), error, model)
 
 
-def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float | None = None) -> PolicyValues:
+def evaluate(task: Task, policy: Any, *, tolerance: float | None = None) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
     V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
@@ -133,15 +134,19 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float | None = Non
     Parameters
     ----------
     task : Task
-    policy : (S,) int array or (S, A) float array
-        An action for each state, or the probability of each action.
+    policy : (S,) int array, (S, A) float array or model
+        An action for each state, or the probability of each action. Or a model with a method
+        ``predict`` from observations to actions, as those of Stable-Baselines3 have: what it does
+        deterministically in each state of a task that knows what is observed there
+        (:class:`TabulatedTask`).
     tolerance : float, optional
         As in :func:`solve`.
 
     Raises
     ------
     SettingError
-        When the policy is malformed, when at discount 1 it may never end, or as in :func:`solve`.
+        When the policy is malformed, or a model and the task does not know its observations, when
+        at discount 1 it may never end, or as in :func:`solve`.
 
     Examples
     --------
@@ -151,9 +156,23 @@ def evaluate(task: Task, policy: npt.ArrayLike, *, tolerance: float | None = Non
     array([ -2., 199.,   0.])
     """
     model = model_of(task)
+    if callable(getattr(policy, "predict", None)):
+        policy = _policy_of(task, policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
     values, error = _iterate(model, followed, tolerance)
     return PolicyValues(frozen(values), model.start_value(values), error, model)
+
+
+def _policy_of(task: Any, model: Any) -> npt.ArrayLike:
+    """Return what a model does in each state of a task that knows what is observed there."""
+    asked = getattr(task, "policy", None)
+    if not callable(asked):
+        raise SettingError(
+            "a model is evaluated in a task that knows what is observed in each state, as those of "
+            f"tabulate do: got {task!r}"
+        )
+    found: npt.ArrayLike = asked(model)
+    return found
 
 
 def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> FloatArray:
