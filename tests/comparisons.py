@@ -19,7 +19,7 @@ def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
         transfers=[Transfer("corner", "maze", mapping)],
         budget={"corner": source, "maze": target},
         eval_freq={"maze": eval_freq},
-        **settings,
+        **({"shaping": cr.QInitialisation()} | settings),
     )
 
 
@@ -28,7 +28,7 @@ def copied(task, target="far", **settings):
     return Curriculum(
         tasks={"near": task, target: task},
         transfers=[Transfer("near", target, cr.transfer.identity(task))],
-        **({"budget": 100} | settings),
+        **({"budget": 100, "shaping": cr.QInitialisation()} | settings),
     )
 
 
@@ -45,7 +45,7 @@ def pursuit(**settings):
         budget={"chase": 5000, "hunt": 8000},
         eval_freq={"hunt": 100},
         evaluation=GreedyEvaluation(method="rollouts", episodes=10),
-        **settings,
+        **({"shaping": cr.QInitialisation()} | settings),
     )
 
 

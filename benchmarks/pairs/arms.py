@@ -8,7 +8,6 @@ import curricle as cr
 from benchmarks.pairs.pair import Pair
 from curricle.comparison.controls import Control
 from curricle.learning import OPIQ, UCBQLearning, linear, value_bounds
-from curricle.learning.stopping import SETTLED
 
 RAW = "raw"
 CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
@@ -47,15 +46,15 @@ def bonus(pair: Pair) -> cr.Curriculum:
 
 
 def default(pair: Pair) -> cr.Curriculum:
-    """Return a curriculum with nothing set but the target's budget and a cap of the source's.
-
-    Without the cap the source could take 100,000 steps, and the total of all arms would have to
-    hold them.
-    """
-    cap = cr.StoppingRule(pair.source_budget, settled=SETTLED)
+    """Return a curriculum with nothing set but the target's budget."""
     return pair.curriculum(
-        budget={"source": cap, "target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+        budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
     )
+
+
+def default_unguarded(pair: Pair) -> cr.Curriculum:
+    """Return the same without the guard that is the default."""
+    return replace(default(pair), shaping=cr.QInitialisation())
 
 
 ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {
@@ -63,6 +62,7 @@ ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {
     "guarded": guarded,
     "calibrated": calibrated,
     "default": default,
+    "default, no guard": default_unguarded,
     "advice": advice,
     "state": state,
     "bonus": bonus,

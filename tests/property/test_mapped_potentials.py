@@ -241,7 +241,9 @@ def test_a_curriculum_learns_the_same_as_with_arrays():
             cr.Transfer("wide", "hunt", cr.project(hunt, wide, predator="predator_2"), shift=-2),
         ]
         tasks = {"chase": chase, "wide": wide, "hunt": hunt}
-        curriculum = cr.Curriculum(tasks, edges, function, budget=2000)
+        curriculum = cr.Curriculum(
+            tasks, edges, function, budget=2000, shaping=cr.QInitialisation()
+        )
         result = curriculum.train(2)
         assert all(isinstance(p, MappedPotential) for p in result.potentials["hunt"])
         arrays = [

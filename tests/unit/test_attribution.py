@@ -24,7 +24,11 @@ def plan(*sources, **settings):
         cr.Transfer(name, "line", same_cells(LINE, source)) for name, source in tasks.items()
     ]
     return cr.Curriculum(
-        tasks={**tasks, "line": LINE}, transfers=transfers, budget=5000, **settings
+        tasks={**tasks, "line": LINE},
+        transfers=transfers,
+        budget=5000,
+        shaping=cr.QInitialisation(),
+        **settings,
     )
 
 
@@ -101,6 +105,7 @@ def test_the_corner_of_the_maze_is_found_to_mislead():
         tasks={"corner": block, "maze": arena},
         transfers=[cr.Transfer("corner", "maze", cr.same_position(arena, block))],
         learner=LEARNER,
+        shaping=cr.QInitialisation(),
         budget={"corner": SOURCE_BUDGET, "maze": 50_000},
         evaluation=SUMMED,
     )

@@ -30,7 +30,7 @@ from curricle import (
 )
 from curricle.checks import number
 from curricle.curriculum import RetrainSources
-from curricle.curriculum.curriculum import SETTINGS
+from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import OPIQ, Learner, UCBQLearning, exponential, harmonic, linear
 from curricle.learning.schedules import Schedule

@@ -60,7 +60,6 @@ def test_two_ways_to_write_a_study_are_one_configuration(read):
         type = "pursuit"
         size = 3
         predators = 1
-        shaping = "QInitialisation"
         budget = 2000
         learner = { learning_rate = 0.2, epsilon = 0.1 }
         [arms.transfer]

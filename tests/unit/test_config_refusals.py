@@ -238,11 +238,14 @@ def test_what_curricle_refuses_has_its_place(complaints, old, new, sentence):
 
 
 def test_all_that_is_refused_is_told_at_once(complaints):
-    changes = [("...T\nS...", "...T\nS.."), ("[[tr", "learner.epsilon = 2\neval_freq = 0\n[[tr")]
+    changes = [
+        ("...T\nS...", "...T\nS.."),
+        ("[[tr", "learner.epsilon = 2\nbudget = 9\neval_freq = 0\n[[tr"),
+    ]
     assert [line.split(" is refused")[0] for line in complaints(MAZES, *changes)] == [
         "line 3: tasks.maze",
         "line 16: tasks.corner.learner",
-        "line 17: tasks.corner.eval_freq",
+        "line 18: tasks.corner.eval_freq",
     ]
 
 

@@ -71,15 +71,23 @@ def test_a_constant_is_another_initial_value_bit_for_bit(shaping):
     [
         cr.DecayingAdvice(weight=cr.learning.linear(1.0, 0.0, steps=100)),
         cr.RewardBonus(),
-        QInitialisation(guard=cr.Guard()),
     ],
-    ids=["decaying advice", "bonus", "guard"],
+    ids=["decaying advice", "bonus"],
 )
 def test_no_initial_value_is_named_where_a_constant_is_not_one(shaping):
     found = compare(corner(shaping=shaping), seeds=1, controls=["constant"])
     arm = found["transfer, constant mean"]
     assert (arm.initial_value, arm.level.constant) == (None, True)
     assert found.cheaper_way("transfer") == ""
+
+
+def test_the_initial_value_under_a_guard_is_that_without():
+    found = compare(
+        corner(shaping=QInitialisation(guard=cr.Guard())), seeds=1, controls=["constant"]
+    )
+    arm = found["transfer, constant mean"]
+    assert arm.initial_value == pytest.approx(arm.level.values.mean())
+    assert np.isfinite(arm.guard_share).all()
 
 
 def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):

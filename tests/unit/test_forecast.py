@@ -181,7 +181,7 @@ def test_an_underestimate_on_the_way_needs_a_guard():
     verdict = row_of(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
     assert verdict == (
         "starts at 98.5, 0% optimistic: expect no fall from there; underestimates state 1 (row 0, "
-        "column 1), which the optimal policy visits, by 31: learn with a guard"
+        "column 1), which the optimal policy visits, by 31: a guard bounds what that costs"
     )
     # Up to 20 typical rewards, of -1 here, are let pass.
     assert "underestimates" not in row_of(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict
@@ -277,7 +277,7 @@ def test_a_forecast_prints_as_a_table():
         "Forecast for 'target': whether it pays is open",
         "no trial: none was asked for",
         "source learnt 100 % of the way to its optimum",
-        "The start of learning, from 1 seed of source (10 steps): optimum 98.5, random",
+        "The start with phi, from 1 seed of source (10 steps): optimum 98.5, random",
         "  policy 11.86 (exact)",
         "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end,",
         "  0.0% unmapped; 0 of 8 source pairs never used, the others read by 1.0 target",
@@ -293,9 +293,7 @@ def test_the_table_holds_the_numbers():
     assert max(map(len, str(found).split("\n"))) <= 80
     lines = re.sub(r"\n  (?! )", " ", str(found)).split("\n")
     assert re.fullmatch(r"chase learnt 9\d % of the way to its optimum", lines[2])
-    assert lines[3].startswith(
-        "The start of learning, from 2 seeds of chase (20,000 steps): optimum "
-    )
+    assert lines[3].startswith("The start with phi, from 2 seeds of chase (20,000 steps): optimum ")
     assert [line.split(":")[0] for line in lines[4:6]] == list(found.coverage)
     for one, line in zip(found.rows, lines[7:13], strict=True):
         name, *numbers = re.split(r"\s{2,}", line.strip())

@@ -14,7 +14,9 @@ NOISE = 0.1 * np.random.default_rng(5).permutation(12)
 def flat(returns, level=None, control=False):
     values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
     control = control or level is not None
-    return Arm(Curve(np.array([0, 10]), values), values, values, control, level=level)
+    return Arm(
+        Curve(np.array([0, 10]), values), values, np.full_like(values, np.nan), control, level=level
+    )
 
 
 def level_of(mean, base=0.0, constant=True):

@@ -34,7 +34,8 @@ CHASE = Pursuit(size=3, predators=1, time_limit=50)
 def plan(retrain, **settings):
     """The mean of two optimistic sources: it starts well and decays within a thousand steps."""
     given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}}
-    given |= {"learner": QLearning(learning_rate=0.1, epsilon=0.3)} | settings
+    given |= {"learner": QLearning(learning_rate=0.1, epsilon=0.3)}
+    given |= {"shaping": QInitialisation()} | settings
     return Curriculum(
         {"chase": CHASE, "hunt": HUNT},
         [

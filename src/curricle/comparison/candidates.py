@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from curricle.curriculum.curriculum import SETTINGS, Curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import SETTINGS
 from curricle.curriculum.sources import Learnt, calibrated
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential
@@ -114,6 +115,8 @@ def part_of(
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
     settings = {which: _of_tasks(getattr(curriculum, which), kept, rename) for which in SETTINGS}
+    # A budget that is not stated depends on how many sources there are in the whole.
+    settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
     return Curriculum(
         tasks={rename(name): task for name, task in curriculum.tasks.items() if name in kept},
         transfers=[

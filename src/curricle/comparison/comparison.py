@@ -365,9 +365,11 @@ class Comparison:
         gain = self.contrasts[best].strong_gain
         if not float(gain.low) > 0:
             return ""
+        guarded = " under its guard" * bool(np.isfinite(self[best].guard_share).any())
         return (
             f"cheaper than {name}: initial_value={self[best].initial_value:.4g} without any "
             f"source, which is its {best.removeprefix(f'{name}, ')} and gains {_signed(gain)}"
+            f"{guarded}"
         )
 
     def control_sentence(self, name: str) -> str:

@@ -163,7 +163,7 @@ class Forecast:
         lines += map(str, self.sources.values())
         lines += [f"{one.name} {one.anti_knowledge}" for one in self._worse]
         lines += [
-            f"The start of learning, {self.computed_from}: optimum {self.optimum:.4g}, random "
+            f"The start with phi, {self.computed_from}: optimum {self.optimum:.4g}, random "
             f"policy {self.random_return:.4g} ({how})",
             *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]

@@ -127,10 +127,9 @@ class VisitedPairs:
 def initial_value_of(curriculum: Curriculum) -> float | None:
     """Return the initial value of the target's learner, if a constant potential is one more.
 
-    None where a network learns, where the shaping enters a constant otherwise, and where a guard
-    has a second learner that does not see it.
+    None where a network learns, and where the shaping enters a constant otherwise.
     """
     name = curriculum.target
     learner, shaping = (curriculum.setting(which, name) for which in ("learner", "shaping"))
-    same = isinstance(shaping, SAME_AS_INITIAL_VALUE) and shaping.guard is None
+    same = isinstance(shaping, SAME_AS_INITIAL_VALUE)
     return learner.initial_value if same and isinstance(learner, Learner) else None

@@ -73,7 +73,7 @@ def start_words(row: Judged, target: AnyTarget, optimum: float, random_return: f
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
             f"underestimates {where}, which the optimal policy visits, by"
-            f" {worst.largest_underestimate:.3g}: learn with a guard"
+            f" {worst.largest_underestimate:.3g}: a guard bounds what that costs"
         )
     return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
 

@@ -5,7 +5,8 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 from curricle.checks import fit_name, instance
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import SCRATCH
 

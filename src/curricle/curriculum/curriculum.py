@@ -1,8 +1,8 @@
 """Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,14 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
+from curricle.curriculum.defaults import (
+    DEFAULT_STEPS,
+    SETTINGS,
+    default_shaping,
+    source_budget,
+)
 from curricle.curriculum.node import Node
+from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
 from curricle.curriculum.sources import (
     Learnt,
@@ -23,33 +30,17 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
-from curricle.learning.budget import Budget, default_budget
-from curricle.learning.learners import Learner, QLearning
+from curricle.learning.budget import Budget
+from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import Decision
+from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.task import same_task
-from curricle.transfer.aggregation import Aggregate, mean
+from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
-
-SETTINGS: dict[str, Any] = {
-    "aggregate": mean,
-    "unknown_value": 0.0,
-    "learner": QLearning(),
-    "budget": None,
-    "shaping": QInitialisation(),
-    "retrain": None,
-    "eval_freq": None,
-    "evaluation": GreedyEvaluation(),
-    "storage": Storage(),
-}
-"""What may be one value for all tasks or a dict from task to value, and its default."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping", "retrain")
-"""Settings that do not apply to a task without sources."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +62,12 @@ class Curriculum(TaskGraph):
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
-        Steps, episodes, or a rule. Default 100,000 steps; a source ends when its return has
-        settled, and then they are a cap: ``StoppingRule(100_000, settled=0.05)``.
+        Steps, episodes, or a rule. Default 100,000 steps. A source that is given none ends when its
+        return has settled; all such sources take at most a tenth of the target's steps together.
     shaping : Shaping or dict
-        How potentials, which sources give, enter learning; default :class:`QInitialisation`.
+        How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
+        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs, and
+        no sources are retrained.
     retrain : RetrainSources or dict, optional
         Train the sources further where the return of a task drops below its start.
     eval_freq : int or dict, optional
@@ -107,7 +100,7 @@ class Curriculum(TaskGraph):
     unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
-    shaping: Shaping | Mapping[str, Shaping] = SETTINGS["shaping"]
+    shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
     retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = SETTINGS["retrain"]
     eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = SETTINGS["evaluation"]
@@ -166,9 +159,25 @@ class Curriculum(TaskGraph):
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)
         value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
-        if which == "budget" and value is None:
-            return default_budget(any(edge.source == name for edge in self.transfers))
-        return value
+        if value is not None:
+            return value
+        if which == "budget":
+            return self._default_budget(name)
+        if which == "shaping":
+            others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
+            return default_shaping(self.tasks[name], *others)
+        return None
+
+    def _default_budget(self, name: str) -> Budget:
+        """Return the budget of a task that is given none."""
+        given = self.budget if isinstance(self.budget, Mapping) else {}
+        shares = []
+        for target in self.last_tasks:
+            sources = self.ancestors(target)
+            if name in sources:
+                unstated = sum(given.get(source) is None for source in sources)
+                shares.append(source_budget(self.node(target).most_steps, unstated))
+        return max(shares, key=lambda rule: rule.max_steps, default=DEFAULT_STEPS)
 
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
@@ -195,7 +204,7 @@ class Curriculum(TaskGraph):
         workers: int | None = None,
         saves: str | Path | None = None,
         progress: Callable[[str], Any] | None = None,
-    ) -> "CurriculumResult":
+    ) -> CurriculumResult:
         """Return every task learnt, in order, each once; K seeds are K independent curricula.
 
         Parameters
@@ -337,63 +346,3 @@ class Curriculum(TaskGraph):
                     f"{result.seeds}"
                 )
         return {name: SourceValues.of(result) for name, result in trained.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class CurriculumResult:
-    """What training a curriculum gave.
-
-    Attributes
-    ----------
-    curriculum : Curriculum
-    nodes : dict of str to LearningResult
-        Of each task trained here or given.
-    potentials : dict of str to list of MappedPotential or StateActionPotential
-        For each task trained here, the potential of each seed (empty without sources).
-    retrained : dict of str to RetrainedResult
-        What retraining took of each task that has it.
-    calibrations : dict of str to list of Calibration
-        Of each seed, where transfers are calibrated: the first steps of the task's own budget.
-    given : dict of str to SourceValues
-        Of each task that was trained before.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> result = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=1000).train(seeds=2)
-    >>> result["maze"].seeds, result.source_steps("maze")
-    ((0, 1), array([0, 0]))
-    """
-
-    curriculum: Curriculum
-    nodes: Mapping[str, LearningResult]
-    potentials: Mapping[str, list[AnyPotential]]
-    calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
-    retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
-    given: Mapping[str, SourceValues] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> LearningResult:
-        one_of("a task", name, self.nodes, CurriculumError)
-        return self.nodes[name]
-
-    @cached_property
-    def sources(self) -> dict[str, SourceValues]:
-        """What each task hands on to those after it, whether it was trained here or before."""
-        extra = {name: one.extra for name, one in self.retrained.items()}
-        own = {name: SourceValues.of(one, extra.get(name, 0)) for name, one in self.nodes.items()}
-        return {**own, **self.given}
-
-    def source_steps(self, name: str) -> IntArray:
-        """Return the steps each seed spent on a task's sources, each once, (K,) int64.
-
-        Those of retraining them for `name` included.
-        """
-        spent = self.curriculum._spent(name, self.sources)
-        total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
-        return total + self.retrained[name].extra if name in self.retrained else total
-
-    def decisions(self, name: str) -> list[list[Decision]]:
-        """Return what a task's stopping rule decided at each checkpoint of each seed."""
-        if name in self.retrained:
-            return self.retrained[name].decisions
-        return self.curriculum.node(name).decisions(self[name])

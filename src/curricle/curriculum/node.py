@@ -10,7 +10,7 @@ from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Budget, longest_run, settling_spacing, spacing
+from curricle.learning.budget import Budget, longest_run, spacing
 from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
@@ -19,7 +19,6 @@ from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
@@ -64,17 +63,8 @@ class Node:
 
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
-        """Return a node, checked; `eval_freq` None means a hundredth of the budget.
-
-        Where a budget waits for the return to settle, and evaluation is quick, it means less.
-        """
-        budget = settings["budget"]
-        settling = isinstance(budget, StoppingRule) and budget.settled is not None
-        if eval_freq is None and settling and not (is_observation_task(task) or is_live(task)):
-            generative = generative_model(task)
-            pairs = generative.states.size * generative.actions.size
-            eval_freq = settling_spacing(budget, pairs)
-        eval_freq = spacing(eval_freq, budget)
+        """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
+        eval_freq = spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
         for which, kind in {"learner": learner, **_KINDS}.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)

@@ -63,13 +63,18 @@ class TaskGraph:
     @property
     def target(self) -> str:
         """The task that all others lead to; CurriculumError unless there is exactly one."""
-        sources = {transfer.source for transfer in self.transfers}
-        last = [name for name in self.tasks if name not in sources]
+        last = self.last_tasks
         if len(last) != 1:
             raise CurriculumError(
                 f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
             )
         return last[0]
+
+    @property
+    def last_tasks(self) -> tuple[str, ...]:
+        """The tasks that no other builds on."""
+        sources = {transfer.source for transfer in self.transfers}
+        return tuple(name for name in self.tasks if name not in sources)
 
     @cached_property
     def order(self) -> tuple[str, ...]:

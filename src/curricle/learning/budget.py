@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.stopping import SETTLED, StoppingRule
+from curricle.learning.stopping import StoppingRule
 from curricle.tasks.mdp import NO_LIMIT
 
 MOST_CHECKPOINTS = 10_000_000
@@ -43,15 +43,6 @@ Budget = int | Episodes | StoppingRule
 """Steps, episodes, or a stopping rule."""
 
 
-UNTIL_LEARNT = StoppingRule(100_000, settled=SETTLED)
-"""The budget of a source that is given none: the steps need not be guessed."""
-
-
-def default_budget(is_source: bool) -> Budget:
-    """Return the budget of a task that is given none."""
-    return UNTIL_LEARNT if is_source else UNTIL_LEARNT.max_steps
-
-
 def limits(budget: Budget) -> tuple[int, int]:
     """Return the most steps and the most episodes of a budget."""
     if isinstance(budget, Episodes):
@@ -59,16 +50,6 @@ def limits(budget: Budget) -> tuple[int, int]:
     if isinstance(budget, StoppingRule):
         return budget.max_steps, int(NO_LIMIT)
     return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
-
-
-def settling_spacing(budget: Budget, pairs: int) -> int:
-    """Return the steps between checkpoints of a task with so many pairs (S x A), its rule's own.
-
-    A rule that waits for the return to settle needs more checkpoints than others, and soon: as
-    often as every pair could be tried once, between a 400th and a 4,000th of the steps.
-    """
-    most = limits(budget)[0]
-    return max(1, most // 4000, min(most // 400, pairs))
 
 
 def spacing(eval_freq: int | None, budget: Budget) -> int:

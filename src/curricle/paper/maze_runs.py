@@ -6,7 +6,15 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle import Curriculum, Episodes, GridWorld, Transfer, learn, same_position
+from curricle import (
+    Curriculum,
+    Episodes,
+    GridWorld,
+    QInitialisation,
+    Transfer,
+    learn,
+    same_position,
+)
 from curricle.curriculum import CurriculumResult
 from curricle.learning import LearningResult
 from curricle.paper.settings import EPSILON, LEARNER, LEARNING_RATE, SUMMED, stacked
@@ -67,6 +75,7 @@ def plan(maze: GridWorld, source: GridWorld, budget: int | Episodes, name: str) 
         tasks={name: source, "target": maze},
         transfers=[Transfer(name, "target", same_position(maze, source))],
         learner=LEARNER,
+        shaping=QInitialisation(),
         budget={name: SOURCE_BUDGET, "target": budget},
         eval_freq={name: 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
         evaluation=SUMMED,

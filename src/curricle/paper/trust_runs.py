@@ -101,6 +101,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
         ],
         aggregate=AGGREGATES[aggregate],
         learner=LEARNER,
+        shaping=QInitialisation(),
         budget={"chase": SOURCE_STEPS, "hunt": steps},
         eval_freq={"chase": SOURCE_STEPS, "hunt": steps // 50},
         evaluation=ROLLOUTS,

@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 
 from curricle.array_types import FloatArray
 from curricle.checks import numbers, one_of
-from curricle.curriculum.curriculum import CurriculumResult
+from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
 from curricle.plotting.grids import draw_heat, draw_view

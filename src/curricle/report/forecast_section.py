@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from curricle.learning.result import LearningResult
 from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
 
@@ -13,7 +15,9 @@ class ForecastSection:
 
     record: SectionRecord
     used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
-    measured: Mapping[str, float]  # arm -> greedy return at the first target step, mean over seeds
+    measured: Mapping[str, float | None]
+    """Arm -> greedy return at the first target step, mean over seeds; None where a guard begins
+    without the potential."""
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -51,11 +55,12 @@ def _section(
 ) -> ForecastSection:
     names = [] if record.forecast is None else [one.name for one in record.forecast.rows]
     used: dict[str, tuple[str, ...]] = {}
-    measured = {}
+    measured: dict[str, float | None] = {}
     for arm in record.arms:
         potential = curricula.arms[arm].potential
         if potential in names:
             used[potential] = (*used.get(potential, ()), arm)
         *_, target = learnt[arm].values()
-        measured[arm] = float(target.greedy_return[:, 0].mean())
+        guarded = np.isfinite(target.guard_share[:, 0]).any()
+        measured[arm] = None if guarded else float(target.greedy_return[:, 0].mean())
     return ForecastSection(record, used, measured)

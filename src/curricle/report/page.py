@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from curricle.checks import fit_name
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.curriculum import CurriculumResult
+from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError, in_words
 from curricle.learning.budget import ended_by
 from curricle.plotting.learning_curves import draw_learning_curves

@@ -9,7 +9,8 @@ from typing import Any
 
 from curricle.comparison.comparable import check_comparable, most_source_steps
 from curricle.comparison.scratch import from_scratch
-from curricle.curriculum.curriculum import OF_TARGETS, Curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_config import StudyConfig

@@ -7,7 +7,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.curriculum.curriculum import SETTINGS, Curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import SETTINGS
 from curricle.study.config.own_code import code_of
 from curricle.study.config.task_names import NameGraph
 from curricle.study.description import differences, shown
@@ -64,6 +65,8 @@ def dependencies_of(
             "sources": {one["source"]: keys[one["source"]] for one in into},
             "total": total if name == curriculum.target else None,
         }
+        if task.get("budget") is None and name != curriculum.target:
+            found["source_budget"] = str(curriculum.setting("budget", name))
         found["code"] = code_of(found, folder)
         keys[name] = choose(found)
         yield name, keys[name], found
@@ -129,6 +132,6 @@ def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
     for source in sorted({*there["sources"], *here["sources"]}):
         if there["sources"].get(source) != here["sources"].get(source):
             yield f"its source {source} changed"
-    for name in ("task", "parts_of", "transfers", "total"):
-        for place, (old, new) in differences(there[name], here[name], name):
+    for name in ("task", "parts_of", "transfers", "total", "source_budget"):
+        for place, (old, new) in differences(there.get(name), here.get(name), name):
             yield f"{place.removeprefix('task.')} was {shown(old)} and is {shown(new)}"

@@ -5,7 +5,8 @@ from typing import Any
 
 from curricle.comparison.comparing import threshold_of_optimum
 from curricle.comparison.task_summary import plain_text, task_summary
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig

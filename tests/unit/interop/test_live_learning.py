@@ -140,6 +140,7 @@ def test_tables_transfer_to_a_live_target():
         transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled), calibrate=plain)],
         budget={"tabled": 5000, "live": 2000},
         learner=cr.QLearning(learning_rate=0.5, epsilon=0.3),
+        shaping=cr.QInitialisation(),
         eval_freq={"live": 500},
     )
     result = plan.train(seeds=2)

@@ -92,6 +92,7 @@ def hunt_plan(aggregate, **transfer):
         ],
         aggregate=aggregate,
         budget={"chase": 4000, "hunt": 8000},
+        shaping=cr.QInitialisation(),
     )
 
 
@@ -102,6 +103,7 @@ def maze_plan(size):
         {"corner": corner, "maze": maze},
         [cr.Transfer("corner", "maze", cr.same_position(maze, corner))],
         budget={"corner": 500, "maze": 3000},
+        shaping=cr.QInitialisation(),
     )
 
 

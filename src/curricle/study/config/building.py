@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.learning.budget import default_budget, limits, spacing
+from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.learning.budget import limits, spacing
 from curricle.study.config.families import FamilyTask
 from curricle.study.config.settings import Settings
 from curricle.study.config.start_states import started
@@ -93,8 +94,8 @@ class CurriculumBuilder:
             for which in settings:
                 with self.refuse(("tasks", name, which)):
                     value = self.arm.tasks[name].setting(which, self.folder)
-                    if which == "budget" and value is None:
-                        value = default_budget(name in are_sources)
+                    if which == "budget" and value is None and name not in are_sources:
+                        value = DEFAULT_STEPS
                     _check(which, value, found, name in with_sources)
                     found[which] = settings[which][name] = value
         return settings
@@ -102,9 +103,9 @@ class CurriculumBuilder:
 
 def _check(which: str, value: Any, found: dict[str, Any], has_sources: bool) -> None:
     """Check a setting with those before it, as :class:`Curriculum` will, to report its key."""
-    if which == "budget":
+    if which == "budget" and value is not None:
         limits(value)
-    if which == "eval_freq" and "budget" in found:
+    if which == "eval_freq" and found.get("budget") is not None:
         spacing(value, found["budget"])
-    if which == "shaping" and has_sources and "learner" in found:
+    if which == "shaping" and has_sources and value is not None and "learner" in found:
         value.check(found["learner"])

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from curricle.curriculum.curriculum import OF_TARGETS
+from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError
 from curricle.study.config.families import of_family
 from curricle.study.config.parsing import parsed

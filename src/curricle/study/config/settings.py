@@ -159,12 +159,13 @@ class Settings(Table):
     budget: AnyBudget = Field(
         default=None,
         description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. "
-        "By default 100_000; a source ends when its return has settled, if that is earlier.",
+        "By default 100_000 for the target; a source ends when its return has settled, or after a "
+        "tenth of the target's steps, which all such sources share.",
     )
     shaping: AnyShaping = Field(
-        default=SHAPINGS[0](),
+        default=None,
         description="How a potential, or a network, enters learning: its name, or "
-        '{ type = "QInitialisation", guard = true }.',
+        '{ type = "QInitialisation", guard = true }, which is the default where it is possible.',
     )
     retrain: Annotated[Any, only(RetrainTable)] = Field(
         default=None, description="When to retrain the sources, if the target's return drops."

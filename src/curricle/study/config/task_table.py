@@ -49,7 +49,7 @@ def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath
             f'must be {{ type = "deep", ... }} for {name}, which is seen through observations and '
             "learnt by a network",
         )
-    if not task.shaping.makes.for_networks:
+    if task.shaping is not None and not task.shaping.makes.for_networks:
         known = ", ".join(one.__name__ for one in SHAPINGS if one.makes.for_networks)
         yield (
             ("shaping",),
@@ -78,5 +78,5 @@ def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, 
             f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
             "seen through observations, of type 'observation_task' or 'vector_pursuit'",
         )
-    if not task.shaping.makes.for_tables:
+    if task.shaping is not None and not task.shaping.makes.for_tables:
         yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"

@@ -1,0 +1,70 @@
+"""What the tasks of a curriculum are learnt with where nothing is said of it."""
+
+from typing import Any
+
+from curricle.curriculum.retraining import RetrainSources
+from curricle.learning.guard import Guard
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.shaping import QInitialisation
+from curricle.learning.stopping import SETTLED, StoppingRule
+from curricle.learning.storage import Storage
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.tasks.task import generative_model
+from curricle.transfer.aggregation import mean
+
+SETTINGS: dict[str, Any] = {
+    "aggregate": mean,
+    "unknown_value": 0.0,
+    "learner": QLearning(),
+    "budget": None,
+    "shaping": None,
+    "retrain": None,
+    "eval_freq": None,
+    "evaluation": GreedyEvaluation(),
+    "storage": Storage(),
+}
+"""What may be one value for all tasks or a dict from task to value, and its default."""
+OF_TARGETS = ("aggregate", "unknown_value", "shaping", "retrain")
+"""Settings that do not apply to a task without sources."""
+DEFAULT_STEPS = 100_000
+"""The budget of a task that no other builds on."""
+SOURCES_SHARE = 0.1
+"""Of the target's steps, for all sources that are given no budget. Fitted on the development
+families of benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
+
+MOST_GUARDED = 10_000_000
+"""State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
+
+
+def source_budget(target_steps: int, sources: int) -> StoppingRule:
+    """Return the budget of each of so many sources of a target, if they are given none.
+
+    Examples
+    --------
+    >>> print(source_budget(60_000, 2))
+    3,000 steps, until the return has settled
+    """
+    return StoppingRule(max(1, int(SOURCES_SHARE * target_steps) // sources), settled=SETTLED)
+
+
+def default_shaping(
+    task: Any, learner: Any, storage: Storage, retrain: RetrainSources | None
+) -> QInitialisation:
+    """Return how potentials enter learning: as the start of Q, guarded where that is possible.
+
+    A guard needs dense tables, a learner without a bonus, and sources that are not retrained. It
+    does not depend on the machine's memory.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> default_shaping(GridWorld("S.T"), QLearning(), Storage(), None).guard
+    Guard(share_behind=0.05, share_ahead=0.8, memory=20)
+    """
+    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticLearner)
+    if possible and retrain is None and storage.kind != "sparse":
+        generative = generative_model(task)
+        if generative.states.size * generative.actions.size <= MOST_GUARDED:
+            return QInitialisation(guard=Guard())
+    return QInitialisation()
