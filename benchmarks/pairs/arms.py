@@ -62,7 +62,7 @@ ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {
     "guarded": guarded,
     "calibrated": calibrated,
     "default": default,
-    "default, no guard": default_unguarded,
+    "unguarded default": default_unguarded,
     "advice": advice,
     "state": state,
     "bonus": bonus,

@@ -159,14 +159,14 @@ def defaults(pairs: Sequence[Played], arm: str = "default") -> Lines:
     yield bar(
         good >= PAYS_OR_TIES and much == 0,
         f"{arm} {said} of {len(played)} sensible pairs (a loss of at most {TIE:.0%} is a tie: "
-        f"{slight} of these are shown): pays or ties in {good:.0%}, loses more than {MOST_LOSS:.0%} "
-        f"in {much} (bars: {PAYS_OR_TIES:.0%}, 0)",
+        f"{slight} of these are shown): pays or ties in {good:.0%}, loses more than "
+        f"{MOST_LOSS:.0%} in {much} (bars: {PAYS_OR_TIES:.0%}, 0)",
     )
 
 
 def unguarded_defaults(pairs: Sequence[Played]) -> Lines:
     """Yield the same for the default settings without their guard."""
-    yield from defaults(pairs, "default, no guard")
+    yield from defaults(pairs, "unguarded default")
 
 
 def ways_in(pairs: Sequence[Played]) -> Lines:
@@ -201,7 +201,7 @@ TABLES: dict[str, Callable[[Sequence[Played]], Lines]] = {
     "calibration": calibration,
     "optimism": optimism,
     "default": defaults,
-    "default, no guard": unguarded_defaults,
+    "unguarded default": unguarded_defaults,
     "ways": ways_in,
 }
 

@@ -171,12 +171,13 @@ def attribute(
 
     Examples
     --------
-    >>> from curricle import GridWorld, Transfer, same_position
+    >>> from curricle import GridWorld, QInitialisation, Transfer, same_position
     >>> maze = GridWorld(["....T", ".PPP.", "S...."])
     >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
     >>> plan = Curriculum(
     ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=2000)
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     shaping=QInitialisation(), budget=2000)
     >>> found = attribute(plan, steps=200, seeds=10)
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
