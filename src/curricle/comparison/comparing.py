@@ -35,7 +35,8 @@ from curricle.comparison.controls import (
 from curricle.comparison.levels import VisitedPairs
 from curricle.comparison.scratch import GivenScratch, scratch_curricula
 from curricle.comparison.verdicts import ONE_LOOK
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.result import LearningResult

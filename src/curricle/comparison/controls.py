@@ -27,7 +27,8 @@ import numpy as np
 
 from curricle.checks import one_of
 from curricle.comparison.levels import Level, VisitedPairs, initial_value_of
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
@@ -170,7 +171,7 @@ def learn_changed(
     result: CurriculumResult, changed: Sequence[AnyPotential], workers: int | None
 ) -> LearningResult:
     """Return the target trained as in its curriculum, sources charged, from other potentials."""
-    curriculum = result.curriculum
+    curriculum: Curriculum = result.curriculum
     name = curriculum.target
     return curriculum.node(name).train(
         result[name].seeds,

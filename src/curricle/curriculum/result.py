@@ -74,4 +74,5 @@ class CurriculumResult:
         """Return what a task's stopping rule decided at each checkpoint of each seed."""
         if name in self.retrained:
             return self.retrained[name].decisions
-        return self.curriculum.node(name).decisions(self[name])
+        found: list[list[Decision]] = self.curriculum.node(name).decisions(self[name])
+        return found

@@ -13,7 +13,8 @@ from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.forecasts import Forecast
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError
 from curricle.learning.potential_rollouts import PairPotential

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.curriculum.curriculum import Curriculum, CurriculumResult
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.result import CurriculumResult
 from curricle.learning.budget import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
