@@ -74,6 +74,7 @@ Look-back advice is for SARSA.
 AGGREGATES = ("minimum", "mean", "maximum", "total")
 """Raw potentials by other aggregates; only pairs with several mappings are played with these."""
 WAYS_IN = (RAW, "advice", "state", "bonus")
+DEFAULTS = ("default", "unguarded default")
 
 
 def curricula(pair: Pair, names: Sequence[str]) -> dict[str, cr.Curriculum]:

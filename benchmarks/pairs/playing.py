@@ -10,7 +10,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
-from benchmarks.pairs.arms import CONTROLS, RAW, curricula, raw, scratch_learners
+from benchmarks.pairs.arms import CONTROLS, DEFAULTS, RAW, curricula, raw, scratch_learners
 from curricle.comparison.comparison import Comparison
 from curricle.planning.target import Target
 from curricle.statistics import asymptotic_performance, mean_return
@@ -31,10 +31,12 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
 
     The raw arm is compared by itself, since its controls would be run for every other arm too; its
     verdict is against the learner from scratch of its own kind, that of the other arms against the
-    best from scratch. Both comparisons have one total, one target and one threshold.
+    best from scratch. The defaults, whose sources take other steps, have a total of their own; the
+    other comparisons have one total. All have one target and one threshold.
     """
     pair, begun = pair_named(name), time.process_time()
     others = curricula(pair, [arm for arm in arms if arm != RAW])
+    defaults = {arm: others.pop(arm) for arm in DEFAULTS if arm in others}
     rows: list[dict[str, Any]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of refused calibrations, which the rows show
@@ -49,6 +51,9 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
             rows += rows_of(pair, found)
         if others:
             found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), workers=1)
+            rows += rows_of(pair, found, scratch=not rows)
+        if defaults:
+            found = cr.compare(defaults, seeds=seeds, workers=1)
             rows += rows_of(pair, found, scratch=not rows)
         calibrated = others.get("calibrated")
         steps = calibration_steps(calibrated, seeds) if calibrated is not None else None

@@ -59,8 +59,11 @@ def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
     assert pair.facts["source_budget"] == 1_500
     assert set(pair.arms[RAW]["source_steps"]) == {1_500}
-    assert (pair.arms["default"]["source_steps"] < 1_500).all()  # it ends when it has settled
-    assert set(pair.arms["default"]["total"]) == set(pair.arms[RAW]["total"])
+    assert set(pair.arms["guarded"]["total"]) == set(pair.arms[RAW]["total"])
+    # Nothing set, the source ends when it has settled, or after a tenth of the target's steps.
+    (most,) = set(pair.arms["default"]["total"] - pair.facts["target_budget"])
+    assert most == pair.facts["target_budget"] // 10
+    assert (pair.arms["default"]["source_steps"] < most).all()
     assert set(pair.arms["scratch"]["gain"]) == {0.0}
 
 
@@ -125,7 +128,7 @@ def test_each_pair_has_a_curriculum_for_each_arm():
 def test_the_tables_print_every_bar(played, capsys):
     tables.main([str(played)])
     text = capsys.readouterr().out
-    assert text.count("MET: ") == 2 * 4
+    assert text.count("MET: ") == 2 * 5
     assert "1, treasure" not in text
     assert "2, treasure" in text
     assert "of 2 pairs" in text
