@@ -4,10 +4,11 @@
     python -m benchmarks.pairs.run --family mazes --arms raw,guarded --seeds 5 --out mazes.parquet
 
 A row is one arm of one pair with one seed. All arms of a pair have one total of steps, the source's
-included (:func:`curricle.compare`); the defaults, whose sources take other steps, have their own. ``gain`` is the normalised area under the charged curve less
-that of learning from scratch, in return; tables express it as a share of ``optimum -
-random_return``. A pair is stored as soon as it is played, in OUT.parts/, so that a run that was
-killed goes on where it was. What other code or other settings stored is not used.
+included (:func:`curricle.compare`); the defaults, whose sources take other steps, have their own.
+``gain`` is the normalised area under the charged curve less that of learning from scratch, in
+return; tables express it as a share of ``optimum - random_return``. A pair is stored as soon as it
+is played, in OUT.parts/, so that a run that was killed goes on where it was. What other code or
+other settings stored is not used.
 """
 
 import argparse
