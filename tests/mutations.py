@@ -225,6 +225,41 @@ MUTATIONS = [
         "record.snapshot_at[i] == checkpoint + 1:",
         ("tests/unit/test_stopping_rules.py::test_snapshots_hold_the_policy_at_their_steps",),
     ),
+    Mutation(
+        "a slip that goes the intended way too",
+        "tasks/four_rooms.py",
+        "np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3)",
+        "np.where(np.eye(4, dtype=bool), 1 - self.slip * 3 / 4, self.slip / 4)",
+        ("tests/unit/test_four_rooms.py::test_moves_slip_as_in_the_drawing",),
+    ),
+    Mutation(
+        "the river's large reward on every way out of the last state",
+        "tasks/river_swim.py",
+        "reward[-1, 1] = self.right_reward",
+        "reward[-1, :] = self.right_reward",
+        ("tests/unit/test_river_swim.py::test_the_paper_s_figure",),
+    ),
+    Mutation(
+        "a slip in DeepSea that costs nothing",
+        "tasks/deep_sea.py",
+        "[moved, fallen], [paid, paid]",
+        "[moved, fallen], [paid, paid * 0]",
+        ("tests/unit/test_deep_sea.py::test_slips_go_straight_down_and_pay_the_same",),
+    ),
+    Mutation(
+        "a lock that opens with any key",
+        "tasks/key_lock_pit.py",
+        "                for key in keys:\n",
+        "                for key in list(keys)[:0]:\n",
+        ("tests/unit/test_key_lock_pit.py::test_a_lock_needs_its_keys",),
+    ),
+    Mutation(
+        "a step of two for a carrier under a ceiling",
+        "tasks/block_dude.py",
+        "height + 1 + holding",
+        "height + 1",
+        ("tests/unit/test_block_dude.py::test_up_needs_room_above_the_step_and_more_with_a_block",),
+    ),
 ]
 
 

@@ -68,9 +68,9 @@ def test_only_a_free_block_at_the_agent_s_height_is_picked_up():
     ]
     picked = follow(BlockDude(["B<..", "B#.E"]), PICK_UP, PICK_UP, EAST)
     assert picked == [
-        "row 0 column 1 facing west holding yes block_1 (1,0) block_2 carried",
-        "row 0 column 1 facing west holding yes block_1 (1,0) block_2 carried",
-        "row 1 column 2 facing east holding yes block_1 (1,0) block_2 carried",
+        "row 0 column 1 facing west holding yes block_1 carried block_2 (1,0)",
+        "row 0 column 1 facing west holding yes block_1 carried block_2 (1,0)",
+        "row 1 column 2 facing east holding yes block_1 carried block_2 (1,0)",
     ]
     assert follow(BlockDude(["#...", "B<.E"]), PICK_UP)[0].endswith("holding no block (1,0)")
 

@@ -92,7 +92,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
     _draw_lines(axes, view)
     for row, column in view.walls:
         axes.add_patch(_square(row, column, color="#222222"))
-    aside = 0.32 if heat and len(view.states) <= MOST_NUMBERS else 0
+    aside = 0.32 if heat and view.shape[0] * view.shape[1] <= MOST_NUMBERS else 0
     for name, row, column, _ in view.objects:
         white = name == "pit" and not heat
         letter = _letter(axes, LETTERS[name], row - aside, column - aside, "w" if white else "k")
@@ -126,7 +126,7 @@ def draw_heat(
     for (row, column), value, over in zip(view.cells, values, view.ended, strict=True):
         if over:
             axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
-        elif len(values) <= MOST_NUMBERS:
+        elif height * width <= MOST_NUMBERS:
             red, green, blue, _ = image.to_rgba(value)
             dark = 0.299 * red + 0.587 * green + 0.114 * blue < DARK
             number = minus(f"{value:z.{digits}f}")

@@ -295,9 +295,9 @@ class BlockDude(Frozen):
 
     @cached_property
     def _cells(self) -> IntArray:
-        """Row and column of the agent and of each block, a carried one last, (S, 1 + k, 2)."""
+        """Row and column of the agent and of each block, a carried one first, (S, 1 + k, 2)."""
         heights = [
-            (state[:2], *state.blocks, *[(state.column, state.height + 1)] * state.holding)
+            (state[:2], *[(state.column, state.height + 1)] * state.holding, *state.blocks)
             for state in self._reached[0]
         ]
         column, height = np.array(heights).transpose(2, 0, 1)
@@ -307,7 +307,7 @@ class BlockDude(Frozen):
     def states(self) -> Space:
         """The agent's cell, where it faces, whether it carries a block, and each block's cell.
 
-        Blocks are in the order of their columns and from below, a carried one is the last.
+        Blocks are in the order of their columns and from below, a carried one is the first.
         """
         states, cells = self._reached[0], self._cells
         (rows, columns), blocks = cells[:, 0].T, cells[:, 1:]
@@ -320,11 +320,11 @@ class BlockDude(Frozen):
             Component("holding", 2, labels=("no", "yes")),
         ]
         carried = np.zeros(blocks.shape[:2], bool)
-        carried[holding, -1:] = True
+        carried[holding, :1] = True
         lie, number = np.unique(blocks[~carried], axis=0, return_inverse=True)
-        values = np.full(carried.shape, len(lie))
-        values[~carried] = number.ravel()
-        labels = (*(f"({row},{column})" for row, column in lie.tolist()), "carried")
+        values = np.zeros(carried.shape, np.int64)
+        values[~carried] = 1 + number.ravel()
+        labels = ("carried", *(f"({row},{column})" for row, column in lie.tolist()))
         axes += [Component(name, len(labels), labels=labels) for name in self._block_names]
         return Space(axes, np.column_stack([rows, columns, facing, holding, values]).astype(int))
 
