@@ -6,6 +6,7 @@ import pytest
 from curricle import ENDED, Curriculum, GreedyEvaluation, QLearning, Transfer, compare, solve
 from curricle.errors import MappingError, TaskError
 from curricle.tasks import (
+    BlockDude,
     CliffWalking,
     DeepSea,
     FourRooms,
@@ -13,16 +14,20 @@ from curricle.tasks import (
     KeyLockPit,
     RiverSwim,
     Taxi,
+    block_dude_family,
     cliff_walking_family,
     deep_sea_family,
     four_rooms_family,
     frozen_lake_family,
+    goal_distance,
     key_lock_pit_family,
     part_of_lake,
+    part_of_level,
     random_lake,
     river_swim_family,
     taxi_family,
 )
+from curricle.tasks.families.blocks import PARTS
 from curricle.tasks.families.built_in import BUILT_IN
 from curricle.tasks.task import generative_model
 from curricle.transfer import family_mappings, same_position
@@ -38,6 +43,7 @@ RELATIVES = {
     "taxi": [{}, {"size": 3, "stands": 2}],
     "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}],
     "key_lock_pit": [{"size": 8}, {"size": 6}],
+    "block_dude": [{"columns": 12}, {"columns": 10}],
     "river_swim": [{"size": 10}, {"size": 6}],
     "deep_sea": [{"size": 10}, {"size": 6}],
 }
@@ -49,6 +55,7 @@ def test_the_defaults_are_those_of_the_domains():
     assert taxi_family().task == Taxi()
     assert four_rooms_family().task == FourRooms()
     assert key_lock_pit_family().task == KeyLockPit()
+    assert block_dude_family().task == BlockDude()
     assert river_swim_family().task == RiverSwim()
     assert deep_sea_family().task == DeepSea()
 
@@ -84,6 +91,7 @@ def test_easier_members_are_built_and_read(name):
         ("taxi", 0.9, 0.8),
         ("four_rooms", 0.9, 0.8),
         ("key_lock_pit", 0.95, 0.99),
+        ("block_dude", 0.9, 0.9),
         ("river_swim", 0.9, 0.95),
         ("deep_sea", 0.99, 0.99),
     ],
@@ -162,6 +170,28 @@ def test_keys_pits_and_locks_are_read_as_such(size):
     assert other.mdp.terminal[other.mdp.next_state[other.mdp.outcome_row.ravel()[lock], 0]]
 
 
+@pytest.mark.parametrize("level", [1, 3])
+def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
+    solvable = []
+    for columns in range(2, 20):
+        part = part_of_level(level, columns=columns)
+        task, blocks = part.mdp, sum(line.count("B") for line in part.level)
+        if (
+            blocks
+            and task.terminal.any()
+            and goal_distance(task, task.terminal)[task.start_states[0]] > 0
+        ):
+            solvable.append(columns)
+    assert solvable == [columns for columns in PARTS[level] if columns < 20]
+    members = block_dude_family.members(level=level, columns=range(2, 20))
+    assert [member["columns"] for member in members] == solvable
+
+
+def test_a_level_reads_no_more_blocks_than_it_has():
+    with pytest.raises(MappingError, match="a level reads levels with at most its 1 blocks"):
+        family_mappings(block_dude_family(columns=10), block_dude_family())
+
+
 def test_stands_are_read_as_stands():
     target, source = taxi_family(), taxi_family(size=3)
     (mapping,) = family_mappings(target, source)
@@ -214,6 +244,14 @@ def test_a_smaller_walk_pays():
         (
             lambda: river_swim_family(forward=0.7, back=0.5),
             "forward and back of river_swim must be at most 1 together: got river_swim",
+        ),
+        (
+            lambda: block_dude_family(columns=7),
+            "columns of level 1 of block_dude must be one of 2, 3, 4, 10, .* no way to the exit: got",
+        ),
+        (
+            lambda: part_of_level(1, columns=1),
+            "columns of a level must be a whole number, at least 2",
         ),
         (lambda: taxi_family(stands=1), "stands of taxi must be a whole number, at least 2: got 1"),
         (lambda: cliff_walking_family(columns=2), "columns of cliff_walking must be a whole"),

@@ -207,8 +207,9 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: Parameter("a", values=(1, 1)), "must be different numbers, words or flags"),
         (lambda: Parameter("a", int, values=(1, 2)), "say all: leave out kind, low and high"),
         (lambda: Parameter("a", harder="bigger"), "must be one of larger, smaller, later"),
-        (lambda: Parameter("a", harder="later"), "needs values in that order"),
+        (lambda: Parameter("a", int, harder="later"), "needs values in that order"),
         (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
+        (lambda: TaskFamily("f", one_word, [Parameter("word", harder="later")]), "needs values"),
         (lambda: TaskFamily("f", 3), "the factory of f must be a function: got 3"),
         (
             lambda: TaskFamily("f", one_word, mapping=3),

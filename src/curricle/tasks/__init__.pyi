@@ -8,6 +8,11 @@ from .draws import (
     splitmix64 as splitmix64,
     uniform as uniform,
 )
+from .families.blocks import (
+    block_dude_family as block_dude_family,
+    block_mapping as block_mapping,
+    part_of_level as part_of_level,
+)
 from .families.cliffs import cliff_walking_family as cliff_walking_family
 from .families.components_by_name import ComponentsByName as ComponentsByName
 from .families.family import (

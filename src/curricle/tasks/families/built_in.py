@@ -1,5 +1,6 @@
 """The families that come with the library, by name."""
 
+from curricle.tasks.families.blocks import block_dude_family
 from curricle.tasks.families.cliffs import cliff_walking_family
 from curricle.tasks.families.family import TaskFamily
 from curricle.tasks.families.lakes import frozen_lake_family
@@ -20,6 +21,7 @@ BUILT_IN: dict[str, TaskFamily] = {
         taxi_family,
         four_rooms_family,
         key_lock_pit_family,
+        block_dude_family,
         river_swim_family,
         deep_sea_family,
     )

@@ -77,7 +77,7 @@ class Parameter:
         instance(f"optional {of}", self.optional, bool, TaskError)
         if self.values is not None:
             self._check_values(of)
-        elif self.harder == "later":
+        elif self.harder == "later" and self.kind is not None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
         for name in ("low", "high"):
             if getattr(self, name) is not None:
@@ -258,7 +258,7 @@ def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) ->
         members = [one for one in get_args(hint) if one is not NoneType]
         if NoneType in get_args(hint):
             given = replace(given, optional=True)
-    if len(members) == 1 and members[0] in KINDS:
+    if len(members) == 1 and members[0] in KINDS:  # bool, int, float or str
         return replace(given, kind=members[0])
     if len(members) == 1 and get_origin(members[0]) is Literal:
         return replace(given, values=get_args(members[0]))
