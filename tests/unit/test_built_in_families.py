@@ -247,11 +247,11 @@ def test_a_smaller_walk_pays():
         ),
         (
             lambda: block_dude_family(columns=7),
-            "columns of level 1 of block_dude must be one of 2, 3, 4, 10, .* no way to the exit: got",
+            "columns of level 1 of block_dude must be one of 10, 11, .* no way to the exit: got",
         ),
         (
             lambda: part_of_level(1, columns=1),
-            "columns of a level must be a whole number, at least 2",
+            "columns of a level must be a whole number, at lea",
         ),
         (lambda: taxi_family(stands=1), "stands of taxi must be a whole number, at least 2: got 1"),
         (lambda: cliff_walking_family(columns=2), "columns of cliff_walking must be a whole"),
