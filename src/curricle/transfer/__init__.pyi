@@ -2,7 +2,11 @@ from .aggregation import maximum as maximum, mean as mean, minimum as minimum, t
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .chosen_mapping import auto_mapping as auto_mapping
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
-from .component_search import by_assignment as by_assignment, by_name as by_name
+from .component_search import (
+    by_alignment as by_alignment,
+    by_assignment as by_assignment,
+    by_name as by_name,
+)
 from .edges import Calibrate as Calibrate, Transfer as Transfer
 from .factored_homomorphisms import by_component_values as by_component_values
 from .family_mapping import family_mappings as family_mappings

@@ -10,7 +10,7 @@ from curricle.checks import whole_number
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.task import Task
 from curricle.transfer.component_mapping import ComponentMapping
-from curricle.transfer.component_search import by_assignment, by_name
+from curricle.transfer.component_search import by_alignment, by_assignment, by_name
 from curricle.transfer.factored_homomorphisms import by_component_values
 from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
@@ -24,6 +24,7 @@ Search = Callable[[TaskPair], Iterable[Proposal]]
 
 SEARCHES: tuple[Search, ...] = (
     by_name,
+    by_alignment,
     by_assignment,
     by_homomorphism,
     by_component_values,
