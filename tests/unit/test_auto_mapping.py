@@ -43,7 +43,7 @@ def test_a_source_with_another_goal_is_refused_in_one_sentence():
 
 def test_riverswim_has_nothing_to_say_of_pursuit():
     for chase in (cr.Pursuit(3, 1), cr.Pursuit(3, 2)):
-        with pytest.raises(MappingError, match="a mapping is used unseen where"):
+        with pytest.raises(MappingError, match="a mapping is used unseen if"):
             auto_mapping(chase, cr.tasks.RiverSwim())
 
 
@@ -85,5 +85,5 @@ def test_a_study_file_without_a_fitting_mapping_is_refused(tmp_path):
     path = tmp_path / "mirror.toml"
     rewards = "rewards = { treasure = -50.0, step = 1.0 }"
     path.write_text(STUDY.format(drawn="T...\\n....\\n...S", rewards=rewards))
-    with pytest.raises(ConfigError, match="a mapping is used unseen where"):
+    with pytest.raises(ConfigError, match="a mapping is used unseen if"):
         read_study(path).curriculum("transfer")

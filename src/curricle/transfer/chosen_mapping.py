@@ -25,7 +25,7 @@ def auto_mapping(
 ) -> FoundMapping:
     """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
 
-    Its greedy policy must regain at least 10 % of the way from the random policy to the optimum,
+    Where it knows anything its greedy policy must regain at least 25 % of the way to the optimum,
     and its values may leave unexplained at most 75 % of what a constant does
     (:class:`MappingScores`).
 
@@ -46,16 +46,17 @@ def auto_mapping(
 def best_of(found: FoundMappings) -> FoundMapping:
     """Return the first candidate if it clears the bar, or raise MappingError."""
     bar = (
-        f"a mapping is used unseen where it regains at least {LEAST_REGAINED:.0%} and leaves "
-        f"at most {MOST_UNEXPLAINED:.0%} unexplained"
+        f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known "
+        f"and leaves at most {MOST_UNEXPLAINED:.0%} unexplained"
     )
     if not len(found):
         raise MappingError(f"{bar}: none is found between these tasks")
     best: FoundMapping = found[0]
     if not clears_bar(best.scores):
         raise MappingError(
-            f"{bar}: the best that is found, {best.how}, regains {best.scores.regained:.0%} and "
-            f"leaves {best.scores.unexplained:.0%} unexplained"
+            f"{bar}: the best that is found, {best.how}, regains "
+            f"{best.scores.regained_where_known:.0%} and leaves {best.scores.unexplained:.0%} "
+            "unexplained"
         )
     return best
 

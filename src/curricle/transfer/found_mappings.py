@@ -30,8 +30,8 @@ SEARCHES: tuple[Search, ...] = (
     by_component_values,
     by_lax_bisimulation,
 )
-LEAST_REGAINED = 0.1
-"""Share of the way from the random policy to the optimum that a mapping used unseen must regain."""
+LEAST_REGAINED = 0.25
+"""Share of the way to the optimum that a mapping used unseen must regain where it is known."""
 MOST_UNEXPLAINED = 0.75
 """Share that such a mapping may leave unexplained."""
 SAME = 1e-7
@@ -116,9 +116,10 @@ def find_mappings(
 
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
     both tasks and their exact values; no step is taken in either. Those that clear the bar of
-    :func:`clears_bar` come first. Then they are ordered by what the greedy policy of the source's
-    values regains of the optimum, by the dynamics error and by the Bellman inconsistency. Of
-    candidates through which the source's values are read alike, the first search's is kept.
+    :func:`auto_mapping` come first. Then they are ordered by their worth, which is what the greedy
+    policy of the source's values regains of the optimum, times the share of the target that the
+    values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates through
+    which the source's values are read alike, the first search's is kept.
 
     Parameters
     ----------
@@ -204,19 +205,19 @@ def different(given: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:
 def clears_bar(scores: MappingScores) -> bool:
     """Return whether a mapping fits well enough to be used unseen.
 
-    Its greedy policy must regain at least 10 % of what the random policy lacks, and its values must
-    explain at least a quarter of what a constant leaves unexplained. Either alone does not do: two
-    tasks may look alike nearly everywhere and have goals in different places, and a policy without
-    sense may gain by avoiding what costs most.
+    Where it knows anything its greedy policy must regain at least 25 %, and its values must explain
+    at least a quarter of what a constant leaves unexplained. Either alone does not do: two tasks
+    may look alike nearly everywhere and have goals in different places, and a policy without sense
+    may gain by avoiding what costs most.
     """
-    return scores.regained >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
+    return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
 def rank(found: FoundMapping) -> tuple[bool, float, float, float]:
     """Return what candidates are ordered by, the best first."""
     scores = found.scores
     worst = np.nan_to_num(
-        [-scores.regained, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
+        [-scores.worth, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
     )
-    regained, dynamics, bellman = (float(round(one, 9)) for one in worst)
-    return not clears_bar(scores), regained, dynamics, bellman
+    worth, dynamics, bellman = (float(round(one, 9)) for one in worst)
+    return not clears_bar(scores), worth, dynamics, bellman

@@ -43,16 +43,19 @@ class MappingScores:
     start_value : float
         Value of the policy that is greedy on phi, at the target's start; phi is 0 where unmapped.
     regained : float
-        Share of the way from the random policy to the optimum that this policy goes:
-        (V^phi - V^random) / (V* - V^random), each averaged over the states. At most 1; negative if
-        it is worse than random; NaN if the random policy is optimal.
+        Share of the way to the optimum that this policy goes, from what needs no source: the better
+        of the random policy and of the myopic one, which looks at the next reward alone.
+        (V^phi - V^without) / (V* - V^without), each summed over the states, V^phi being V^without
+        where nothing is known. At most 1; negative if phi misleads; NaN if there is no way to go.
+    regained_where_known : float
+        The same over the states of which something is known.
 
     Examples
     --------
     >>> from curricle import GridWorld, same_position
     >>> maze = GridWorld("S...T")
     >>> print(score_mapping(same_position(maze, maze.crop(rows=(0, 1), columns=(2, 5)))))
-    regains 82%, dynamics error 0.125, Bellman inconsistency 0 (0% unexplained), ...
+    regains 22% (100% where known), dynamics error 0.125, Bellman inconsistency 0 ...
     """
 
     dynamics_error: float
@@ -62,13 +65,20 @@ class MappingScores:
     optimistic: float
     start_value: float
     regained: float
+    regained_where_known: float
+
+    @property
+    def worth(self) -> float:
+        """What is regained, times the share explained if that is a gain; NaN where unknown."""
+        return self.regained * (max(0.0, 1 - self.unexplained) if self.regained > 0 else 1.0)
 
     def __str__(self) -> str:
         return (
-            f"regains {self.regained:.0%}, dynamics error {self.dynamics_error:.3f}, Bellman "
-            f"inconsistency {self.bellman_inconsistency:.3g} ({self.unexplained:.0%} "
-            f"unexplained), coverage {self.coverage:.0%}, optimistic {self.optimistic:.0%}, "
-            f"start value {self.start_value:.4g}"
+            f"regains {self.regained:.0%} ({self.regained_where_known:.0%} where known), dynamics "
+            f"error {self.dynamics_error:.3f}, Bellman inconsistency "
+            f"{self.bellman_inconsistency:.3g} ({self.unexplained:.0%} unexplained), coverage "
+            f"{self.coverage:.0%}, optimistic {self.optimistic:.0%}, start value "
+            f"{self.start_value:.4g}"
         )
 
 
@@ -101,7 +111,7 @@ def score_mapping(
     tasks = TaskPair(mapping.target, mapping.source) if tasks is None else tasks
     phi = mapping.read(tasks.source_solution.action_values)
     inconsistency, unexplained = bellman_inconsistency(phi, tasks)
-    start_value, regained = _greedy_values(phi, tasks)
+    start_value, regained, regained_where_known = _greedy_values(phi, tasks)
     known = ~np.isnan(phi[tasks.judged])
     excess = phi[tasks.judged] - tasks.target_solution.action_values[tasks.judged]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
@@ -113,6 +123,7 @@ def score_mapping(
         optimistic=float((excess[known] > error).mean()) if known.any() else NAN,
         start_value=start_value,
         regained=regained,
+        regained_where_known=regained_where_known,
     )
 
 
@@ -150,18 +161,21 @@ def best_values(phi: FloatArray) -> FloatArray:
     return np.where(np.isneginf(best), np.nan, best)
 
 
-def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
-    """Return the start value of phi's greedy policy, and what it regains of the optimum."""
+def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
+    """Return the start value of phi's greedy policy, what it regains, and that where known."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
     found = evaluate(tasks.target_mdp, policy)
-    values, best, random = (
-        float(one[tasks.judged].mean())
-        for one in (found.values, tasks.target_solution.values, tasks.random_values)
-    )
-    most = best - random
-    nothing = most <= TIED * max(1.0, abs(best))
-    return found.start_value, NAN if nothing else (values - random) / most
+    known = ~np.isnan(phi).all(axis=1) & tasks.judged
+    best = tasks.target_solution.values
+    most, gained = (values - tasks.values_without for values in (best, found.values))
+
+    def share(states: BoolArray) -> float:
+        whole = float(most[states].sum())
+        nothing = whole <= TIED * max(1.0, float(abs(best[states]).sum()))
+        return NAN if nothing else float(gained[known].sum()) / whole
+
+    return found.start_value, share(tasks.judged), share(known)
 
 
 def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:

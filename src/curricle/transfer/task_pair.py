@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.planning.solution import Solution, evaluate, solve
+from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
 from curricle.tasks.task import Task, tables
@@ -66,10 +66,17 @@ class TaskPair:
         return solve(self.source_mdp)
 
     @cached_property
-    def random_values(self) -> FloatArray:
-        """Values of the uniformly random policy in the target, (S,) float64."""
-        shape = self.target_mdp.outcome_row.shape
-        return evaluate(self.target_mdp, np.full(shape, 1 / shape[1])).values
+    def values_without(self) -> FloatArray:
+        """Values of the target's policies that need no source, (S,) float64.
+
+        The random policy or the myopic one, which is greedy on the next reward: whichever has the
+        larger mean.
+        """
+        mdp = self.target_mdp
+        rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
+        policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
+        values = [evaluate(mdp, policy).values for policy in policies]
+        return max(values, key=lambda one: float(one[self.judged].mean()))
 
     @cached_property
     def judged(self) -> BoolArray:
