@@ -28,8 +28,9 @@ LEVELS = (
 )
 BAR = 30_000
 HEAD = (
-    f"{'level':<29} {'states':>7} {'transitions':>11} {'seconds':>8} {'a second':>17} "
-    f"{'V*(start)':>9} {'length':>6} {'by hand':>7} {'MiniGrid pays':>13}"
+    f"{'level':<29} {'states':>7} {'transitions':>11} {'seconds':>8} "
+    f"{'of CPU':>6} {'a second':>17} {'V*(start)':>9} {'length':>6} "
+    f"{'by hand':>7} {'MiniGrid pays':>13}"
 )
 
 
@@ -48,6 +49,7 @@ def row(level, seed, discount):
     rate = task.record.transitions_per_second
     line = (
         f"{level:<29} {task.states.size:>7,} {task.record.transitions:>11,} {seconds:>8.2f} "
+        f"{seconds * share:>6.2f} "
         f"{rate:>8,.0f} ({rate / share:>6,.0f}) {value:>9.4f} {length:>6} {by_hand:>7} "
         f"{pays:>13.4f}"
     )
