@@ -13,8 +13,8 @@ from curricle.comparison.verdicts import Verdict
 
 SHARE = 0.1
 """Up to this share of a gain is nothing beside the rest."""
-ASKING = 'controls=["constant", "placebo"]'
-"""How the question is asked of :func:`compare`."""
+ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
+"""How the question is asked; a study file has no such key."""
 
 Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
 
