@@ -1,5 +1,10 @@
 """From one predator to two: the README's curriculum, drawn against learning from scratch.
 
+Measured over 30 seeds after 150,000 steps, the source's included: -4.3 with the source's values
+doubled, -12.3 with the values as they are, -62.8 from scratch; the optimum is -3.5. The default
+shaping has a guard, so the hunt begins without the potential, at the return of scratch, and the
+learner that has it is ahead by the first checkpoint.
+
 python examples/first_curriculum.py docs/first_curriculum.png
 """
 
@@ -62,7 +67,7 @@ def main(path, seeds=SEEDS):
             ylabel="greedy value (discounted return)",
             title=f"two predators that must both catch, 4x4: mean over {seeds} seeds, 95 % bands",
         )
-        panel.legend(loc="center left", bbox_to_anchor=(0.0, 0.35))
+        panel.legend(loc="center left", bbox_to_anchor=(0.42, 0.35))
         figure.savefig(path)
     print(f"scratch    {cr.statistics.mean_interval(scratch.greedy_return[:, -1])}")
     for scale, curve in curves.items():

@@ -4,10 +4,14 @@ The cells of the 4x4 lake can be mapped to the 8x8 lake goal to goal, start to s
 four. On slippery ice values depend on the holes nearby, and the 4x4 lake has its holes elsewhere.
 The dry 8x8 lake has the same map, and no move slips.
 
-Measured over 20 seeds, with the source's steps charged: no mapping from the 4x4 lake pays. Goal to
-goal makes no difference; the others lose. The dry lake pays: half the episodes reach the goal after
-73,500 steps instead of 120,000.
-Its values are too high for ice and pay twice as much when halved (34,600).
+Measured over 20 seeds, with the source's steps charged, steps until half the episodes reach the
+goal: 120,000 from scratch, 47,000 from the dry lake, 88,000 from the 4x4 lake goal to goal or one
+for four, and no difference start to start. These arms have the guard that is the default. Without
+it one for four does harm (7 seeds never get there), and the dry lake, whose values are too high for
+ice and are halved, needs 35,000 instead of 47,000.
+
+What the guard makes of the 4x4 lake is optimism, not knowledge: values above 0 make the learner
+explore, and `controls=["constant"]` finds that one value everywhere gains more than either mapping.
 
 python examples/frozen_lake.py
 """
@@ -49,8 +53,8 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
         )
 
     arms = {name: curriculum(*arm) for name, arm in ARMS.items()}
-    guarded = cr.QInitialisation(guard=cr.Guard())
-    arms["one for four, guarded"] = replace(arms["one for four"], shaping={"lake": guarded})
+    for name in ("one for four", "dry, halved"):
+        arms[f"{name}, no guard"] = replace(arms[name], shaping=cr.QInitialisation())
     # Half the episodes reach the goal; at best, in 200 steps, 9 in 10 do.
     found = cr.compare(arms, seeds=seeds, threshold=0.5)
     print("Greedy return is the share of episodes that reach the goal.")
