@@ -260,6 +260,41 @@ MUTATIONS = [
         "height + 1",
         ("tests/unit/test_block_dude.py::test_up_needs_room_above_the_step_and_more_with_a_block",),
     ),
+    Mutation(
+        "random mazes with cells that have no way to the treasure",
+        "tasks/families/mazes.py",
+        "return bool(free) and joined == free",
+        "return bool(free) and bool(joined)",
+        ("tests/property/test_random_mazes.py::test_every_free_cell_has_a_way_to_the_treasure",),
+    ),
+    Mutation(
+        "a taxi that drives through walls",
+        "tasks/taxi.py",
+        "blocked = (right != 0) & walls",
+        "blocked = (right < 0) & walls",
+        ("tests/unit/test_toy_text_tasks.py::test_the_taxi_is_that_of_gymnasium",),
+    ),
+    Mutation(
+        "ways to the goal through terminal states",
+        "tasks/start_states.py",
+        "    pairs = np.repeat(~mdp.terminal[:, None]",
+        "    pairs = np.repeat(~(mdp.terminal & wanted)[:, None]",
+        ("tests/property/test_start_states.py::test_distances_are_those_of_breadth_first_search",),
+    ),
+    Mutation(
+        "visits of steps after the time limit",
+        "planning/visits.py",
+        "if mdp.time_limit is None else mdp.time_limit):",
+        "if mdp.time_limit is None else mdp.time_limit + 1):",
+        ("tests/property/test_start_states.py::test_visits_are_those_of_every_step_added_up",),
+    ),
+    Mutation(
+        "a second predator that nobody reads",
+        "tasks/families/pursuits.py",
+        "range(len(own) if len(own) > len(others) else 1)",
+        "range(1)",
+        ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
+    ),
 ]
 
 
