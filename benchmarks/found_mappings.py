@@ -1,0 +1,328 @@
+"""Mappings that are found, beside those made by hand: how often right, how fast, what they gain.
+
+    python -m benchmarks.found_mappings renumbered nameless refusals
+    python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
+
+`renumbered`: states and actions numbered anew at random, no components. `nameless`: components
+shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
+to do with the target. `auto`: gains over scratch of a mapping that is found, as a share of those by
+hand, all steps charged. `approximate`: the same for a maze and its crop, renumbered, which do not
+correspond exactly. DoorKey needs MiniGrid.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+import curricle as cr
+from benchmarks.pairs import pairs
+from curricle.errors import MappingError
+from curricle.paper import maze_runs
+from curricle.paper.settings import LEARNER, SUMMED, maze
+from curricle.transfer import (
+    StateActionMapping,
+    auto_mapping,
+    by_component_values,
+    find_mappings,
+)
+from curricle.transfer.found_mappings import SEARCHES
+from curricle.transfer.partition_refinement import model_for_refinement, refined
+from examples import cliff_walking, taxi
+from tests.renumbering import nameless, renumbered, turns
+
+SIDE = 5
+"""Of the paper's maze's corner."""
+
+
+# -- exact correspondences -----------------------------------------------------------------------
+
+
+def rotated_and_mirrored(task: cr.GridWorld) -> cr.GridWorld:
+    """Return the paper's maze turned by a quarter and mirrored."""
+    lines = ["".join(column) for column in zip(*task.map, strict=True)]
+    return cr.GridWorld([line[::-1] for line in lines], rewards=task.rewards)
+
+
+def originals() -> Iterator[tuple[str, Any]]:
+    """Yield the tasks that are renumbered."""
+    yield "the paper's maze", maze(-5).mdp
+    yield "the maze rotated and mirrored", rotated_and_mirrored(maze(-5)).mdp
+    yield "pursuit 3x3", cr.Pursuit(3, 2).mdp
+    yield "key-lock-pit 8x8", cr.tasks.KeyLockPit().mdp
+    if find_spec("minigrid") is None:
+        print("  DoorKey-6x6 is left out: MiniGrid is not installed")
+        return
+    import_module("minigrid")  # which registers its levels
+    yield "DoorKey-6x6", cr.tabulate("MiniGrid-DoorKey-6x6-v0", discount=0.99).mdp
+
+
+def renumbered_tasks(seeds: int) -> None:
+    """Print how many pairs of renumbered tasks are found again."""
+    print("\nrenumbered: pairs found again, up to symmetries")
+    for name, task in originals():
+        shares, seconds, how = [], [], ""
+        (own,) = refined([model_for_refinement(task)])
+        for seed in range(seeds):
+            copy, new, actions = renumbered(task, np.random.default_rng(seed))
+            began = time.perf_counter()
+            best = find_mappings(copy, task)[0]
+            seconds.append(time.perf_counter() - began)
+            truth = np.argsort(new)[:, None] * task.actions.size + actions
+            live, index = ~copy.terminal, best.mapping.index
+            right = own.pairs.ravel()[truth[live]] == own.pairs.ravel()[index[live]]
+            shares.append(float((right & (index[live] >= 0)).mean()))
+            how = best.how
+        n_blocks = len(np.unique(own.states[~task.terminal]))
+        print(
+            f"  {name}: {task.states.size:,} states, {n_blocks:,} not alike: {min(shares):.1%} at "
+            f"least, {max(seconds):.1f} s at most; {how.split(':')[0]}",
+            flush=True,
+        )
+
+
+def pursuit_truth(size: int, seed: int) -> tuple[Any, Any, dict[tuple[str, int], Any]]:
+    """Return a nameless hunt and chase, and the mapping of each predator under each symmetry."""
+    rng = np.random.default_rng(seed)
+    hunt, chase = cr.Pursuit(size, 2), cr.Pursuit(size, 1)
+    target, new, moved = nameless(hunt.mdp, rng)
+    source, there, steps = nameless(chase.mdp, rng)
+    truth = {}
+    for name in hunt.predator_names:
+        index = cr.project(hunt, chase, predator=name).index
+        state, action = np.divmod(np.maximum(index, 0), 5)
+        prey, predator = np.divmod(state, size**2)
+        for turn, (cells, moves) in enumerate(turns(size)):
+            image = there[cells[prey] * size**2 + cells[predator]] * 5 + steps[moves[action]]
+            f = np.empty_like(index)
+            f[np.ix_(new, moved)] = np.where(index >= 0, image, index)
+            truth[name, turn] = f
+    return target, source, truth
+
+
+def nameless_tasks(seeds: int) -> None:
+    """Print how well components without names are found."""
+    print("\nnameless: pairs of each predator's mapping, up to a symmetry of the square")
+    for size in (3, 4):
+        worst, seconds = dict.fromkeys(("predator_1", "predator_2"), 1.0), []
+        for seed in range(seeds):
+            target, source, truth = pursuit_truth(size, seed)
+            live = ~target.terminal
+            began = time.perf_counter()
+            found = find_mappings(target, source, keep=50)
+            seconds.append(time.perf_counter() - began)
+            for name in worst:
+                shares = [
+                    float((one.mapping.index == f)[live].mean())
+                    for one in found
+                    for (which, _), f in truth.items()
+                    if which == name
+                ]
+                worst[name] = min(worst[name], max(shares))
+        print(f"  pursuit {size}x{size}: {worst}, {max(seconds):.1f} s at most", flush=True)
+    room, rng = cr.tasks.KeyLockPit(), np.random.default_rng(0)
+    for name, other, searches in (
+        ("8x8, values matched", room, [by_component_values]),
+        ("8x8", room, SEARCHES),
+        ("6x6", key_lock_pit(6), SEARCHES),
+    ):
+        (target, _, _), (source, _, _) = nameless(room.mdp, rng), nameless(other.mdp, rng)
+        began = time.perf_counter()
+        found = find_mappings(target, source, searches=searches)
+        seconds = time.perf_counter() - began
+        print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {found[0]}", flush=True)
+
+
+def key_lock_pit(side: int) -> cr.tasks.KeyLockPit:
+    """Return the built-in room with another side."""
+    drawn = np.full((side, side), ".")
+    drawn[2:, side // 2] = "P"
+    drawn[1, 1], drawn[-1, 0], drawn[-1, -1] = "K", "S", "L"
+    return cr.tasks.KeyLockPit(["".join(line) for line in drawn])
+
+
+# -- gains ---------------------------------------------------------------------------------------
+
+
+def gains(
+    name: str, target: Any, source: Any, by_hand: list[cr.Transfer], made: Callable, seeds: int
+) -> None:
+    """Print the gain of the mapping that is found as a share of that by hand, all steps charged."""
+    began = time.perf_counter()
+    arms = {"by hand": made(by_hand)}
+    try:
+        best = auto_mapping(target, source)
+        arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
+        words = str(best)
+    except MappingError as error:
+        words = f"refused: {error}"
+    seconds = time.perf_counter() - began
+    print(f"  {name}: searched {seconds:.1f} s; {words}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = cr.compare(arms, seeds=seeds, controls=())
+    mean = {arm: float(found.arms[arm].strong_gain(found.scratch).mean()) for arm in arms}
+    for arm in arms:
+        time_to = found.times(arm).median().estimate
+        print(f"    {arm}: gain {mean[arm]:.4g}, learnt after {time_to:,.0f} steps (median)")
+    scratch = found.times("scratch").median().estimate
+    share = mean.get("auto", np.nan) / mean["by hand"]
+    print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
+
+
+def of(target: Any, source: Any, **settings: Any) -> Callable:
+    """Return what makes the curriculum of some transfers."""
+    return lambda transfers: cr.Curriculum(
+        {"source": source, "target": target}, transfers, **settings
+    )
+
+
+def edge(mapping: Any, **settings: Any) -> cr.Transfer:
+    return cr.Transfer("source", "target", mapping, **settings)
+
+
+def maze_settings() -> dict[str, Any]:
+    return {
+        "learner": LEARNER,
+        "budget": {"source": maze_runs.SOURCE_BUDGET, "target": 60_000},
+        "eval_freq": {"source": 1000, "target": 100},
+        "evaluation": SUMMED,
+    }
+
+
+def auto_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
+    """Yield pairs of tasks with mappings made by hand, and how they are learnt."""
+    arena = maze(-5)
+    corner = maze_runs.corner(arena, SIDE)
+    yield (
+        "maze, corner of 5x5", arena, corner, [edge(cr.same_position(arena, corner))],
+        of(arena, corner, **maze_settings()),
+    )  # fmt: skip
+    for size, budget in ((4, (40_000, 300_000)), (5, (80_000, 800_000))):
+        hunt, chase = cr.Pursuit(size, 2), cr.Pursuit(size, 1)
+        yield (
+            f"pursuit {size}x{size}", hunt, chase,
+            [edge(cr.project(hunt, chase, predator=name)) for name in hunt.predator_names],
+            of(hunt, chase, aggregate=cr.minimum,
+               budget=dict(zip(("source", "target"), budget, strict=True))),
+        )  # fmt: skip
+    yield from taxi_cases()
+    yield from cliff_cases()
+
+
+def taxi_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
+    import gymnasium
+
+    whole = cr.from_gymnasium("Taxi-v4", discount=taxi.DISCOUNT)
+    drive = taxi.errand(gymnasium.make("Taxi-v4").unwrapped.P)
+    made = of(
+        whole, drive, aggregate=cr.total, learner={"source": taxi.THOROUGH, "target": taxi.LEARNER},
+        budget={"source": 8_000, "target": 120_000},
+        evaluation=cr.GreedyEvaluation(discounted=False),
+    )  # fmt: skip
+    yield "taxi, errand", whole, drive, [edge(taxi.errand_mapping(whole, drive))], made
+    parts = [
+        edge(taxi.errand_mapping(whole, drive, riding=False), shift=-taxi.RIDE),
+        edge(taxi.errand_mapping(whole, drive, waiting=False)),
+    ]
+    yield "taxi, errand in two parts, one shifted", whole, drive, parts, made
+
+
+def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
+    for pair in pairs(family="cliffs"):
+        if pair.name == "cliffs/half the cliff":
+            settings = {
+                "budget": {"source": 500, "target": pair.target_budget},
+                "eval_freq": {"target": pair.eval_freq},
+                "evaluation": cr.GreedyEvaluation(method="exact"),
+            }
+            by_hand = [edge(mapping) for mapping in pair.mappings]
+            made = of(pair.target, pair.source, **settings)
+            yield "cliff, half of it, 500 steps", pair.target, pair.source, by_hand, made
+    wide = cr.from_gymnasium("CliffWalking-v1", discount=0.99, time_limit=cliff_walking.LIMIT)
+    narrow = cliff_walking.cliff(cliff_walking.NARROW)
+
+    def goals_end(state: Any, action: Any) -> Any:
+        return {"row": state["row"], "column": state["column"] - 8}, action
+
+    mapping = cr.from_function(wide, narrow, goals_end, unmapped_value=-8.0)
+    made = of(
+        wide, narrow, learner=cr.QLearning(learning_rate=0.1, epsilon=0.1),
+        budget={"source": 600, "target": 20_000},
+        evaluation=cr.GreedyEvaluation(discounted=False),
+    )  # fmt: skip
+    yield "cliff, a narrow one at the goal's end", wide, narrow, [edge(mapping)], made
+
+
+def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
+    """Yield the maze and its corner, each renumbered."""
+    arena = maze(-5)
+    corner = maze_runs.corner(arena, SIDE)
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        target, new, actions = renumbered(arena.mdp, rng)
+        source, there, moves = renumbered(corner.mdp, rng)
+        index = cr.same_position(arena, corner).index[np.argsort(new)]
+        index = np.take_along_axis(index, actions, axis=1)
+        state, action = np.divmod(np.maximum(index, 0), 4)
+        state = there[state]
+        pair = state * 4 + np.argsort(moves, axis=1)[state, action]
+        by_hand = StateActionMapping(target, source, np.where(index >= 0, pair, index))
+        made = of(target, source, **maze_settings())
+        yield f"maze and crop renumbered, seed {seed}", target, source, [edge(by_hand)], made
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+
+def refusals() -> None:
+    """Print what is said of sources that have nothing to do with the target."""
+    print("\nrefusals")
+    arena = maze(-5)
+    mirrored = [line[::-1].replace("T", ".") for line in arena.map]
+    for row, column in ((9, 5), (5, 0), (9, 9), (3, 4)):
+        lines = list(mirrored)
+        lines[row] = lines[row][:column] + "T" + lines[row][column + 1 :]
+        other = cr.GridWorld(lines, rewards=arena.rewards, start="uniform")
+        tell(f"mirrored maze, goal at {row}, {column}", arena, other)
+    for target in (cr.Pursuit(3, 1), cr.Pursuit(4, 1), cr.Pursuit(3, 2), cr.Pursuit(4, 2)):
+        tell(f"RiverSwim to {target.size}x{target.size}, {target.predators} predators", target,
+             cr.tasks.RiverSwim())  # fmt: skip
+
+
+def tell(name: str, target: Any, source: Any) -> None:
+    try:
+        print(f"  {name}: ACCEPTED {auto_mapping(target, source)}")
+    except MappingError as error:
+        print(f"  {name}: {error}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    known = ("renumbered", "nameless", "auto", "approximate", "refusals")
+    parser.add_argument("parts", nargs="+", choices=known)
+    parser.add_argument("--seeds", type=int, default=20, help="of learning")
+    parser.add_argument("--copies", type=int, default=5, help="random renumberings of each task")
+    parser.add_argument("--only", default="", help="cases whose name begins so")
+    options = parser.parse_args()
+    if "renumbered" in options.parts:
+        renumbered_tasks(options.copies)
+    if "nameless" in options.parts:
+        nameless_tasks(options.copies)
+    if "refusals" in options.parts:
+        refusals()
+    for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):
+        if part in options.parts:
+            print(f"\n{part}: gain over scratch, all steps charged, {options.seeds} seeds")
+            for name, *case in cases():
+                if name.startswith(options.only):
+                    gains(name, *case, options.seeds)
+
+
+if __name__ == "__main__":
+    main()
