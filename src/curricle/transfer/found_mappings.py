@@ -72,7 +72,7 @@ class FoundMapping:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundMappings(Sequence[FoundMapping]):
+class FoundMappings:
     """The mappings that were found, best first, and what the other searches said.
 
     Attributes
@@ -94,6 +94,9 @@ class FoundMappings(Sequence[FoundMapping]):
 
     def __getitem__(self, which: Any) -> Any:
         return self.candidates[which]
+
+    def __iter__(self) -> Iterator[FoundMapping]:
+        return iter(self.candidates)
 
     def __len__(self) -> int:
         return len(self.candidates)

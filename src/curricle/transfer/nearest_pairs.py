@@ -39,12 +39,12 @@ class LaxBisimulation(Frozen):
     Attributes
     ----------
     states : (S, S') float64
-        |V*(s) - V*(u)| is at most this, in return units.
+        abs(V*(s) - V*(u)) is at most this, in return units.
     nearest : (S, A) int64
         The nearest source pair of each target pair, s' * A' + a'; `ENDED` where that is the
         source's end, and in terminal states.
     pairs : (S, A) float64
-        |Q*(s, a) - Q*(nearest pair)| is at most this; 0 in terminal states.
+        abs(Q*(s, a) - Q*(nearest pair)) is at most this; 0 in terminal states.
     error : float
         How far the distances may be above those of the fixed point; it is part of them.
 
@@ -70,7 +70,7 @@ def lax_bisimulation(
 ) -> LaxBisimulation:
     """Return the distances of lax bisimulation between two tasks with tables.
 
-    The fixed point of d((s, a), (u, b)) = |r - r'| + gamma W(P, P'; d), where W is the Kantorovich
+    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the Kantorovich
     distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay nothing for
     ever. Where discounts differ, the source's rewards are rewritten so that its V* solves the
     equation of the target's discount, which keeps the bound. Transport problems are solved
