@@ -41,6 +41,7 @@ from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.proposal import search_steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,9 +295,15 @@ class Curriculum(TaskGraph):
         return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
-        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64."""
-        spent = [sources[source].steps_used for source in self.ancestors(name)]
-        return np.sum(spent, axis=0, dtype=np.int64) if spent else None
+        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64.
+
+        With those that searches for the mappings on the way took.
+        """
+        ancestors = self.ancestors(name)
+        spent = [sources[source].steps_used for source in ancestors]
+        on_the_way = (t for t in self.transfers if t.target in (name, *ancestors))
+        searched = np.full(len(spent[0]) if spent else 0, search_steps(on_the_way))
+        return np.sum([*spent, searched], axis=0, dtype=np.int64) if spent else None
 
     def potentials(
         self,

@@ -121,7 +121,7 @@ def by_assignment(tasks: TaskPair) -> Iterator[Proposal]:
     if not (tasks.target_mdp.states.names and tasks.source_mdp.states.names):
         raise MappingError("an assignment needs components: a task has none")
     best: list[Assignment] = []
-    for found in assignments(tasks.target, tasks.source):
+    for found in assignments(tasks.target_mdp, tasks.source_mdp):
         if not np.isnan(found.error):
             best = sorted([*best, found], key=lambda one: one.error)[:KEPT]
     for one in best:

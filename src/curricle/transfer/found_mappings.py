@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from curricle.checks import whole_number
-from curricle.errors import MappingError, SettingError
+from curricle.errors import MappingError, SettingError, TaskError
 from curricle.tasks.task import Task
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
@@ -16,7 +16,7 @@ from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
 from curricle.transfer.mapping_scores import MappingScores, score_mapping
 from curricle.transfer.nearest_pairs import by_lax_bisimulation
-from curricle.transfer.proposal import NOT_PROVEN, Proposal
+from curricle.transfer.proposal import NOT_PROVEN, Proposal, SearchedMapping
 from curricle.transfer.task_pair import TaskPair
 
 Search = Callable[[TaskPair], Iterable[Proposal]]
@@ -80,6 +80,8 @@ class FoundMappings:
     candidates : tuple of FoundMapping
     refused : dict of str to str
         Name of each search that found nothing -> why.
+    steps : int
+        Steps taken in tasks without tables; a curriculum charges them to whoever reads a mapping.
 
     Examples
     --------
@@ -91,6 +93,7 @@ class FoundMappings:
 
     candidates: tuple[FoundMapping, ...]
     refused: dict[str, str]
+    steps: int = 0
 
     def __getitem__(self, which: Any) -> Any:
         return self.candidates[which]
@@ -114,14 +117,16 @@ def find_mappings(
     keep: int = 8,
     seed: int = 0,
     unmapped_value: float | None = None,
+    samples: int | None = None,
 ) -> FoundMappings:
-    """Return mappings between two tasks with tables, best first.
+    """Return mappings between two tasks, best first.
 
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
-    both tasks and their exact values; no step is taken in either. Those that clear the bar of
-    :func:`auto_mapping` come first. Then they are ordered by their worth, which is what the greedy
-    policy of the source's values regains of the optimum, times the share of the target that the
-    values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates through
+    both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
+    Those that clear the bar of :func:`auto_mapping` come first. Then they are ordered by their
+    worth, which is what the greedy policy of the source's values regains of the optimum, times the
+    share of the target that the values explain; by the dynamics error; and by the Bellman
+    inconsistency. Of candidates through
     which the source's values are read alike, the first search's is kept.
 
     Parameters
@@ -135,13 +140,17 @@ def find_mappings(
         Of samples of pairs.
     unmapped_value : float, optional
         Of the mappings.
+    samples : int, optional
+        Steps of the random policy to take in each task that has no tables, to estimate them: for
+        live tasks. Scores are then of the estimated tables, over the states in which every action
+        was tried; nothing is proven. Mappings carry the steps, which a curriculum charges.
 
     Raises
     ------
     SettingError
         When `keep` is less than 1 or no search is given.
     TaskError
-        When a task has no tables.
+        When a task has no tables and `samples` is not given.
 
     Examples
     --------
@@ -156,7 +165,9 @@ def find_mappings(
     check_unmapped_value(unmapped_value)
     if not searches:
         raise SettingError("find_mappings needs at least one search: got none")
-    tasks = TaskPair(target, source)
+    tasks = TaskPair(target, source, samples, seed)
+    if not tasks.judged.any():
+        raise TaskError(f"no state was met in which every action was tried, in {tasks.steps} steps")
     refused: dict[str, str] = {}
     found = [
         FoundMapping(
@@ -164,7 +175,7 @@ def find_mappings(
         )
         for one in different(proposals(tasks, searches, unmapped_value, refused), tasks)
     ]
-    return FoundMappings(tuple(sorted(found, key=rank)[:keep]), refused)
+    return FoundMappings(tuple(sorted(found, key=rank)[:keep]), refused, tasks.steps)
 
 
 def proposals(
@@ -180,9 +191,18 @@ def proposals(
                 mapping = one.mapping
                 if unmapped_value is not None:
                     mapping = replace_unmapped_value(mapping, unmapped_value)
-                yield one._replace(mapping=mapping)
+                if tasks.steps:
+                    yield Proposal(charged(mapping, one.how, tasks.steps), one.how)
+                else:
+                    yield one._replace(mapping=mapping)
         except MappingError as error:
             refused[getattr(search, "__name__", repr(search))] = str(error)
+
+
+def charged(mapping: StateActionMapping, how: str, steps: int) -> SearchedMapping:
+    """Return a mapping with the steps that its search took."""
+    parts = mapping.target, mapping.source, mapping.index, mapping.unmapped_value
+    return SearchedMapping(*parts, how=how, steps=steps)
 
 
 def replace_unmapped_value(mapping: StateActionMapping, value: float) -> StateActionMapping:

@@ -70,11 +70,11 @@ def lax_bisimulation(
 ) -> LaxBisimulation:
     """Return the distances of lax bisimulation between two tasks with tables.
 
-    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the Kantorovich
-    distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay nothing for
-    ever. Where discounts differ, the source's rewards are rewritten so that its V* solves the
-    equation of the target's discount, which keeps the bound. Transport problems are solved
-    exactly; the work grows with the number of states that are not bisimilar to others.
+    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
+    Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
+    nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
+    solves the equation of the target's discount, which keeps the bound. Transport problems are
+    solved exactly; the work grows with the number of states that are not bisimilar to others.
 
     Parameters
     ----------

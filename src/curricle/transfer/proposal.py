@@ -1,7 +1,8 @@
 """What a search for mappings proposes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from curricle.transfer.mapping import StateActionMapping
 
@@ -18,6 +19,9 @@ class SearchedMapping(StateActionMapping):
         As in :class:`StateActionMapping`.
     how : str
         How it was found.
+    steps : int
+        Steps that the search took in both tasks, where it had no tables of them; a curriculum
+        charges them as it charges those of sources.
 
     Examples
     --------
@@ -30,6 +34,7 @@ class SearchedMapping(StateActionMapping):
     """
 
     how: str = ""
+    steps: int = 0
 
 
 class Proposal(NamedTuple):
@@ -46,3 +51,23 @@ class Proposal(NamedTuple):
     mapping: StateActionMapping
     how: str  # how it was found
     bound: float = NOT_PROVEN  # proven: no mapped pair's Q* differs by more from that of its source
+
+
+def search_steps(transfers: Iterable[Any]) -> int:
+    """Return the steps that the searches for the mappings of transfers took.
+
+    Mappings between the same two tasks are taken to be of one search.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer
+    >>> line = GridWorld("ST")
+    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
+    >>> search_steps([Transfer("a", "b", SearchedMapping(line, line, index, steps=50))] * 2)
+    50
+    """
+    most: dict[tuple[str, str], int] = {}
+    for one in transfers:
+        edge = one.source, one.target
+        most[edge] = max(most.get(edge, 0), getattr(one.mapping, "steps", 0))
+    return sum(most.values())

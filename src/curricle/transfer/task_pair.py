@@ -9,8 +9,9 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
-from curricle.tasks.task import Task, tables
+from curricle.tasks.task import Task, has_tables, tables
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
+from curricle.transfer.sampled_tables import SampledTables, sampled_tables
 
 ENDLESS = 1_000
 """Steps that stand for the horizon of a task with discount 1 and no time limit."""
@@ -26,11 +27,15 @@ class TaskPair:
     Parameters
     ----------
     target, source : Task
+    samples : int, optional
+        Steps of the random policy from which tables are estimated, of each task that has none.
+    seed : int
+        Of these steps.
 
     Raises
     ------
     TaskError
-        When one of them has no tables.
+        When one of them has no tables and is not to be sampled.
 
     Examples
     --------
@@ -41,19 +46,39 @@ class TaskPair:
 
     target: Task
     source: Task
+    samples: int | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         _ = self.target_mdp, self.source_mdp
 
     @cached_property
+    def sampled(self) -> tuple[SampledTables | None, SampledTables | None]:
+        """What was estimated of the target and of the source; None of those with tables."""
+        of_target, of_source = (self._sampled(task) for task in (self.target, self.source))
+        return of_target, of_source
+
+    def _sampled(self, task: Task) -> SampledTables | None:
+        if self.samples is None or has_tables(task):
+            return None
+        return sampled_tables(task, self.samples, seed=self.seed)
+
+    @cached_property
     def target_mdp(self) -> FiniteMDP:
         """The target's tables."""
-        return discounted(tables(self.target))
+        found = self.sampled[0]
+        return discounted(tables(self.target) if found is None else found.mdp)
 
     @cached_property
     def source_mdp(self) -> FiniteMDP:
         """The source's tables."""
-        return discounted(tables(self.source))
+        found = self.sampled[1]
+        return discounted(tables(self.source) if found is None else found.mdp)
+
+    @property
+    def steps(self) -> int:
+        """Steps that were taken in both tasks to estimate their tables."""
+        return sum(found.steps for found in self.sampled if found is not None)
 
     @cached_property
     def target_solution(self) -> Solution:
@@ -80,8 +105,12 @@ class TaskPair:
 
     @cached_property
     def judged(self) -> BoolArray:
-        """The target's states that an episode can be in and that do not end it, (S,) bool."""
-        return reachable_states(self.target_mdp) & ~self.target_mdp.terminal
+        """The target's states that an episode can be in and that do not end it, (S,) bool.
+
+        Of a target that was sampled, those in which every action was tried.
+        """
+        live = reachable_states(self.target_mdp) & ~self.target_mdp.terminal
+        return live if self.sampled[0] is None else live & self.sampled[0].tried
 
     @cached_property
     def models(self) -> tuple[Model, Model]:
