@@ -141,6 +141,7 @@ def learnt(task):
         transfers=[cr.Transfer("source", "target", one) for one in mappings],
         aggregate=cr.minimum,
         budget=dict(zip(("source", "target"), budget, strict=True)),
+        shaping=cr.QInitialisation(),
     )
     found = cr.compare(plan, seeds=many)
     scratch, arm = found.scratch, found["transfer"]

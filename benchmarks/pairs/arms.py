@@ -16,7 +16,7 @@ CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
 
 def raw(pair: Pair) -> cr.Curriculum:
     """Return Q started at the potential, as it is."""
-    return pair.curriculum(shaping=cr.QInitialisation())
+    return pair.curriculum()
 
 
 def guarded(pair: Pair) -> cr.Curriculum:
@@ -26,7 +26,7 @@ def guarded(pair: Pair) -> cr.Curriculum:
 
 def calibrated(pair: Pair) -> cr.Curriculum:
     """Return the same from a calibrated potential."""
-    return pair.curriculum(calibrate=True, shaping=cr.QInitialisation())
+    return pair.curriculum(calibrate=True)
 
 
 def advice(pair: Pair) -> cr.Curriculum:
@@ -48,7 +48,7 @@ def bonus(pair: Pair) -> cr.Curriculum:
 def default(pair: Pair) -> cr.Curriculum:
     """Return a curriculum with nothing set but the target's budget."""
     return pair.curriculum(
-        budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
     )
 
 

@@ -76,7 +76,7 @@ class Pair:
         return [cr.Transfer("source", "target", one, **settings) for one in self.mappings]
 
     def curriculum(self, *, calibrate: Any = False, **settings: Any) -> cr.Curriculum:
-        """Return the curriculum of a source and a target; by default nothing but budgets is set.
+        """Return the curriculum of a source and a target, by default by the raw potential.
 
         Parameters
         ----------
@@ -95,6 +95,7 @@ class Pair:
             "eval_freq": {"source": max(1, self.source_budget // 10), "target": self.eval_freq},
             "evaluation": cr.GreedyEvaluation(method="exact"),
             "aggregate": self.aggregate,
+            "shaping": cr.QInitialisation(),
         }
         return cr.Curriculum(
             {"source": self.source, "target": self.target},

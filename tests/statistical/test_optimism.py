@@ -55,6 +55,7 @@ def stretched(long, short, source_learner, source_steps):
         transfers=[Transfer("short", "long", pairs)],
         budget={"short": source_steps, "long": 100_000},
         learner={"short": source_learner},
+        shaping=cr.QInitialisation(),
     )
 
 

@@ -35,6 +35,7 @@ def hunt(size, steps, time_limit, aggregate, **transfer):
         ],
         aggregate=aggregate,
         learner=LEARNER,
+        shaping=cr.QInitialisation(),
         budget={"alone": SOURCE_STEPS, "both": steps},
         eval_freq={"alone": SOURCE_STEPS, "both": steps // 10},
         evaluation=FEW,
