@@ -170,7 +170,7 @@ def test_a_source_of_size_3_costs_more_than_20_000_steps_unguarded(scratch):
 
 
 def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
-    """Measured: 2,630 [1,880, 3,380] steps saved.
+    """Measured: -183 [-501, 134] steps saved.
 
     The 95 % interval of the steps saved includes or exceeds 0. Were guarded learning and learning
     from scratch exactly alike, it would lie below 0 in 1 of 40 studies; hence
@@ -182,8 +182,8 @@ def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
     assert found.missed == 0
     assert interval.high >= 0
     assert interval.estimate > -1000
-    # Because of the guard: in the end, in most seeds, fewer steps are by the learner with phi.
-    assert (found.guard_share[:, -1] < 0.5).mean() > 0.8
+    # Because of the guard: in most seeds, fewer steps are by the learner with phi.
+    assert (found.guard_share.mean(axis=1) < 0.5).mean() > 0.8
 
 
 def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
