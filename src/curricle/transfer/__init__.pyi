@@ -1,6 +1,7 @@
 from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .chosen_mapping import auto_mapping as auto_mapping
+from .common_part import by_common_part as by_common_part
 from .component_mapping import ComponentMapping as ComponentMapping, project as project
 from .component_search import (
     by_alignment as by_alignment,

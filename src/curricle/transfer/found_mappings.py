@@ -9,6 +9,7 @@ import numpy as np
 from curricle.checks import whole_number
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.tasks.task import Task
+from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
 from curricle.transfer.factored_homomorphisms import by_component_values
@@ -28,6 +29,7 @@ SEARCHES: tuple[Search, ...] = (
     by_assignment,
     by_homomorphism,
     by_component_values,
+    by_common_part,
     by_lax_bisimulation,
 )
 LEAST_REGAINED = 0.25

@@ -1,0 +1,294 @@
+"""The common part of two deterministic tasks, grown from a transition that is rare in both.
+
+A maze and a crop of it do not correspond exactly: at the crop's edge a move that goes on in the
+maze stays. What both have in common still does, and can be found without names as a common subgraph
+is: from one pair of states that stand for each other, along transitions with equal rewards, each
+state once. Where several moves would do, what is settled elsewhere decides, and then the rewards
+around the next states; the largest parts over all beginnings are proposed.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
+from curricle.errors import MappingError
+from curricle.transfer.mapping import UNMAPPED, pair_mapping
+from curricle.transfer.partition_refinement import levels
+from curricle.transfer.proposal import Proposal, SearchedMapping
+from curricle.transfer.task_pair import TaskPair
+
+LARGEST = 50_000
+"""State-action pairs of a task."""
+LARGEST_SOURCE = 250
+"""States of a source; growing a part takes time with their square."""
+MOST_BEGINNINGS = 64
+"""Pairs of states from which a part is grown."""
+WORK = 300_000
+"""Parts that are grown at most, times the square of the source's states."""
+STAYS = -1
+KEPT = 30
+"""Parts that are proposed, the largest first."""
+RESTARTS = 16
+"""Parts that are grown from each beginning; guesses that are about as likely are drawn."""
+TIES = 0.9
+"""Rewards that do not count when guesses are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """A deterministic task."""
+
+    after: IntArray  # (S, A) next states; `STAYS` where it is the same
+    reward: IntArray  # (S, A) numbers of rewards, equal in both tasks where the rewards are
+    terminal: BoolArray  # (S,)
+    around: tuple[Counter[int], ...]  # the rewards of each state's moves that go elsewhere
+
+
+@dataclass(eq=False)
+class Part:
+    """A common part while it grows."""
+
+    own: Moves
+    other: Moves
+    rng: np.random.Generator
+    state: dict[int, int] = field(default_factory=dict)  # the source's for the target's
+    of: dict[int, int] = field(default_factory=dict)  # the other way round
+    move: dict[tuple[int, int], int] = field(default_factory=dict)  # (s, a) -> b
+    taken: set[tuple[int, int]] = field(default_factory=set)  # (u, b)
+    wrong: int = 0  # moves of the source within the part that have no counterpart
+
+    def grow(self, s: int, u: int) -> None:
+        """Grow the part from a pair of states."""
+        self._meet(s, u)
+        unsettled = [(s, u)]
+        while unsettled:
+            met = self._settle(unsettled, guess=False)
+            if met is None:
+                met = self._settle(unsettled, guess=True)
+            if met is None:
+                met = self._enclosed()
+            unsettled += met
+        for u in self.of:
+            for b in range(self.other.after.shape[1]):
+                if (u, b) not in self.taken and self.other.after[u, b] != STAYS:
+                    self.wrong += 1
+
+    @property
+    def size(self) -> int:
+        """Moves that correspond, less those of the source that should and do not."""
+        return len(self.move) - self.wrong
+
+    def _meet(self, s: int, u: int) -> None:
+        self.state[s], self.of[u] = u, s
+
+    def _settle(
+        self, unsettled: list[tuple[int, int]], guess: bool
+    ) -> list[tuple[int, int]] | None:
+        """Settle one move that is forced, or the likeliest; return the states it leads to.
+
+        None where nothing can be settled. States of which all is settled leave the list.
+        """
+        best = None
+        for s, u in list(unsettled):
+            open_moves = False
+            for b in range(self.other.after.shape[1]):
+                if (u, b) in self.taken:
+                    continue
+                fits = [a for a in range(self.own.after.shape[1]) if self._fits(s, a, u, b)]
+                open_moves |= bool(fits)
+                if len(fits) == 1 or (fits and self._alike(s, fits, u, b)):
+                    return self._take(s, fits[0], u, b)
+                for a in fits if guess else ():
+                    likely = self._likely(s, a, u, b), -len(fits)
+                    if best is None or likely > best[0]:
+                        best = likely, (s, a, u, b)
+            if not open_moves:
+                unsettled.remove((s, u))
+        return None if best is None else self._take(*best[1])
+
+    def _enclosed(self) -> list[tuple[int, int]]:
+        """Return two new states that several pairs lead to, at other rewards; none if in doubt."""
+        votes = Counter[tuple[int, int]]()
+        for s, u in self.state.items():
+            ahead = [
+                {int(to) for to in task.after[at] if to != STAYS and not task.terminal[to]} - known
+                for task, at, known in (
+                    (self.own, s, self.state.keys()),
+                    (self.other, u, self.of.keys()),
+                )
+            ]
+            votes.update((to, there) for to in ahead[0] for there in ahead[1])
+        if not votes:
+            return []
+        (best, most), *others = votes.most_common(2)
+        if most < 2 or (others and others[0][1] == most):
+            return []
+        self._meet(*best)
+        return [best]
+
+    def _fits(self, s: int, a: int, u: int, b: int) -> bool:
+        """Return whether a move may stand for another."""
+        if (s, a) in self.move or self.own.reward[s, a] != self.other.reward[u, b]:
+            return False
+        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
+        if STAYS in (to, there):
+            return to == there
+        if self.own.terminal[to] or self.other.terminal[there]:
+            return bool(self.own.terminal[to] and self.other.terminal[there])
+        if to in self.state or there in self.of:
+            return self.state.get(to) == there
+        return True
+
+    def _alike(self, s: int, fits: list[int], u: int, b: int) -> bool:
+        """Return whether it makes no difference which of the moves is taken."""
+        return len({int(self.own.after[s, a]) for a in fits}) == 1
+
+    def _likely(self, s: int, a: int, u: int, b: int) -> float:
+        """Return the share of rewards that the next states have in common."""
+        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
+        if to == STAYS or self.own.terminal[to]:
+            return 0.0
+        one, other = self.own.around[to], self.other.around[there]
+        shared = sum((one & other).values()) - sum((other - one).values())
+        return shared + TIES * self.rng.random()
+
+    def _take(self, s: int, a: int, u: int, b: int) -> list[tuple[int, int]]:
+        """Settle a move; return the states that it leads to, if they are new."""
+        self.move[s, a] = b
+        self.taken.add((u, b))
+        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
+        if to == STAYS or self.own.terminal[to] or to in self.state:
+            return []
+        self._meet(to, there)
+        return [(to, there)]
+
+
+def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mappings of the largest common parts that are found of two deterministic tasks.
+
+    In its states the moves without a counterpart, such as those over the edge of a crop, read the
+    source's moves that are left.
+
+    Raises
+    ------
+    MappingError
+        When a task is random, has more than 50,000 pairs, or is a source of more than 250 states;
+        or when no reward is in common.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld(["S.P.", ".F..", "...T"])
+    >>> crop = maze.crop(rows=(1, 3), columns=(2, 4))
+    >>> next(by_common_part(TaskPair(maze, crop))).how
+    'common part: 2 states, grown from a transition that is rare in both'
+    """
+    for mdp in (tasks.target_mdp, tasks.source_mdp):
+        if ((mdp.probability > 0).sum(axis=1) > 1).any():
+            raise MappingError("a common part is grown in deterministic tasks: one is random")
+        if mdp.outcome_row.size > LARGEST:
+            raise MappingError(
+                f"a common part is grown in tasks of up to {LARGEST:,} pairs: one has "
+                f"{mdp.outcome_row.size:,}"
+            )
+    n_states = tasks.source_mdp.states.size
+    if n_states > LARGEST_SOURCE:
+        raise MappingError(
+            f"a common part is grown for sources of up to {LARGEST_SOURCE} states: got {n_states}"
+        )
+    own, other = _moves(tasks)
+    rng = np.random.default_rng(tasks.seed)
+    times = WORK // n_states**2
+    parts: dict[frozenset[tuple[int, int]], Part] = {}
+    for s, u in _beginnings(own, other)[: max(4, times // RESTARTS)]:
+        for _ in range(RESTARTS):
+            part = Part(own, other, rng)
+            part.grow(s, u)
+            states = frozenset(part.state.items())
+            if states not in parts or part.size > parts[states].size:
+                parts[states] = part
+    if not parts:
+        raise MappingError("the tasks have no reward in common")
+    for part in sorted(parts.values(), key=lambda one: -one.size)[:KEPT]:
+        yield _proposal(tasks, part)
+
+
+def _moves(tasks: TaskPair) -> tuple[Moves, Moves]:
+    """Return both tasks, their rewards numbered together."""
+    mdps = tasks.target_mdp, tasks.source_mdp
+    rewards = levels(np.concatenate([model.mean_reward for model in tasks.models]))
+    found, first = [], 0
+    for mdp in mdps:
+        likely = mdp.probability.argmax(axis=1)[:, None]
+        after = np.take_along_axis(mdp.next_state, likely, axis=1)[:, 0][mdp.outcome_row]
+        after = np.where(after == np.arange(len(after))[:, None], STAYS, after).astype(np.int64)
+        reward = rewards[first : first + len(mdp.probability)][mdp.outcome_row]
+        first += len(mdp.probability)
+        around = tuple(
+            Counter(row[there != STAYS].tolist()) for row, there in zip(reward, after, strict=True)
+        )
+        found.append(Moves(after, reward, mdp.terminal, around))
+    return found[0], found[1]
+
+
+def _beginnings(own: Moves, other: Moves) -> list[tuple[int, int]]:
+    """Return pairs of states with a transition of a reward that is rare, the rarest first."""
+    counts = []
+    for task in (own, other):
+        going = (task.after != STAYS) & ~task.terminal[:, None]
+        counts.append(Counter(task.reward[going].tolist()))
+    common = sorted(set(counts[0]) & set(counts[1]), key=lambda r: counts[0][r] * counts[1][r])
+    found: dict[tuple[int, int], None] = {}
+    for reward in common:
+        states = [
+            np.flatnonzero(
+                ((task.reward == reward) & (task.after != STAYS)).any(axis=1) & ~task.terminal
+            )
+            for task in (own, other)
+        ]
+        found |= dict.fromkeys((int(s), int(u)) for s in states[0] for u in states[1])
+        if len(found) >= MOST_BEGINNINGS:
+            break
+    return list(found)[:MOST_BEGINNINGS]
+
+
+def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | None:
+    """Return one of the source's moves left for a move without a counterpart, and take it.
+
+    One that stays, for a move out of the part; or one that ends, too, or that leads to the same
+    state, at another reward.
+    """
+    to = int(part.own.after[s, a])
+    ends = to != STAYS and bool(part.own.terminal[to])
+    for b in left:
+        there = int(part.other.after[u, b])
+        if there == STAYS:
+            fits = to not in part.state
+        else:
+            fits = ends if part.other.terminal[there] else part.state.get(to) == there
+        if fits:
+            left.remove(b)
+            return b
+    return None
+
+
+def _proposal(tasks: TaskPair, part: Part) -> Proposal:
+    """Return the mapping of a part."""
+    n_actions, n_others = part.own.after.shape[1], part.other.after.shape[1]
+    state = np.full(part.own.after.shape, UNMAPPED)
+    action = np.full(part.own.after.shape, UNMAPPED)
+    for s, u in part.state.items():
+        left = [b for b in range(n_others) if (u, b) not in part.taken]
+        for a in range(n_actions):
+            b = part.move.get((s, a))
+            if b is None:
+                b = _left_over(part, s, a, u, left)
+            if b is not None:
+                state[s, a], action[s, a] = u, b
+    index = pair_mapping(tasks.target_mdp, tasks.source_mdp, state, action).index
+    how = f"common part: {len(part.state)} states, grown from a transition that is rare in both"
+    yielded = SearchedMapping(tasks.target, tasks.source, index, how=how)
+    return Proposal(yielded, how)
