@@ -280,8 +280,8 @@ def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Call
 # -- refusals ------------------------------------------------------------------------------------
 
 
-def refusals() -> None:
-    """Print what is said of sources that have nothing to do with the target."""
+def refusals(seeds: int) -> None:
+    """Print what is said of sources that have nothing to do with the target, and what they cost."""
     print("\nrefusals")
     arena = maze(-5)
     mirrored = [line[::-1].replace("T", ".") for line in arena.map]
@@ -289,17 +289,31 @@ def refusals() -> None:
         lines = list(mirrored)
         lines[row] = lines[row][:column] + "T" + lines[row][column + 1 :]
         other = cr.GridWorld(lines, rewards=arena.rewards, start="uniform")
-        tell(f"mirrored maze, goal at {row}, {column}", arena, other)
+        settings = maze_settings() | {"budget": {"target": 60_000}, "eval_freq": {"target": 500}}
+        guarded = cr.QInitialisation(guard=cr.Guard())
+        made = of(arena, other, shaping=guarded, **settings)
+        tell(f"mirrored maze, goal at {row}, {column}", arena, other, made, seeds)
     for target in (cr.Pursuit(3, 1), cr.Pursuit(4, 1), cr.Pursuit(3, 2), cr.Pursuit(4, 2)):
         tell(f"RiverSwim to {target.size}x{target.size}, {target.predators} predators", target,
-             cr.tasks.RiverSwim())  # fmt: skip
+             cr.tasks.RiverSwim(), of(target, cr.tasks.RiverSwim()), seeds)  # fmt: skip
 
 
-def tell(name: str, target: Any, source: Any) -> None:
+def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> None:
+    """Print why a mapping is refused; of one that is not, the steps that it loses with a guard."""
     try:
-        print(f"  {name}: ACCEPTED {auto_mapping(target, source)}")
+        best = auto_mapping(target, source)
     except MappingError as error:
         print(f"  {name}: {error}", flush=True)
+        return
+    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, controls=())
+    auto, scratch = (found.times(arm).median().estimate for arm in ("auto", "scratch"))
+    lost, steps = (auto - scratch) / found.total, found.arms["auto"].curve.source_steps.mean()
+    print(f"  {name}: taken, {best}")
+    print(
+        f"    learnt after {auto:,.0f} steps, from scratch after {scratch:,.0f}: lost {lost:.1%} of "
+        f"{found.total:,}; the source took {steps:,.0f}",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -315,7 +329,7 @@ def main() -> None:
     if "nameless" in options.parts:
         nameless_tasks(options.copies)
     if "refusals" in options.parts:
-        refusals()
+        refusals(options.seeds)
     for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):
         if part in options.parts:
             print(f"\n{part}: gain over scratch, all steps charged, {options.seeds} seeds")
