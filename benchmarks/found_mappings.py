@@ -310,7 +310,7 @@ def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> Non
     lost, steps = (auto - scratch) / found.total, found.arms["auto"].curve.source_steps.mean()
     print(f"  {name}: taken, {best}")
     print(
-        f"    learnt after {auto:,.0f} steps, from scratch after {scratch:,.0f}: lost {lost:.1%} of "
+        f"    learnt after {auto:,.0f} steps, from scratch {scratch:,.0f}: lost {lost:.1%} of "
         f"{found.total:,}; the source took {steps:,.0f}",
         flush=True,
     )

@@ -42,6 +42,7 @@ from .observation_mapping import (
 from .potentials import ObservationPotential as ObservationPotential
 from .proposal import Proposal as Proposal
 from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
+from .structure_matching import by_structure as by_structure
 from .task_pair import TaskPair as TaskPair
 from .value_sources import (
     FunctionValues as FunctionValues,
