@@ -1,5 +1,6 @@
 """Tables of environments: every state that can be reached, and nothing else."""
 
+import pickle
 from typing import NamedTuple
 
 import gymnasium as gym
@@ -321,3 +322,49 @@ def test_progress_is_shown(capsys):
     assert all(now.transitions >= now.expanded for now in seen)
     cr.tabulate(Corridor, discount=0.5, progress=True)
     assert capsys.readouterr().out == ""
+
+
+def test_a_copy_of_a_task_cannot_be_written_to():
+    task = cr.tabulate(Corridor, discount=0.5)
+    copy = pickle.loads(pickle.dumps(task))
+    assert repr(copy) == repr(task)
+    for each in (task, copy):
+        with pytest.raises(ValueError, match="read-only"):
+            each.observations.parts[""][0] = 1
+        with pytest.raises(ValueError, match="read-only"):
+            each.mdp.reward[0] = 1
+    assert copy.state([1, 0]) == task.state([1, 0])
+
+
+def test_actions_and_observations_of_several_parts():
+    class Board(gym.Env):
+        observation_space = gym.spaces.Dict(
+            first=gym.spaces.Discrete(3),
+            rest=gym.spaces.Tuple([gym.spaces.Box(0, 1, (2,)), gym.spaces.Text(9)]),
+        )
+        action_space = gym.spaces.MultiDiscrete([2, 2])
+
+        def reset(self, *, seed=None, options=None):
+            super().reset(seed=seed)
+            self.place = [0, 0]
+            return self.seen(), {}
+
+        def seen(self):
+            vector = np.array([self.place[1] / 2, 0.5], np.float32)
+            return {"first": self.place[0], "rest": (vector, "abc"[self.place[1]])}
+
+        def step(self, action):
+            self.place = [min(self.place[i] + int(action[i]), 2) for i in range(2)]
+            return self.seen(), -1.0, self.place == [2, 2], False, {}
+
+    task = cr.tabulate(Board, discount=0.9)
+    assert task.states.names == ("place_1", "place_2")
+    assert task.actions.names == ("action_1", "action_2")
+    assert cr.solve(task).start_value == pytest.approx(-1.9)
+    for s in range(task.states.size):
+        seen = task.observations.batch([s])
+        one = {"first": seen["first"][0], "rest": tuple(part[0] for part in seen["rest"])}
+        assert task.state(one) == s
+        assert task.many(seen).tolist() == [s]
+    assert task.state({"first": 0, "rest": (np.zeros(2, np.float32), "z")}) == UNMAPPED
+    assert task.state({"first": 0}) == UNMAPPED

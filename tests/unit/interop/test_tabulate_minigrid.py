@@ -196,6 +196,10 @@ def test_a_wrapper_with_a_state_makes_the_states_copies():
 def test_moving_obstacles_are_refused():
     with pytest.raises(TaskError, match="steps must be deterministic"):
         cr.tabulate("MiniGrid-Dynamic-Obstacles-5x5-v0", discount=0.9)
+    name = "MiniGrid-Dynamic-Obstacles-5x5-v0"
+    task = cr.tabulate(name, discount=0.9, samples=3, max_states=20_000, n_obstacles=1)
+    assert not task.exact
+    assert set(np.unique(task.mdp.reward)) == {-1, 0, 1}
 
 
 def test_tables_of_minigrid_are_kept_and_found(tmp_path):

@@ -53,7 +53,9 @@ class Level:
         """Return what steps may change of the objects."""
         return (
             tuple([(door.is_open, door.is_locked) for door in self.standard_doors]),
-            tuple([_place(each.cur_pos) for each in self.standard_movable]),
+            tuple(
+                [(_place(each.cur_pos), _place(each.init_pos)) for each in self.standard_movable]
+            ),
             tuple([_items(each) for each in self.others]),
         )
 
@@ -63,7 +65,7 @@ class Level:
         for door, state in zip(self.standard_doors, doors, strict=True):
             door.is_open, door.is_locked = state
         for each, place in zip(self.standard_movable, places, strict=True):
-            each.cur_pos = place
+            each.cur_pos, each.init_pos = place
         for each, values in zip(self.others, items, strict=True):
             vars(each).update(values)
 

@@ -51,6 +51,10 @@ class ObservationTable(Frozen):
         )
         object.__setattr__(self, "terminal", adopted(self.terminal, np.bool_))
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self.__post_init__()  # arrays in a dict are writable in a copy
+
     def batch(self, states: Any = None) -> Any:
         """Return the observations of some states (default: all), stacked; (n, ...) arrays.
 

@@ -62,7 +62,8 @@ def tabulate(
     Parameters
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
-        As in :func:`from_gymnasium`. An environment is copied, and not itself stepped.
+        As in :func:`from_gymnasium`. An environment is copied, and itself stepped only if it cannot
+        be copied and there are functions to restore it.
     discount : float
     seeds : int or sequence of int
         Of the resets that starts are taken from, each as likely; K stands for 0 .. K-1.

@@ -117,7 +117,7 @@ class TabulatedTask(Frozen):
     def state(self, observation: Any) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none does, or several do.
 
-        With it as `encode` and `states`, :func:`from_gymnasium` gives the same environment live.
+        It is the `encode` of :class:`PotentialShaping` for potentials over these tables.
         """
         return self._observations().state(observation)
 
