@@ -27,6 +27,9 @@ LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 
 
+TABULATE = "tests/unit/interop/test_tabulate.py"
+
+
 class Mutation(NamedTuple):
     """One mistake: in `file` of the package, `old` becomes `new`; `tests` should then fail."""
 
@@ -294,6 +297,34 @@ MUTATIONS = [
         "range(len(own) if len(own) > len(others) else 1)",
         "range(1)",
         ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
+    ),
+    Mutation(
+        "steps of a tabulation are not repeated",
+        "interop/tabulation/world.py",
+        "self._check_repeated(first, self._arrival(again, action), action)\n            # Where",
+        "# Where",
+        (f"{TABULATE}::test_random_steps_are_refused_wherever_the_numbers_come_from",),
+    ),
+    Mutation(
+        "a tabulation goes on from truncated states",
+        "interop/tabulation/exploration.py",
+        "(self.queued[state] or reached.terminated or reached.truncated)",
+        "(self.queued[state] or reached.terminated)",
+        (f"{TABULATE}::test_a_clock_of_its_own_is_part_of_a_state_and_truncation_is_no_end",),
+    ),
+    Mutation(
+        "a state that ended is the same as one that did not",
+        "interop/tabulation/exploration.py",
+        "name = reached.key, reached.terminated",
+        "name = reached.key, False",
+        (f"{TABULATE}::test_the_same_state_ended_and_not_ended_is_two",),
+    ),
+    Mutation(
+        "states with different rewards are made one",
+        "interop/tabulation/assembling.py",
+        "np.concatenate([blocks[:, None], rewards[:, None], moves], axis=1)",
+        "np.concatenate([blocks[:, None], moves], axis=1)",
+        (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
     ),
 ]
 

@@ -149,7 +149,7 @@ def test_a_time_limit_is_no_part_of_a_state():
 
 
 def test_a_clock_of_its_own_is_part_of_a_state_and_truncation_is_no_end():
-    task = cr.tabulate(OwnClock, discount=0.5, seeds=[0])
+    task = cr.tabulate(OwnClock, discount=0.5, seeds=[0], max_states=100)
     labels = [task.states.label(s) for s in range(task.states.size)]
     cut = np.array(["taken=3" in label for label in labels])
     ends = task.mdp.terminal
