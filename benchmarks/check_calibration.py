@@ -3,7 +3,7 @@
 Gains are shares of the way from the random to the optimal return, of the mean over training, with
 the sources' steps free. A pair is worse if calibration loses more than 5 % of the raw gain.
 
-    python benchmarks/check_calibration.py verification [--seeds 20]
+    python -m benchmarks.check_calibration verification [--seeds 20]
 """
 
 import argparse

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import coverage, false_alarms
+from benchmarks import false_alarms, interval_coverage
 
 pytestmark = pytest.mark.slow
 
@@ -47,7 +47,7 @@ def allowed(rate, studies):
 
 
 def test_the_page_has_a_row_for_every_kind_and_no_other():
-    assert {*coverage.KINDS, *false_alarms.VERDICTS} == {*STATED}
+    assert {*interval_coverage.KINDS, *false_alarms.VERDICTS} == {*STATED}
 
 
 def test_the_page_shows_in_bold_what_is_promised():
@@ -55,11 +55,11 @@ def test_the_page_shows_in_bold_what_is_promised():
     assert bold == {*PROMISED}
 
 
-@pytest.mark.parametrize("kind", coverage.KINDS)
+@pytest.mark.parametrize("kind", interval_coverage.KINDS)
 def test_coverage_is_as_the_page_states(kind):
     studies = 500 if kind.startswith(("seeds added", "median")) else STUDIES
-    for seeds, stated in zip(coverage.SEEDS, STATED[kind], strict=True):
-        found = coverage.coverage(kind, seeds, studies)
+    for seeds, stated in zip(interval_coverage.SEEDS, STATED[kind], strict=True):
+        found = interval_coverage.coverage(kind, seeds, studies)
         assert found == pytest.approx(stated, abs=allowed(stated, studies)), seeds
 
 
@@ -68,13 +68,13 @@ def test_coverage_is_as_the_page_states(kind):
 def test_coverage_is_93_to_97_percent_where_it_is_promised(kind, seeds):
     studies = 2000 if kind.startswith("seeds added") else STUDIES
     slack = allowed(0.95, studies)
-    assert 0.93 - slack <= coverage.coverage(kind, seeds, studies) <= 0.97 + slack
+    assert 0.93 - slack <= interval_coverage.coverage(kind, seeds, studies) <= 0.97 + slack
 
 
 @pytest.mark.parametrize("seeds", [3, 5, 10, 20])
 def test_students_intervals_miss_a_twentieth_where_the_bootstraps_missed_up_to_a_quarter(seeds):
     """40,000 studies of normal values: 23.5, 16.9, 9.1 and 8.5 % with percentile bootstrap."""
-    missed = 1 - coverage.coverage("mean: normal", seeds, 40_000)
+    missed = 1 - interval_coverage.coverage("mean: normal", seeds, 40_000)
     assert missed == pytest.approx(0.05, abs=allowed(0.05, 40_000))
 
 

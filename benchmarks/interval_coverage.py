@@ -4,7 +4,7 @@ Nominal coverage is 95 %. Each entry is the share of simulated studies, in perce
 covers the known truth, among those that have an interval (a sample without spread has none). One
 entry of 20,000 studies has a standard error of 0.15. Takes about a minute.
 
-    python benchmarks/coverage.py [--studies 20000]
+    python benchmarks/interval_coverage.py [--studies 20000]
 """
 
 import argparse
