@@ -3,8 +3,8 @@
 A maze and a crop of it do not correspond exactly: at the crop's edge a move that goes on in the
 maze stays. What both have in common still does, and can be found without names as a common subgraph
 is: from one pair of states that stand for each other, along transitions with equal rewards, each
-state once. Where several moves would do, what is settled elsewhere decides, and then the rewards
-around the next states; the largest parts over all beginnings are proposed.
+state once. Moves to states that the part knows are settled first, then the one whose next states
+have the most rewards in common; the largest parts over all beginnings are proposed.
 """
 
 from collections import Counter
@@ -87,7 +87,7 @@ class Part:
     def _settle(
         self, unsettled: list[tuple[int, int]], guess: bool
     ) -> list[tuple[int, int]] | None:
-        """Settle one move that is forced, or the likeliest; return the states it leads to.
+        """Settle a move to a state that the part knows, or the likeliest; return what it leads to.
 
         None where nothing can be settled. States of which all is settled leave the list.
         """
@@ -99,7 +99,7 @@ class Part:
                     continue
                 fits = [a for a in range(self.own.after.shape[1]) if self._fits(s, a, u, b)]
                 open_moves |= bool(fits)
-                if len(fits) == 1 or (fits and self._alike(s, fits, u, b)):
+                if self._settled(s, fits):
                     return self._take(s, fits[0], u, b)
                 for a in fits if guess else ():
                     likely = self._likely(s, a, u, b), -len(fits)
@@ -142,9 +142,11 @@ class Part:
             return self.state.get(to) == there
         return True
 
-    def _alike(self, s: int, fits: list[int], u: int, b: int) -> bool:
-        """Return whether it makes no difference which of the moves is taken."""
-        return len({int(self.own.after[s, a]) for a in fits}) == 1
+    def _settled(self, s: int, fits: list[int]) -> bool:
+        """Return whether the moves that fit all lead to one state that the part knows already."""
+        to = {int(self.own.after[s, a]) for a in fits}
+        known = all(one == STAYS or self.own.terminal[one] or one in self.state for one in to)
+        return len(to) == 1 and known
 
     def _likely(self, s: int, a: int, u: int, b: int) -> float:
         """Return the share of rewards that the next states have in common."""
