@@ -214,8 +214,8 @@ class _Search:
             for name, value in words.items():
                 values.setdefault(name, set()).add(value)
         hint = ""
-        if values:
-            name = max(values, key=lambda one: len(values[one]))
+        name = max(values, key=lambda one: len(values[one]), default="")
+        if len(values.get(name, ())) > 1:
             hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
         return TaskError(
             f"a table may have at most max_states, {self.budget.states:,} states: tabulating "
