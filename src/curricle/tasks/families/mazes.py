@@ -95,8 +95,9 @@ def random_maze(
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
+    far = _farthest(cells)
     if start == "far":
-        cells[_farthest(cells)] = "S"
+        cells[far] = "S"
     vertical, horizontal = corner.split("-")
     return GridWorld(
         _lines(cells, down=vertical == "north", right=horizontal == "west"),
