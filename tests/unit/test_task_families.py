@@ -170,6 +170,7 @@ def test_members_that_the_constraint_refuses_are_left_out():
         (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
         (lambda: list(corridor.members(size=3)), "a parameter of corridor must be one of"),
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
+        (lambda: list(corridor.easier(3)), "easier than must be a FamilyMember: got 3"),
         (lambda: list(corridor.easier(maze_family())), "corridor has only members of its own"),
         (lambda: pursuit_family(capture=True), "capture of pursuit must be one of any, all"),
         (lambda: pursuit_family(predators=1, capture=2), "at most the number of predators, 1: got"),
@@ -210,6 +211,8 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: Parameter("a", int, harder="later"), "needs values in that order"),
         (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
         (lambda: TaskFamily("f", one_word, [Parameter("word", harder="later")]), "needs values"),
+        (lambda: TaskFamily("f", one_word, 3), "the parameters of f must be a list of Parameter"),
+        (lambda: TaskFamily("f", one_word, settings=3), "the settings of f must be a dict of"),
         (lambda: TaskFamily("f", 3), "the factory of f must be a function: got 3"),
         (
             lambda: TaskFamily("f", one_word, mapping=3),

@@ -76,6 +76,7 @@ class TaskWithStart(Frozen):
     start: FloatArray
 
     def __post_init__(self) -> None:
+        numbers("start", self.start, TaskError)
         object.__setattr__(self, "start", adopted(self.start, np.float64))
         _ = self.mdp
 

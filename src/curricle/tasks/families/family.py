@@ -85,14 +85,24 @@ class TaskFamily(Frozen):
                 f"the mapping of {self.name} must be a ComponentsByName or a function of target "
                 f"and source: got {self.mapping!r}"
             )
+        if not isinstance(self.parameters, list | tuple):
+            raise TaskError(
+                f"the parameters of {self.name} must be a list of Parameter: got "
+                f"{self.parameters!r}"
+            )
         declared = tuple(self.parameters)
         for one in declared:
             instance(f"each of the parameters of {self.name}", one, Parameter, TaskError)
         found = complete_parameters(declared, self.factory, self.name)
         object.__setattr__(self, "parameters", found)
+        try:
+            given = dict(self.settings)
+        except (TypeError, ValueError):
+            raise TaskError(
+                f"the settings of {self.name} must be a dict of parameters: got {self.settings!r}"
+            ) from None
         settings = {
-            name: self.parameter(name).checked(value, self.name)
-            for name, value in dict(self.settings).items()
+            name: self.parameter(name).checked(value, self.name) for name, value in given.items()
         }
         object.__setattr__(self, "settings", tuple(sorted(settings.items())))
 
@@ -143,6 +153,7 @@ class TaskFamily(Frozen):
         >>> list(pursuit_family.easier(pursuit_family(size=3, predators=2)))
         [pursuit(size=2, predators=1), pursuit(size=2), pursuit(size=3, predators=1)]
         """
+        instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:
             raise TaskError(f"{self.name} has only members of its own: got {member}")
         columns = list[tuple[Any, ...]]()

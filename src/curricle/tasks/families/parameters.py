@@ -70,7 +70,7 @@ class Parameter:
         of = f"of parameter {self.name!r}"
         if not self.name.isidentifier():
             raise TaskError(f"the name of a parameter must be one of Python's: got {self.name!r}")
-        if self.kind is not None and self.kind not in KINDS:
+        if self.kind is not None and not any(self.kind is kind for kind in KINDS):
             raise TaskError(f"the kind {of} must be int, float, bool or str: got {self.kind!r}")
         if self.harder is not None:
             one_of(f"harder {of}", self.harder, ("larger", "smaller", "later"), TaskError)
