@@ -13,12 +13,12 @@ def test_arms_differ_in_the_source_alone():
     found = arms(pair)
     budgets = {name: one.setting("budget", "source") for name, one in found.items()}
     assert budgets == {
-        RULE: StoppingRule(30_000, settled=SETTLED),
+        RULE: StoppingRule(3_000, settled=SETTLED),
         "settled, cap: by hand": StoppingRule(1_500, settled=SETTLED),
         "by hand": 1_500,
         "a 30th of the target's": 1_000,
-        "a third of the target's": 10_000,
-        "the target's budget": 30_000,
+        "a tenth": 3_000,
+        "a third": 10_000,
     }
     assert {one.setting("budget", "target") for one in found.values()} == {30_000}
     # Nothing else is set where the rule is judged.
