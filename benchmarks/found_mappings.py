@@ -34,7 +34,7 @@ from curricle.transfer import (
 from curricle.transfer.found_mappings import SEARCHES
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 from examples import cliff_walking, taxi
-from tests.renumbering import nameless, renumbered, turns
+from tests.renumbering import nameless, nameless_hunt, renumbered
 
 SIDE = 5
 """Of the paper's maze's corner."""
@@ -86,32 +86,13 @@ def renumbered_tasks(seeds: int) -> None:
         )
 
 
-def pursuit_truth(size: int, seed: int) -> tuple[Any, Any, dict[tuple[str, int], Any]]:
-    """Return a nameless hunt and chase, and the mapping of each predator under each symmetry."""
-    rng = np.random.default_rng(seed)
-    hunt, chase = cr.Pursuit(size, 2), cr.Pursuit(size, 1)
-    target, new, moved = nameless(hunt.mdp, rng)
-    source, there, steps = nameless(chase.mdp, rng)
-    truth = {}
-    for name in hunt.predator_names:
-        index = cr.project(hunt, chase, predator=name).index
-        state, action = np.divmod(np.maximum(index, 0), 5)
-        prey, predator = np.divmod(state, size**2)
-        for turn, (cells, moves) in enumerate(turns(size)):
-            image = there[cells[prey] * size**2 + cells[predator]] * 5 + steps[moves[action]]
-            f = np.empty_like(index)
-            f[np.ix_(new, moved)] = np.where(index >= 0, image, index)
-            truth[name, turn] = f
-    return target, source, truth
-
-
 def nameless_tasks(seeds: int) -> None:
     """Print how well components without names are found."""
     print("\nnameless: pairs of each predator's mapping, up to a symmetry of the square")
     for size in (3, 4):
         worst, seconds = dict.fromkeys(("predator_1", "predator_2"), 1.0), []
         for seed in range(seeds):
-            target, source, truth = pursuit_truth(size, seed)
+            target, source, truth = nameless_hunt(size, seed)
             live = ~target.terminal
             began = time.perf_counter()
             found = find_mappings(target, source, keep=50)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from curricle import Component, FiniteMDP, Space
+from curricle import ENDED, Component, FiniteMDP, Pursuit, Space, project
 
 
 def renumbered(task, rng):
@@ -14,19 +14,9 @@ def renumbered(task, rng):
     new = rng.permutation(n_states)
     old = np.argsort(new)
     actions = np.argsort(rng.random((n_states, n_actions)), axis=1)
-    copy = FiniteMDP(
-        states=Space([Component("state", n_states)]),
-        actions=Space([Component("action", n_actions)]),
-        outcome_row=np.take_along_axis(task.outcome_row[old], actions, axis=1),
-        probability=task.probability,
-        next_state=new[task.next_state],
-        reward=task.reward,
-        terminal=task.terminal[old],
-        start=task.start[old],
-        discount=task.discount,
-        time_limit=task.time_limit,
-    )
-    return copy, new, actions
+    spaces = Space([Component("state", n_states)]), Space([Component("action", n_actions)])
+    rows = np.take_along_axis(task.outcome_row[old], actions, axis=1)
+    return _copy(task, *spaces, rows, new), new, actions
 
 
 def nameless(task, rng):
@@ -37,11 +27,17 @@ def nameless(task, rng):
     (states, new), (actions, moved) = (
         _shuffled(space, rng) for space in (task.states, task.actions)
     )
-    old, unmoved = np.argsort(new), np.argsort(moved)
-    copy = FiniteMDP(
+    rows = task.outcome_row[np.argsort(new)][:, np.argsort(moved)]
+    return _copy(task, states, actions, rows, new), new, moved
+
+
+def _copy(task, states, actions, outcome_row, new):
+    """Return a task with other spaces and rows of outcomes, its states numbered `new`."""
+    old = np.argsort(new)
+    return FiniteMDP(
         states=states,
         actions=actions,
-        outcome_row=task.outcome_row[old][:, unmoved],
+        outcome_row=outcome_row,
         probability=task.probability,
         next_state=new[task.next_state],
         reward=task.reward,
@@ -50,7 +46,6 @@ def nameless(task, rng):
         discount=task.discount,
         time_limit=task.time_limit,
     )
-    return copy, new, moved
 
 
 def _shuffled(space, rng):
@@ -84,3 +79,22 @@ def turns(size):
             moves = [int(np.flatnonzero((steps == step).all(axis=1))[0]) for step in by]
             found.append((at[:, 0] * size + at[:, 1], np.array(moves)))
     return found
+
+
+def nameless_hunt(size, seed):
+    """Return a nameless hunt and chase, and f_1, f_2 between them under each symmetry."""
+    rng = np.random.default_rng(seed)
+    hunt, chase = Pursuit(size, 2), Pursuit(size, 1)
+    target, new, moved = nameless(hunt.mdp, rng)
+    source, there, steps = nameless(chase.mdp, rng)
+    truth = {}
+    for name in hunt.predator_names:
+        index = project(hunt, chase, predator=name).index
+        (state, action), known = np.divmod(index, 5), index >= 0
+        prey, predator = np.divmod(np.where(known, state, 0), size**2)
+        for turn, (cells, moves) in enumerate(turns(size)):
+            image = there[cells[prey] * size**2 + cells[predator]] * 5 + steps[moves[action]]
+            f = np.full(index.shape, ENDED)
+            f[np.ix_(new, moved)] = np.where(known, image, index)
+            truth[name, turn] = f
+    return target, source, truth

@@ -7,26 +7,7 @@ import curricle as cr
 from curricle.errors import MappingError
 from curricle.transfer import TaskPair, by_component_values, score_mapping
 from curricle.transfer.value_matching import injections
-from tests.renumbering import nameless, renumbered, turns
-
-
-def nameless_hunt(size, seed):
-    """Return a nameless hunt and chase, and f_1, f_2 between them under each symmetry."""
-    rng = np.random.default_rng(seed)
-    hunt, chase = cr.Pursuit(size, 2), cr.Pursuit(size, 1)
-    target, new, moved = nameless(hunt.mdp, rng)
-    source, there, steps = nameless(chase.mdp, rng)
-    truth = {}
-    for name in hunt.predator_names:
-        index = cr.project(hunt, chase, predator=name).index
-        (state, action), known = np.divmod(index, 5), index >= 0
-        prey, predator = np.divmod(np.where(known, state, 0), size**2)
-        for turn, (cells, moves) in enumerate(turns(size)):
-            image = there[cells[prey] * size**2 + cells[predator]] * 5 + steps[moves[action]]
-            f = np.full(index.shape, cr.ENDED)
-            f[np.ix_(new, moved)] = np.where(known, image, index)
-            truth[name, turn] = f
-    return target, source, truth
+from tests.renumbering import nameless, nameless_hunt, renumbered
 
 
 @pytest.mark.parametrize("seed", range(3))

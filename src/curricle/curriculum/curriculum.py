@@ -48,7 +48,8 @@ from curricle.transfer.proposal import search_steps
 class Curriculum(TaskGraph):
     """A directed acyclic graph of tasks whose edges carry potentials.
 
-    Each setting is one value for all tasks or a dict by name; tasks left out get the default.
+    Every setting below may be one value for all tasks or a dict from task name to value; tasks
+    that a dict leaves out get the default.
 
     Parameters
     ----------
@@ -79,7 +80,8 @@ class Curriculum(TaskGraph):
     Raises
     ------
     CurriculumError
-        On a cycle, an unknown task, another task's mapping, or values that cannot be handed on.
+        On a cycle (naming it), an unknown task, a mapping between other tasks than its edge, or a
+        shaping whose values cannot be handed on in a task that others build on.
 
     Examples
     --------
@@ -212,8 +214,9 @@ class Curriculum(TaskGraph):
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            Random streams have the names of tasks: results do not depend on what others are there.
-            What cannot be calibrated enters as it is, with a warning; ``calibrations`` says why.
+            A task's random stream is named after it, so that a result does not depend on which
+            other tasks are there. Where a seed cannot be calibrated, its potential enters as it is,
+            with a warning; ``calibrations`` of the result says why.
         only : str or sequence of str, optional
             What to train, with all that it builds on; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
