@@ -6,8 +6,9 @@
 `renumbered`: states and actions numbered anew at random, no components. `nameless`: components
 shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
 to do with the target. `auto`: gains over scratch of a mapping that is found, as a share of those by
-hand, all steps charged. `approximate`: the same for a maze and its crop, renumbered, which do not
-correspond exactly. DoorKey needs MiniGrid.
+hand, all steps charged. `approximate`: the same for tasks that do not correspond exactly: a maze
+and its crop, renumbered, and tasks whose components have unequal numbers of values, nameless.
+DoorKey needs MiniGrid.
 """
 
 import argparse
@@ -25,10 +26,12 @@ from benchmarks.pairs import pairs
 from curricle.errors import MappingError
 from curricle.paper import maze_runs
 from curricle.paper.settings import LEARNER, SUMMED, maze
+from curricle.tasks.task import tables
 from curricle.transfer import (
     StateActionMapping,
     auto_mapping,
     by_component_values,
+    family_mappings,
     find_mappings,
 )
 from curricle.transfer.found_mappings import SEARCHES
@@ -38,6 +41,15 @@ from tests.renumbering import nameless, nameless_hunt, renumbered
 
 SIDE = 5
 """Of the paper's maze's corner."""
+NAMELESS_PAIRS = (
+    "mazes/2, treasure",
+    "chain/30 from 8",
+    "chain/30 from 15",
+    "deep-sea/10 from 5, one for four",
+    "frozen-lake/fewer slips, a dry crop",
+    "keys/the last room",
+)
+"""Of `benchmarks.pairs`: components of unequal numbers of values, and a mapping that gains."""
 
 
 # -- exact correspondences -----------------------------------------------------------------------
@@ -110,21 +122,13 @@ def nameless_tasks(seeds: int) -> None:
     for name, other, searches in (
         ("8x8, values matched", room, [by_component_values]),
         ("8x8", room, SEARCHES),
-        ("6x6", key_lock_pit(6), SEARCHES),
+        ("6x6", cr.tasks.KeyLockPit.room(6), SEARCHES),
     ):
         (target, _, _), (source, _, _) = nameless(room.mdp, rng), nameless(other.mdp, rng)
         began = time.perf_counter()
         found = find_mappings(target, source, searches=searches)
         seconds = time.perf_counter() - began
         print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {found[0]}", flush=True)
-
-
-def key_lock_pit(side: int) -> cr.tasks.KeyLockPit:
-    """Return the built-in room with another side."""
-    drawn = np.full((side, side), ".")
-    drawn[2:, side // 2] = "P"
-    drawn[1, 1], drawn[-1, 0], drawn[-1, -1] = "K", "S", "L"
-    return cr.tasks.KeyLockPit(["".join(line) for line in drawn])
 
 
 # -- gains ---------------------------------------------------------------------------------------
@@ -241,6 +245,50 @@ def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]
 
 
 def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
+    """Yield tasks that do not correspond exactly, renumbered or nameless."""
+    yield from renumbered_crops()
+    for size, smaller, *budget in (
+        (8, 6, 4_000, 60_000),
+        (7, 5, 4_000, 60_000),
+        (12, 7, 10_000, 200_000),
+    ):
+        member = cr.tasks.key_lock_pit_family
+        target, source = member(size=size), member(size=smaller)
+        yield nameless_case(
+            f"key-lock-pit {size}x{size} from {smaller}x{smaller}",
+            family_mappings(target, source)[0], eval_freq={"target": 200},
+            budget=dict(zip(("source", "target"), budget, strict=True)),
+        )  # fmt: skip
+    target, source = (cr.tasks.four_rooms_family(size=size) for size in (13, 9))
+    yield nameless_case(
+        "four rooms 13x13 from 9x9", family_mappings(target, source)[0],
+        budget={"source": 6_000, "target": 100_000},
+    )  # fmt: skip
+    for pair in pairs():
+        if pair.name in NAMELESS_PAIRS:
+            yield nameless_case(
+                pair.name, pair.mappings[0], eval_freq={"target": pair.eval_freq},
+                budget={"source": pair.source_budget, "target": pair.target_budget},
+            )  # fmt: skip
+
+
+def nameless_case(
+    name: str, by_hand: StateActionMapping, **settings: Any
+) -> tuple[str, Any, Any, list[cr.Transfer], Callable]:
+    """Return nameless copies of a mapping's tasks, and the mapping between them."""
+    rng, n_moves = np.random.default_rng(0), by_hand.source.actions.size
+    (target, new, moved), (source, there, moves) = (
+        nameless(tables(task), rng) for task in (by_hand.target, by_hand.source)
+    )
+    state, action = np.divmod(np.maximum(by_hand.index, 0), n_moves)
+    image = np.where(by_hand.index >= 0, there[state] * n_moves + moves[action], by_hand.index)
+    index = np.empty_like(image)
+    index[np.ix_(new, moved)] = image
+    mapping = StateActionMapping(target, source, index, by_hand.unmapped_value)
+    return f"{name}, nameless", target, source, [edge(mapping)], of(target, source, **settings)
+
+
+def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
     """Yield the maze and its corner, each renumbered."""
     arena = maze(-5)
     corner = maze_runs.corner(arena, SIDE)

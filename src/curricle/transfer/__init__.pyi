@@ -8,6 +8,7 @@ from .component_search import (
     by_assignment as by_assignment,
     by_name as by_name,
 )
+from .component_warping import by_component_warping as by_component_warping
 from .edges import Calibrate as Calibrate, Transfer as Transfer
 from .factored_homomorphisms import by_component_values as by_component_values
 from .family_mapping import family_mappings as family_mappings

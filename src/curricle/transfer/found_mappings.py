@@ -12,6 +12,7 @@ from curricle.tasks.task import Task
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
+from curricle.transfer.component_warping import by_component_warping
 from curricle.transfer.factored_homomorphisms import by_component_values
 from curricle.transfer.homomorphisms import by_homomorphism
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
@@ -29,6 +30,7 @@ SEARCHES: tuple[Search, ...] = (
     by_assignment,
     by_homomorphism,
     by_component_values,
+    by_component_warping,
     by_common_part,
     by_lax_bisimulation,
 )

@@ -1,0 +1,350 @@
+"""Mappings between tasks whose components lie on paths of unequal lengths, without names.
+
+Which component is which, and which way round, is known by the moves that change it. Which value is
+which is known by what can be done there: what it pays, where it leads, whether it ends. The source
+may be a part of the target: then its paths are windows of the target's. Or it may be the target in
+small: then each path is warped onto the source's, as a time series is by dynamic time warping
+(Sakoe, Chiba 1978), one component after the other until nothing changes.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import permutations, product
+from math import perm
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.errors import MappingError
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import MISSING, Space
+from curricle.transfer.component_orders import Path, numbered, paths
+from curricle.transfer.mapping import pair_mapping
+from curricle.transfer.proposal import Proposal, SearchedMapping
+from curricle.transfer.task_pair import TaskPair
+
+LARGEST = 50_000
+"""State-action pairs of a task."""
+LARGEST_BOX = 2_000_000
+"""Combinations of a source's values."""
+MOST_ASSIGNMENTS = 10_000
+MOST_LAID = 48
+"""Assignments whose values are matched, those whose moves agree best."""
+SLACK = 1.0
+"""How much less than the best the moves of such an assignment may agree."""
+LARGEST_WORK = 20_000_000
+"""Pairs that are compared at most to find the windows of one assignment."""
+KEPT = 4
+"""Ways of either kind that are proposed, those that fit best."""
+NOWHERE = 2.0
+"""Mismatch of a pair that reads a state which the source lacks or which ends it."""
+STEP = 0.1
+"""Cost for each pair of a value where a path stands still, or leaps by one, on the source's."""
+NEARER_SCALE = 1e-6
+"""Cost that decides between warps that fit alike: for the one nearer to scale."""
+ROUNDS = 10
+
+
+class Assigned(NamedTuple):
+    """Which components of a target stand for the source's, and which moves for its moves."""
+
+    paths: tuple[Path, ...]  # for each of the source's paths, the right way round
+    actions: tuple[int, ...]  # for each of the source's components of actions, the target's
+    moves: tuple[IntArray, ...]  # and the source's value for each of its values; MISSING if none
+    cost: float  # how much what the moves change differs
+
+
+class Laid(NamedTuple):
+    """Paths laid beside the source's."""
+
+    assigned: Assigned
+    rows: tuple[IntArray, ...]  # for each, the source's position at each position; -1 if none
+    mismatch: float  # mean over the pairs that have one
+    cost: float  # with that of a warp's uneven steps
+
+
+def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mappings that lay components whose values lie on paths beside the source's.
+
+    Of all assignments of the source's components to some of the target's, whichever way round,
+    those whose moves change the same. What is outside a window is unmapped. Warped paths are
+    proposed where they fit better than any window: a part is not the whole in small.
+
+    Raises
+    ------
+    MappingError
+        When the values of a source component do not lie on a path, when the target has fewer
+        components, or when there are too many pairs, combinations of values or assignments.
+
+    Examples
+    --------
+    >>> from curricle.tasks import KeyLockPit
+    >>> tasks = TaskPair(KeyLockPit.room(8), KeyLockPit.room(6))
+    >>> next(by_component_warping(tasks)).how
+    'components in order, warped: row is row, column is column, key is key, lock is lock; ...'
+    """
+    _check_sizes(tasks)
+    own, other = paths(tasks.target_mdp), paths(tasks.source_mdp)
+    _check_paths(tasks, own, other)
+    found = sorted(_assignments(tasks, own, other), key=lambda one: one.cost)
+    warped, windows = list[Laid](), list[Laid]()
+    for assigned in found[:MOST_LAID]:
+        if assigned.cost <= found[0].cost + SLACK:
+            match = _Match(tasks, assigned, other)
+            warped.append(match.warped())
+            windows += match.windows()
+    fit = min((one.mismatch for one in windows), default=np.inf)
+    for laid in _best([one for one in warped if one.mismatch < fit]):
+        yield _proposal(tasks, laid, other, "warped")
+    for laid in _best(windows):
+        yield _proposal(tasks, laid, other, "window")
+
+
+def _best(laid: list[Laid]) -> list[Laid]:
+    return sorted(laid, key=lambda one: one.cost)[:KEPT]
+
+
+def _check_sizes(tasks: TaskPair) -> None:
+    """Raise MappingError where the tasks are too large."""
+    for mdp in (tasks.target_mdp, tasks.source_mdp):
+        if mdp.outcome_row.size > LARGEST:
+            raise MappingError(
+                f"components are laid side by side in tasks of up to {LARGEST:,} pairs: one has "
+                f"{mdp.outcome_row.size:,}"
+            )
+    combinations = np.prod(tasks.source_mdp.states.shape)
+    if combinations > LARGEST_BOX:
+        raise MappingError(
+            f"components are laid side by side for up to {LARGEST_BOX:,} combinations of a "
+            f"source's values: got {combinations:,}"
+        )
+
+
+def _check_paths(tasks: TaskPair, own: list[Path], other: list[Path]) -> None:
+    """Raise MappingError where there are no paths to lay beside the source's, or too many."""
+    target, source = tasks.target_mdp, tasks.source_mdp
+    on_paths = [path.place for path in other]
+    for place, component in enumerate(source.states.components):
+        if place not in on_paths:
+            raise MappingError(
+                "components are laid side by side if their values lie on paths: those of the "
+                f"source's {component.name!r} do not"
+            )
+    actions = len(target.actions.components), len(source.actions.components)
+    if len(own) < len(other) or actions[0] < actions[1]:
+        raise MappingError(
+            "each component of the source is laid beside another of the target: the source has "
+            f"{len(other)} and {actions[1]} of actions, the target {len(own)} on paths and "
+            f"{actions[0]} of actions"
+        )
+    ways = perm(len(own), len(other)) * 2 ** len(other) * perm(*actions)
+    if ways > MOST_ASSIGNMENTS:
+        raise MappingError(
+            f"components are assigned in up to {MOST_ASSIGNMENTS:,} ways: there are {ways:,}"
+        )
+
+
+# -- which component is which --------------------------------------------------------------------
+
+
+def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterator[Assigned]:
+    """Yield every assignment of components, with the moves that agree best."""
+    mine, theirs = (
+        [_shares(some, actions, c) for c in range(len(actions.components))]
+        for some, actions in ((own, tasks.target_mdp.actions), (other, tasks.source_mdp.actions))
+    )
+    for some in permutations(range(len(own)), len(other)):
+        for turned in product((False, True), repeat=len(other)):
+            ways = list(zip(some, turned, strict=True))
+            laid = tuple(own[i].reversed() if turn else own[i] for i, turn in ways)
+            for actions in permutations(range(len(mine)), len(theirs)):
+                cost, moves = 0.0, []
+                for c, there in zip(actions, theirs, strict=True):
+                    here = np.stack([mine[c][i][::-1] if turn else mine[c][i] for i, turn in ways])
+                    table = abs(here[..., :, None] - there[..., None, :]).sum(axis=(0, 1))
+                    matched = linear_sum_assignment(table)
+                    moves.append(np.full(len(table), MISSING))
+                    moves[-1][matched[0]] = matched[1]
+                    cost += float(table[matched].sum())
+                yield Assigned(laid, actions, tuple(moves), cost)
+
+
+def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
+    """Return the share of a path's rises and of its falls that each value of a component makes.
+
+    (C, 2, M) float64. Shares, as a longer path has more of both.
+    """
+    values, size = numbered(actions)[component], actions.components[component].size
+    made = np.array([
+        [np.bincount(values, moved.sum(axis=0), size) for moved in (path.up, path.down)]
+        for path in some
+    ])  # fmt: skip
+    total = made.sum(axis=2, keepdims=True)
+    return np.asarray(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
+
+
+# -- which value is which ------------------------------------------------------------------------
+
+
+class _Match:
+    """Lays the paths of an assignment beside the source's."""
+
+    def __init__(self, tasks: TaskPair, assigned: Assigned, other: list[Path]):
+        target, source = tasks.target_mdp, tasks.source_mdp
+        self.assigned, live = assigned, ~target.terminal
+        self.position = [path.position[live] for path in assigned.paths]
+        self.sizes = [len(path.values) for path in assigned.paths]
+        self.others = [len(path.values) for path in other]
+        paid = np.concatenate([_rewards(mdp)[~mdp.terminal].ravel() for mdp in (target, source)])
+        scale = float(np.ptp(paid)) or 1.0
+        action = _source_actions(tasks, assigned)
+        self.mine = _described(target, assigned.paths, scale)[live]
+        self.theirs = _described(source, other, scale)[:, np.maximum(action, 0)]
+        self.lacking = action == MISSING
+        # The source's live state at each combination of positions, -1 where there is none.
+        self.state = np.full(self.others, -1)
+        here = np.where(source.terminal, -1, np.arange(len(source.terminal)))
+        self.state[tuple(path.position for path in other)] = here
+
+    def warped(self) -> Laid:
+        """Return the warp that fits best, from paths in proportion on."""
+        rows = [
+            np.rint(np.linspace(0, there - 1, here)).astype(np.int64)
+            for here, there in zip(self.sizes, self.others, strict=True)
+        ]
+        for _ in range(ROUNDS):
+            before = [row.copy() for row in rows]
+            for i in range(len(rows)):
+                rows[i] = self._warped_along(i, rows)
+            if all(np.array_equal(old, new) for old, new in zip(before, rows, strict=True)):
+                break
+        mismatch = float(self._mismatch(rows).mean())
+        uneven = sum(float(abs(np.diff(row) - 1).sum()) / len(row) for row in rows)
+        return Laid(self.assigned, tuple(rows), mismatch, mismatch + STEP * uneven)
+
+    def windows(self) -> list[Laid]:
+        """Return the source in every place within a larger target; none if it does not fit."""
+        free = [here - there + 1 for here, there in zip(self.sizes, self.others, strict=True)]
+        if min(free) < 1 or max(free) == 1 or np.prod(free) * self.mine.size > LARGEST_WORK:
+            return []
+        found = []
+        for first in np.ndindex(*free):
+            rows = [np.arange(size) - at for size, at in zip(self.sizes, first, strict=True)]
+            rows = [np.where((row >= 0) & (row < there), row, -1)
+                    for row, there in zip(rows, self.others, strict=True)]  # fmt: skip
+            inside = self._inside(rows)
+            if inside.any():
+                mismatch = float(self._mismatch(rows, inside).mean())
+                found.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
+        return found
+
+    def _inside(self, rows: list[IntArray]) -> BoolArray:
+        """Return which states have a position of the source on every path, (S,) bool."""
+        each = [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
+        return np.asarray(np.logical_and.reduce(each))
+
+    def _mismatch(self, rows: list[IntArray], some: Any = slice(None)) -> FloatArray:
+        """Return how much what each pair does differs from what its source pair does, (S, A)."""
+        state = self.state[tuple(r[at[some]] for r, at in zip(rows, self.position, strict=True))]
+        found = abs(self.mine[some] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
+        found[state < 0] = NOWHERE
+        found[:, self.lacking] = NOWHERE
+        return np.asarray(found)
+
+    def _warped_along(self, i: int, rows: list[IntArray]) -> IntArray:
+        """Return the warp of one path that fits best, the others as they are."""
+        size, other = self.sizes[i], self.others[i]
+        costs = np.empty((size, other))
+        for position in range(other):
+            here = np.full(size, position)
+            cost = self._mismatch([*rows[:i], here, *rows[i + 1 :]]).sum(axis=1)
+            costs[:, position] = np.bincount(self.position[i], cost, size)
+        in_scale = np.linspace(0, other - 1, size)[:, None]
+        costs += NEARER_SCALE * abs(in_scale - np.arange(other))
+        return warp(costs, STEP * self.mine.shape[0] * self.mine.shape[1] / size)
+
+
+def warp(costs: FloatArray, step: float) -> IntArray:
+    """Return the cheapest way that never turns back, (n,): a column for each row of a table.
+
+    Dynamic time warping with free ends.
+
+    Parameters
+    ----------
+    costs : (n, m) float64
+    step : float
+        Cost of each column by which a step is not to the next one.
+
+    Examples
+    --------
+    >>> warp(np.array([[0.0, 9.0], [0.0, 9.0], [9.0, 0.0]]), 0.1)
+    array([0, 0, 1])
+    """
+    ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
+    price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)
+    total, came = costs[0], list[IntArray]()
+    for cost in costs[1:]:
+        ways = total + price
+        came.append(ways.argmin(axis=1))
+        total = ways.min(axis=1) + cost
+    way = [int(total.argmin())]
+    for back in reversed(came):
+        way.append(int(back[way[-1]]))
+    return np.array(way[::-1])
+
+
+def _described(mdp: FiniteMDP, some: Sequence[Path], scale: float) -> npt.NDArray[np.float32]:
+    """Return what each pair does, (S, A, 2 + C): ends, pays, and leads along each path."""
+    ends = mdp.probability * mdp.terminal[mdp.next_state]
+    along = [path.up - path.down for path in some]
+    what = [ends.sum(axis=1)[mdp.outcome_row], _rewards(mdp) / scale, *along]
+    return np.stack(what, axis=2).astype(np.float32)
+
+
+def _rewards(mdp: FiniteMDP) -> FloatArray:
+    return np.asarray((mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row])
+
+
+# -- what is proposed ----------------------------------------------------------------------------
+
+
+def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
+    """Return the source's action for each of the target's, (A,); `MISSING` where it has none."""
+    values, space = numbered(tasks.target_mdp.actions), tasks.source_mdp.actions
+    moves = zip(assigned.actions, assigned.moves, strict=True)
+    return _encoded(space, [move[values[c]] for c, move in moves])
+
+
+def _encoded(space: Space, values: list[IntArray]) -> IntArray:
+    """Return the points of a space with these values, numbered from 0, and `MISSING` below 0."""
+    known = np.logical_and.reduce([each >= 0 for each in values])
+    whole = {
+        one.name: np.maximum(each, 0) + one.low
+        for one, each in zip(space.components, values, strict=True)
+    }
+    return np.where(known, space.encode(**whole), MISSING)
+
+
+def _proposal(tasks: TaskPair, laid: Laid, other: list[Path], kind: str) -> Proposal:
+    """Return the mapping that paths laid beside the source's make."""
+    target, source, chosen = tasks.target_mdp, tasks.source_mdp, laid.assigned
+    values = [
+        np.where(row >= 0, there.values[row], -1)[path.position]
+        for path, row, there in zip(chosen.paths, laid.rows, other, strict=True)
+    ]
+    state = _encoded(source.states, values)
+    # A state that goes on is unlike one that has ended.
+    state = np.where(source.terminal[state] & ~target.terminal, MISSING, state)
+    index = pair_mapping(tasks.target, tasks.source, state[:, None], _source_actions(tasks, chosen))
+    words = [
+        f"{theirs.name} is {target.states.components[path.place].name}"
+        for theirs, path in zip(source.states.components, chosen.paths, strict=True)
+    ]
+    moves = [
+        f"{theirs.name} is {target.actions.components[c].name}"
+        for theirs, c in zip(source.actions.components, chosen.actions, strict=True)
+    ]
+    how = f"components in order, {kind}: {', '.join(words)}; actions: {', '.join(moves)}"
+    return Proposal(SearchedMapping(tasks.target, tasks.source, index.index, how=how), how)
