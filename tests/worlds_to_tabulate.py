@@ -44,6 +44,33 @@ class Counting(Corridor):
         return super().step(action)
 
 
+class Writing(Corridor):
+    """Notes every action in a list, which is part of its state."""
+
+    def reset(self, *, seed=None, options=None):
+        self.taken = []
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        self.taken.append(int(action))
+        return super().step(action)
+
+
+class OldStep(Corridor):
+    """Steps return what they did before Gymnasium: four parts."""
+
+    def step(self, action):
+        seen, reward, terminated, _, info = super().step(action)
+        return seen, reward, terminated, info
+
+
+class OldReset(Corridor):
+    """Resets return what they did before Gymnasium: an observation alone."""
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)[0]
+
+
 class OwnClock(Counting):
     """Truncates by a clock of its own."""
 

@@ -1,15 +1,17 @@
 """Tables on disk: found again by what made them, whole or not at all."""
 
-import importlib
 import json
+import os
+import subprocess
 import sys
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import StoreError, TaskError
+from curricle.errors import SettingError, StoreError, TaskError
 from curricle.interop import DeepCopy
 from tests.worlds_to_tabulate import Corridor, Counting, Slippery
 
@@ -68,22 +70,68 @@ def test_other_tables_are_not_confused(tmp_path, what):
     assert tabulated(tmp_path, **OTHERS[what]).record.cached
 
 
-def test_code_that_changed_is_noticed(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    text = (
-        "from tests.worlds_to_tabulate import Corridor\n\n\nclass Mine(Corridor):\n    pays = 1\n"
-    )
-    from curricle.interop.tabulation import table_cache
+CODE = """
+from tests.worlds_to_tabulate import Corridor
+from {rules} import PAYS, pays
 
-    for version, found in ((text, False), (text, True), (text.replace("1", "2"), False)):
-        (tmp_path / "mine_to_tabulate.py").write_text(version, "utf-8")
-        importlib.invalidate_caches()
-        sys.modules.pop("mine_to_tabulate", None)
-        table_cache._source.cache_clear()
-        module = importlib.import_module("mine_to_tabulate")
-        assert tabulated(tmp_path / "cache", make=module.Mine).record.cached is found
-    sys.modules.pop("mine_to_tabulate")
+
+class Mine(Corridor):
+    def step(self, action):
+        seen, reward, *rest = super().step(action)
+        return seen, pays(reward) + PAYS, *rest
+"""
+RULES = """
+import random
+import numpy as np
+
+PAYS, FACTOR, TABLE = 0, 1, {"lit": [np.ones(2), np.zeros(2)]}
+
+
+def pays(reward):
+    return helped(reward) * FACTOR + TABLE["lit"][1][0]
+
+
+def helped(reward):
+    return reward
+"""
+CHANGES = {
+    "nothing": ("", ""),
+    "a constant": ("PAYS, FACTOR, TABLE = 0", "PAYS, FACTOR, TABLE = 2"),
+    "a constant of a function": ("= 0, 1", "= 0, 2"),
+    "an array": ("np.zeros(2)", "np.ones(2)"),
+    "a function": ("    return reward\n", "    return -reward\n"),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_code_that_changed_is_noticed(tmp_path, monkeypatch, what):
+    """Wherever it is: in the class's module, in one that this imports, or in no file at all."""
+    found = []
+    for old, new in (CHANGES["nothing"], CHANGES[what]):
+        for name, text in (("its_rules", RULES.replace(old, new)), ("its_world", CODE)):
+            module = ModuleType(name)
+            monkeypatch.setitem(sys.modules, name, module)
+            exec(text.replace("{rules}", "its_rules"), vars(module))  # as a notebook does
+        found.append(tabulated(tmp_path, make=module.Mine).record.cached)
+    assert found == [False, what == "nothing"]
+
+
+def test_the_name_of_tables_is_the_same_in_every_process(tmp_path):
+    program = (
+        "import curricle as cr; from tests.worlds_to_tabulate import Corridor;"
+        f"print(cr.tabulate(Corridor, discount=0.5, cache={str(tmp_path)!r}).record.cached)"
+    )
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for seed in ("1", "2")
+    ]
+    assert found == ["False", "True"]
 
 
 @pytest.mark.parametrize("suffix", ["npz", "json"])
@@ -130,6 +178,29 @@ def test_nothing_is_written_where_nothing_is_made(tmp_path):
         with pytest.raises(TaskError):
             tabulated(folder, make=make, **settings)
     assert not folder.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_a_cache_that_cannot_be_written_to_is_refused_before_states_are_visited(
+    monkeypatch,
+):
+    monkeypatch.setattr("curricle.interop.tabulation.plan.explore", None)
+    rule = "a cache must be a folder that can be written to: .* failed with "
+    with pytest.raises(StoreError, match=rule):
+        tabulated("/proc/no folder")
+
+
+def test_a_cache_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
+    first = tabulated(tmp_path)
+    monkeypatch.setattr("curricle.interop.tabulation.table_cache.write_whole", None)
+    monkeypatch.setattr("curricle.interop.tabulation.table_cache.part_in", None)
+    assert_same(first, tabulated(tmp_path))
+
+
+@pytest.mark.parametrize("cache", [3, True, ["tables"], ""])
+def test_a_cache_is_named_by_a_path(cache):
+    with pytest.raises(SettingError, match="cache must be the path of a folder: got"):
+        tabulated(cache)
 
 
 def test_a_cache_that_is_no_folder_is_refused_before_anything_is_done(tmp_path):

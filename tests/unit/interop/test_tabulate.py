@@ -17,10 +17,13 @@ from tests.worlds_to_tabulate import (
     Counting,
     Dark,
     Flickering,
+    OldReset,
+    OldStep,
     OwnClock,
     Slippery,
     Uncopyable,
     Unreadable,
+    Writing,
 )
 
 
@@ -248,6 +251,15 @@ def test_listed_outcomes_of_ones_own():
         )
 
 
+def test_a_table_says_that_its_steps_draw_random_numbers():
+    """Eight repetitions need not meet an outcome of which the chance is small."""
+    task = cr.tabulate(lambda: Slippery("environment", chance=0.0), discount=0.5)
+    assert task.record.drawing > 0
+    said = f"exact unless {task.record.drawing} pairs that draw random numbers rarely use them"
+    assert said in repr(task)
+    assert repr(cr.tabulate(Corridor, discount=0.5)).endswith("exact)")
+
+
 REFUSALS = {
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
     "cannot be read": (Unreadable, {}, "an? Opaque in it cannot be read"),
@@ -255,6 +267,42 @@ REFUSALS = {
         Counting,
         {"max_states": 300},
         "at most max_states, 300 states: .* found more, which differ most in 'taken', of",
+    ),
+    "a list grows": (
+        Writing,
+        {"max_states": 300},
+        "found more, which differ most in 'taken', of 2[0-9][0-9] values",
+    ),
+    "fractions differ": (
+        gym.make,
+        {"id": "CartPole-v1", "max_states": 50},
+        "found more, most of which differ in what is no whole number or word",
+    ),
+    "a reward is no number": (
+        lambda: TransformReward(Corridor(), lambda reward: float("nan")),
+        {},
+        "a reward must be a finite number: got nan from",
+    ),
+    "a step of old": (
+        OldStep,
+        {},
+        r"a step must return \(observation, reward, terminated, truncated, info\): got \(",
+    ),
+    "a reset of old": (OldReset, {}, r"a reset must return \(observation, info\): got "),
+    "nothing is listed": (
+        Corridor,
+        {"outcomes": lambda s, a: None, "state": (save, restore)},
+        "an outcome must be .*: action 0 in .* lists None",
+    ),
+    "a listed reward is no number": (
+        Corridor,
+        {"outcomes": lambda s, a: [(1.0, s, "much", False)], "state": (save, restore)},
+        "an outcome must be .* finite numbers .* 'much'",
+    ),
+    "a listed state is no key": (
+        Corridor,
+        {"outcomes": lambda s, a: [(1.0, [0], 0.0, False)], "state": (save, restore)},
+        "an outcome must be .* hashable state: .*",
     ),
     "takes too long": (Counting, {"max_seconds": 0.05}, "within max_seconds, 0.05: "),
     "shows noise": (Flickering, {}, "led to another observation"),
@@ -298,6 +346,7 @@ def test_refusals_are_one_sentence(case):
         ({"max_states": 0}, "max_states must"),
         ({"max_seconds": -1}, "max_seconds must"),
         ({"seeds": []}, "seeds must"),
+        ({"progress": 3}, "progress must be True, False or a function of a Progress: got 3"),
     ],
 )
 def test_settings_are_checked(settings, said):

@@ -75,18 +75,22 @@ class ListedOutcomes:
         """Yield the outcomes that are possible."""
         self.transitions += 1
         total = 0.0
-        for outcome in self.listed(content, action):
+        listed = self.listed(content, action)
+        for outcome in listed if isinstance(listed, Iterable) else [listed]:
             try:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
+                reward = number("a reward", reward, TaskError)
+                hash(after)
             except (TypeError, ValueError) as error:
                 raise TaskError(
-                    "an outcome must be (probability, next state, reward, terminated): action "
-                    f"{action} in {content!r} lists {outcome!r}"
+                    "an outcome must be (probability, next state, reward, terminated) with finite "
+                    f"numbers and a hashable state: action {action} in {content!r} lists "
+                    f"{outcome!r}"
                 ) from error
             total += chance
             if chance > 0:
-                yield self._reached(chance, after, float(reward), ended=bool(ended))
+                yield self._reached(chance, after, reward, ended=bool(ended))
         if abs(total - 1) > PROBABILITY_TOLERANCE:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "

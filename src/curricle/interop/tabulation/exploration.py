@@ -208,16 +208,23 @@ class _Search:
             )
 
     def _too_many(self) -> TaskError:
-        """Return the error of a state budget, which names what differs most between states."""
-        values = dict[str, set[int | str]]()
-        for words in self.found.words:
-            for name, value in words.items():
-                values.setdefault(name, set()).add(value)
-        hint = ""
+        """Return the error of a state budget, which says in what states differ most."""
+        words = self.found.words
+        everywhere = set(words[0]).intersection(*words)
+        values = dict[str, set[Any]]()
+        for each in words:
+            parts = dict[str, list[int | str]]()
+            for name, value in each.items():
+                # Entries that some states lack are those of a list that grows.
+                whole = name if name in everywhere else name.rstrip("0123456789").rstrip("_")
+                parts.setdefault(whole, []).append(value)
+            for name, part in parts.items():
+                values.setdefault(name, set()).add(tuple(part))
         name = max(values, key=lambda one: len(values[one]), default="")
-        if len(values.get(name, ())) > 1:
+        hint = ", most of which differ in what is no whole number or word"
+        if 2 * len({frozenset(each.items()) for each in words}) > len(words):
             hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
         return TaskError(
             f"a table may have at most max_states, {self.budget.states:,} states: tabulating "
-            f"{self.world.name} found more{hint}"
+            f"{self.world.name} found more{hint if len(words) > 1 else ''}"
         )

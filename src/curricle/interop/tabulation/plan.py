@@ -50,6 +50,10 @@ class Plan:
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
                 f"restore): got {self.state!r}"
             )
+        if not isinstance(self.progress, bool) and not callable(self.progress):
+            raise SettingError(
+                f"progress must be True, False or a function of a Progress: got {self.progress!r}"
+            )
         if self.outcomes is not None and not callable(self.outcomes):
             raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
         if self.samples is not None:
@@ -70,6 +74,7 @@ class Plan:
         kept = name_of(env, self.seeds, ways)
         found = self.cache.find(kept)
         if found is None:
+            self.cache.require_writable()
             found = self._made(env, act, n_actions, name, how)
             self.cache.keep(kept, *found)
         return found

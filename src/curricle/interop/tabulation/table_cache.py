@@ -1,15 +1,12 @@
 """Tables kept on disk, found again by a hash of all that they were made from."""
 
 import hashlib
-import inspect
 import io
 import json
-import sys
 import zipfile
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +14,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from curricle.errors import StoreError, TaskError
-from curricle.files import read_bounded, write_whole
+from curricle.errors import SettingError, StoreError, TaskError
+from curricle.files import part_in, read_bounded, write_whole
 from curricle.interop.tabulation.assembling import Tables
+from curricle.interop.tabulation.code_in_memory import code_digest
 from curricle.interop.tabulation.fingerprint import fingerprint
 from curricle.interop.tabulation.observation_table import ObservationTable
 from curricle.interop.tabulation.state_access import Environment
@@ -44,16 +42,19 @@ class TableCache:
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
         Made when the first tables are kept.
     """
 
-    folder: Path
+    folder: Any
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "folder", Path(self.folder))
-        if self.folder.exists() and not self.folder.is_dir():
-            raise StoreError(f"a cache must be a folder: {self.folder} is a file")
+        if not isinstance(self.folder, str | Path) or not str(self.folder):
+            raise SettingError(f"cache must be the path of a folder: got {self.folder!r}")
+        folder = Path(self.folder)
+        if folder.exists() and not folder.is_dir():
+            raise StoreError(f"a cache must be a folder: {folder} is a file")
+        object.__setattr__(self, "folder", folder)
 
     def find(self, name: str) -> tuple[Tables, TabulationRecord] | None:
         """Return the tables kept under a name, and how they came about; None if there are none."""
@@ -89,11 +90,25 @@ class TableCache:
             "observed": tables.observations is not None,
             "record": asdict(record),
         }
-        try:
+        with self._writing():
             self.folder.mkdir(parents=True, exist_ok=True)
             write_whole(self.folder / f"{name}.npz", packed.getvalue())
             # Last: without it there is nothing to be found.
             write_whole(self.folder / f"{name}.json", json.dumps(about, indent=1).encode())
+
+    def require_writable(self) -> None:
+        """Raise StoreError where tables could not be kept, before any are made."""
+        absolute = self.folder.absolute()
+        there = next(each for each in (absolute, *absolute.parents) if each.exists())
+        with self._writing():
+            trial = part_in(there)
+            trial.touch()
+            trial.unlink()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise StoreError(
                 f"a cache must be a folder that can be written to: {self.folder} failed with "
@@ -125,9 +140,8 @@ def _read(about: Any, arrays: dict[str, npt.NDArray[Any]]) -> tuple[Tables, Tabu
 def name_of(env: Environment, seeds: Sequence[int], ways: Sequence[Any]) -> str:
     """Return a name that other tables would not have.
 
-    It stands for what the environment holds after each reset, the files that its classes and those
-    of the functions given are in, the versions of the packages they belong to, and the `ways`: all
-    else that the tables depend on.
+    It stands for what the environment holds after each reset, the code of its classes and of the
+    functions given (:func:`code_digest`), and the `ways`: all else that the tables depend on.
 
     Raises
     ------
@@ -140,10 +154,8 @@ def name_of(env: Environment, seeds: Sequence[int], ways: Sequence[Any]) -> str:
     layers: list[Any] = [env]
     while isinstance(layers[-1], gym.Wrapper):
         layers.append(layers[-1].env)
-    for owner in [*layers, *ways]:
-        for module in _modules(owner):
-            told.update(_source(module))
     try:
+        told.update(code_digest([*layers, *ways]))
         told.update(fingerprint(list(ways)))
         for seed in seeds:
             env.reset(seed=seed)
@@ -153,23 +165,6 @@ def name_of(env: Environment, seeds: Sequence[int], ways: Sequence[Any]) -> str:
             f"an environment must be readable to be cached, all that it holds: {error}"
         ) from error
     return told.hexdigest()
-
-
-def _modules(owner: Any) -> list[str]:
-    """Return the modules of an object's classes, or of a function."""
-    kinds = type(owner).__mro__ if not inspect.isfunction(owner) else (owner,)
-    names = [getattr(kind, "__module__", None) or "" for kind in kinds]
-    return [name for name in names if name not in ("", "builtins", "typing", "abc")]
-
-
-@cache
-def _source(module: str) -> bytes:
-    """Return a digest of a module's file, and of the version of its package."""
-    top = sys.modules.get(module.partition(".")[0])
-    file = getattr(sys.modules.get(module), "__file__", None)
-    content = Path(file).read_bytes() if file and Path(file).is_file() else b""
-    version = str(getattr(top, "__version__", ""))
-    return hashlib.blake2b(f"{module} {version} ".encode() + content).digest()
 
 
 def _sha256(content: bytes) -> str:

@@ -88,8 +88,9 @@ def tabulate(
         Whether to show how far it is, or a function that is called with a :class:`Progress`.
     cache : str or Path, optional
         A folder in which tables are kept and found again by a hash of what they are made from: what
-        the environment holds after each reset, the code of its classes, the versions of their
-        packages, and the settings above. Not of what it reads elsewhere, such as a file of data.
+        the environment holds after each reset, the code of its classes and all that this names, the
+        versions of installed packages, and the settings above. Not of what it reads elsewhere, such
+        as a file of data.
     **make_arguments
         Arguments of ``gymnasium.make`` or the callable.
 
@@ -128,7 +129,7 @@ def tabulate(
             number("max_seconds", max_seconds, SettingError, low=0),
         ),
         progress=progress,
-        cache=None if cache is None else TableCache(Path(cache)),
+        cache=None if cache is None else TableCache(cache),
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)

@@ -171,8 +171,10 @@ class TabulatedTask(Frozen):
 
     def __repr__(self) -> str:
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
-        samples = self.record.samples
+        samples, drawing = self.record.samples, self.record.drawing
         kind = "exact" if samples is None else f"estimated from {samples:,} steps a pair"
+        if drawing:
+            kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
         note = f", {self.record.note}" if self.record.note else ""
         return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
 

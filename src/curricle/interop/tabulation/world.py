@@ -1,5 +1,6 @@
 """An environment whose steps can be taken from any state, as often as one likes."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ from curricle.interop.toy_text import HARMLESS
 
 REPETITIONS = 8
 """Times that a step is taken in all if it draws random numbers; one that draws none, twice."""
+RESET = "observation", "info"
+STEP = "observation", "reward", "terminated", "truncated", "info"
+"""What Gymnasium's resets and steps return."""
 LONG_AGO = -(2**62)
 """Steps that the clock of a wrapper shows, so that no time limit is met."""
 
@@ -56,7 +60,7 @@ class World:
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
-        observed, _ = self.now.reset(seed=seed)
+        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
         _rewind_clocks(self.now)
         self.access.begin(self.now)
         return Arrival(self.access.save(self.now), 0.0, False, False, observed)
@@ -99,14 +103,26 @@ class World:
         return arrival
 
     def _arrival(self, env: Environment, action: int) -> Arrival:
-        observed, reward, terminated, truncated, _ = env.step(self.act(action))
+        returned = self._returned(env.step(self.act(action)), STEP)
+        observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
         try:
             earned = float(reward)
         except (TypeError, ValueError):
-            raise TaskError(f"a reward must be a number: got {reward!r} from {self.name}") from None
+            earned = math.nan
+        if not math.isfinite(earned):
+            raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         state = self.access.save(env)
         return Arrival(state, earned, bool(terminated), bool(truncated), observed)
+
+    def _returned(self, found: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
+        """Return what a reset or a step returned, if it has so many parts."""
+        if not isinstance(found, tuple) or len(found) != len(names):
+            what = "reset" if names is RESET else "step"
+            raise TaskError(
+                f"a {what} must return ({', '.join(names)}): got {found!r} from {self.name}"
+            )
+        return found
 
     def _check_repeated(self, first: Arrival, again: Arrival, action: int) -> None:
         same = first.state.key == again.state.key
