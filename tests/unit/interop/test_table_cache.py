@@ -116,14 +116,16 @@ def test_code_that_changed_is_noticed(tmp_path, monkeypatch, what):
     assert found == [False, what == "nothing"]
 
 
-def test_the_name_of_tables_is_the_same_in_every_process(tmp_path):
+@pytest.mark.parametrize("world", ["tests.worlds_to_tabulate:Corridor", "MiniGrid-Empty-5x5-v0"])
+def test_another_process_finds_tables(tmp_path, world):
     program = (
-        "import curricle as cr; from tests.worlds_to_tabulate import Corridor;"
-        f"print(cr.tabulate(Corridor, discount=0.5, cache={str(tmp_path)!r}).record.cached)"
+        "import curricle as cr, minigrid, sys; from tests import worlds_to_tabulate;"
+        "world = getattr(worlds_to_tabulate, sys.argv[1].partition(':')[2], sys.argv[1]);"
+        "print(cr.tabulate(world, discount=0.5, cache=sys.argv[2]).record.cached)"
     )
     found = [
         subprocess.run(
-            [sys.executable, "-c", program],
+            [sys.executable, "-c", program, world, str(tmp_path)],
             env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True,
             text=True,

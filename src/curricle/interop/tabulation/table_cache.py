@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -149,8 +150,9 @@ def name_of(env: Environment, seeds: Sequence[int], ways: Sequence[Any]) -> str:
         When something in the environment cannot be read.
     """
     told = hashlib.blake2b(digest_size=20)
-    told.update(repr((FORMAT, tuple(seeds), str(env.observation_space))).encode())
-    told.update(str(env.action_space).encode())
+    # MiniGrid's space of missions prints a function with its address, another in every process.
+    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
+    told.update(repr((FORMAT, tuple(seeds), spaces)).encode())
     layers: list[Any] = [env]
     while isinstance(layers[-1], gym.Wrapper):
         layers.append(layers[-1].env)
