@@ -274,13 +274,22 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence
         (
             "length = 4",
             "lenght = 4",
-            "line 10: tasks.short is refused: a parameter of corridor must be"
-            " one of length, treasure, limit: got 'lenght', did you mean 'length'?",
+            "line 10: tasks.short.lenght is unknown, did you mean 'length'?",
         ),
         (
             "length = 4",
             "length = 12",
-            "line 10: tasks.short is refused: length of corridor must lie in [2, 9]: got 12",
+            "line 10: tasks.short.length must lie in [2, 9]: got 12",
+        ),
+        (
+            'family = "own:corridor"',
+            'family = "own:corridor"\ntreasures = 4',
+            "line 7: families.lane.treasures is unknown, did you mean 'treasure'?",
+        ),
+        (
+            "length = 4",
+            "length = 4, limit = 0.5",
+            "line 10: tasks.short.limit must be a whole number: got 0.5",
         ),
         (
             "length = 4",

@@ -70,16 +70,21 @@ def checked_parameters(
                 f"got {shown(family)}{suggestion(family, known)}",
             )
         )
+    return _checked_by(BUILT_IN[family], given)
+
+
+def _checked_by(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as a family's members hold them, or raise what is wrong at each key."""
     found, wrong = dict[str, Any](), list[tuple[KeyPath, str]]()
-    by_name = {one.name: one for one in BUILT_IN[family].parameters}
+    by_name = {one.name: one for one in family.parameters}
     for name, value in given.items():
         if name not in by_name:
             wrong.append(((name,), unknown(name, by_name)))
             continue
         try:
-            found[name] = _checked(by_name[name], value, family)
+            found[name] = _checked(by_name[name], value, family.name)
         except TaskError as error:
-            wrong.append(((name,), str(error).removeprefix(f"{name} of {family} ")))
+            wrong.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
     if wrong:
         raise wrong_at(*wrong)
     return found
@@ -104,11 +109,14 @@ def all_parameters(family: str, given: Mapping[str, Any]) -> dict[str, Any]:
 def member_of(family: str, given: Mapping[str, Any], folder: Path) -> FamilyMember:
     """Return the member with these parameters of a family, which may be the user's own."""
     found = BUILT_IN.get(family) or _own(family, folder)
-    values = {
-        name: None if value == NONE and found.parameter(name).optional else value
-        for name, value in given.items()
-    }
-    return found(**values)
+    values = _checked_by(found, given)
+    optional = {one.name for one in found.parameters if one.optional}
+    return found(
+        **{
+            name: None if value == NONE and name in optional else value
+            for name, value in values.items()
+        }
+    )
 
 
 def _own(reference: str, folder: Path) -> TaskFamily:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from pydantic import ValidationError
+
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.config.merging import SETTINGS
 from curricle.study.config.tables import SHOWN, KeyPath, shown
@@ -58,6 +60,10 @@ class Positions:
         homes = [("arms", arm, *keys), path]
         if len(path) > 2 and path[0] == "tasks" and path[2] in SETTINGS:
             homes += [("arms", arm, *path[2:]), path[2:]]  # a setting for all tasks
+        elif len(path) > 2 and path[0] == "tasks":
+            written = [table(one.get("tasks")).get(str(path[1])) for one in (patch, self.study)]
+            named = [table(one).get("family") for one in written]
+            homes += [("families", name, *path[2:]) for name in named if isinstance(name, str)]
         return min(homes, key=lambda home: len(home) - _reach(self.study, home))
 
 
@@ -108,6 +114,9 @@ class Problems:
         """Add what the library refuses in this context, about a part of an arm's curriculum."""
         try:
             yield
+        except ValidationError as error:
+            wrong = [((*path, *one["loc"]), one["msg"]) for one in error.errors(include_url=False)]
+            self.add([(self.positions.in_file(arm, place), text) for place, text in wrong])
         except CurricleError as error:
             self.cause = self.cause or error
             self.add([(self.positions.in_file(arm, path), f"is refused: {error}")])

@@ -132,6 +132,8 @@ class Parameter:
         low = -BEYOND_64_BITS + 1 if self.low is None else self.low
         high = BEYOND_64_BITS if self.high is None else self.high
         if self.kind is int:
+            if self.low is None and number(name, value, TaskError) % 1:
+                raise TaskError(f"{name} must be a whole number: got {value!r}")
             value = whole_number(name, value, int(low), TaskError)
             number(name, value, TaskError, low, high)
             return value
