@@ -6,7 +6,7 @@ from typing import Literal
 
 import pytest
 
-from curricle import GridWorld, Pursuit
+from curricle import GridWorld, Pursuit, solve
 from curricle.errors import TaskError
 from curricle.tasks import (
     ComponentsByName,
@@ -225,6 +225,16 @@ def one_word(word: str = "a") -> GridWorld:
             lambda: TaskFamily("f", one_word, [Parameter("word", values=("b",))]),
             "word of f, its default, must be one of b: got 'a'",
         ),
+        (lambda: task_family(one_word), "must be given Parameters, in parentheses, above a"),
+        (
+            lambda: TaskFamily("f", one_word, constraint=3),
+            "the constraint of f must be a function: got 3",
+        ),
+        (
+            lambda: TaskFamily("f", one_word, constraint=lambda values: False)(),
+            "constraint of f must return None or what is wrong as a sentence: got False for f",
+        ),
+        (lambda: TaskFamily("f", lambda: 1)(x=2), "parameter of f must be one of none: got 'x'"),
         (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
         (lambda: ComponentsByName("stretch"), "unequal must be one of unmapped, clip, scale"),
         (lambda: ComponentsByName(renaming=3), "renaming must be a dict of source components"),
@@ -237,6 +247,18 @@ def one_word(word: str = "a") -> GridWorld:
 def test_bad_declarations_are_refused_in_a_sentence(wrong, said):
     with pytest.raises(TaskError, match=said):
         wrong()
+
+
+def test_a_default_without_an_annotation_says_the_kind():
+    lane = TaskFamily("lane", lambda length=3, wet=False, notes=(): one_word(), [])
+    assert [(one.name, one.kind) for one in lane.parameters] == [("length", int), ("wet", bool)]
+    assert lane(length=4)["length"] == 4
+
+
+def test_a_member_where_a_task_is_needed_is_told_from_its_task():
+    member = pursuit_family(size=3)
+    with pytest.raises(TaskError, match=r"got pursuit\(size=3\), whose task is its \.task"):
+        solve(member)
 
 
 def test_what_is_no_task_is_refused_when_it_is_built():

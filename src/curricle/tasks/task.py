@@ -63,7 +63,10 @@ def tables(task: Any) -> FiniteMDP:
     if not isinstance(mdp, FiniteMDP):
         if isinstance(getattr(task, "model", None), tuple):
             raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
-        raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}")
+        address = ", whose task is its .task" if hasattr(type(task), "task") else ""
+        raise TaskError(
+            f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{address}"
+        )
     return mdp
 
 

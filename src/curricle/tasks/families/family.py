@@ -85,6 +85,10 @@ class TaskFamily(Frozen):
                 f"the mapping of {self.name} must be a ComponentsByName or a function of target "
                 f"and source: got {self.mapping!r}"
             )
+        if self.constraint is not None and not callable(self.constraint):
+            raise TaskError(
+                f"the constraint of {self.name} must be a function: got {self.constraint!r}"
+            )
         if not isinstance(self.parameters, list | tuple):
             raise TaskError(
                 f"the parameters of {self.name} must be a list of Parameter: got "
@@ -193,7 +197,8 @@ class TaskFamily(Frozen):
         close = get_close_matches(str(name), names, n=1)
         meant = f", did you mean {close[0]!r}?" if close else ""
         raise TaskError(
-            f"a parameter of {self.name} must be one of {', '.join(names)}: got {name!r}{meant}"
+            f"a parameter of {self.name} must be one of {', '.join(names) or 'none'}: got "
+            f"{name!r}{meant}"
         )
 
     def with_defaults(self, /, **values: Any) -> Self:
@@ -246,7 +251,8 @@ class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
     Made by calling a :class:`TaskFamily`. Members hash, compare, print and pickle by their
-    parameters; the task is built when it is first asked for.
+    parameters; the task is built when it is first asked for. Printed are the parameters that differ
+    from the function's defaults, and those that have none; `parameters` holds all.
 
     Attributes
     ----------
@@ -282,7 +288,13 @@ class FamilyMember(Frozen):
     def refusal(self) -> str | None:
         """Return why the family's constraint refuses these parameters; None if it does not."""
         constraint = self.family.constraint
-        return None if constraint is None else constraint(self.parameters)
+        refused = None if constraint is None else constraint(self.parameters)
+        if not (refused is None or isinstance(refused, str)):
+            raise TaskError(
+                f"the constraint of {self.family.name} must return None or what is wrong as a "
+                f"sentence: got {refused!r} for {self}"
+            )
+        return refused
 
     @cached_property
     def task(self) -> Any:
@@ -335,6 +347,12 @@ def task_family(
     >>> corridor(length=3).task.states.size
     3
     """
+    for one in parameters:
+        if not isinstance(one, Parameter):
+            raise TaskError(
+                f"task_family must be given Parameters, in parentheses, above a function: got "
+                f"{one!r}"
+            )
 
     def decorate(factory: Callable[..., Any]) -> TaskFamily:
         called = getattr(factory, "__name__", "family") if name is None else name

@@ -217,8 +217,9 @@ def complete_parameters(
 ) -> tuple[Parameter, ...]:
     """Return the parameters of a family's function, in its order, declared ones first of all.
 
-    A parameter that is not declared has the kind and default of the signature. One whose annotation
-    is no kind that a family has keeps its default and is no parameter of the family.
+    A parameter that is not declared has the kind and default of the signature; without an
+    annotation the default's kind. One whose annotation or default is no kind that a family has
+    keeps its default and is no parameter of the family.
     """
     signature, hints = inspect.signature(function).parameters, get_type_hints(function)
     by_name = {one.name: one for one in declared}
@@ -255,7 +256,7 @@ def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) ->
         given = replace(given, optional=True)
     if given.kind is not None or given.values is not None:
         return given
-    members = [hint]
+    members = [type(default) if hint is None else hint]
     if get_origin(hint) in (Union, UnionType):
         members = [one for one in get_args(hint) if one is not NoneType]
         if NoneType in get_args(hint):
