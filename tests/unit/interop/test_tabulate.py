@@ -10,7 +10,7 @@ from gymnasium.wrappers import TimeLimit, TransformObservation, TransformReward
 
 import curricle as cr
 from curricle.errors import SettingError, TaskError
-from curricle.interop import DeepCopy
+from curricle.interop import DeepCopy, MiniGridState
 from curricle.transfer import UNMAPPED
 from tests.worlds_to_tabulate import (
     Corridor,
@@ -352,6 +352,10 @@ def test_refusals_are_one_sentence(case):
 def test_settings_are_checked(settings, said):
     with pytest.raises(SettingError, match=said):
         cr.tabulate(Corridor, discount=0.5, **settings)
+    with pytest.raises(SettingError, match="own_reward must be a bool: got 3"):
+        MiniGridState(own_reward=3)
+    with pytest.raises(SettingError, match=r"is for MiniGrid's environments: got <Corridor"):
+        cr.tabulate(Corridor, discount=0.5, state=MiniGridState())
     with pytest.raises(SettingError, match="ignore must be a list"):
         DeepCopy(ignore="taken")
 

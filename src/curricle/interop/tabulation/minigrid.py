@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from curricle.errors import TaskError
+from curricle.checks import instance
+from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulation.fingerprint import fingerprint
 from curricle.interop.tabulation.minigrid_level import MOVED, REPLACED, SHOWN, Level
 from curricle.interop.tabulation.observation_table import Unseen
@@ -56,6 +57,10 @@ class MiniGridState:
 
     own_reward: bool = False
     copies: bool = False
+
+    def __post_init__(self) -> None:
+        instance("own_reward", self.own_reward, bool, SettingError)
+        instance("copies", self.copies, bool, SettingError)
 
     def open(self) -> StateAccess:
         """Return what saves and restores the states."""

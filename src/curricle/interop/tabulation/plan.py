@@ -123,6 +123,8 @@ class Plan:
 
     def _how(self, env: Any) -> Any:
         """Return how states are saved and restored."""
+        if isinstance(self.state, MiniGridState) and not is_minigrid(env):
+            raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
         if self.state is not None:
             return self.state
         if is_minigrid(env):
