@@ -1,5 +1,6 @@
 """Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -14,6 +15,7 @@ from pydantic import (
 
 from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
+from curricle.interop.tabulation.tabulate import tabulate
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import table_of
 from curricle.study.config.families import FamilyTask
@@ -271,11 +273,9 @@ class GymnasiumTask(TaskTable):
         return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
 
 
-class ObservationTaskTable(TaskTable):
-    """An environment of Gymnasium's, or one's own, whose observations a network reads."""
+class EnvironmentTable(TaskTable):
+    """An environment of Gymnasium's, or one's own."""
 
-    type: Literal["observation_task"] = "observation_task"
-    deep: ClassVar[bool] = True
     id: Name | None = Field(default=None, description="Such as CartPole-v1.")
     factory: Reference | None = Field(
         default=None,
@@ -285,9 +285,6 @@ class ObservationTaskTable(TaskTable):
         default={}, description="Passed to gymnasium.make, or to the function, by name."
     )
     discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: Whole | None = Field(
-        default=None, description="Steps after which an episode is cut; the environment's own."
-    )
 
     @model_validator(mode="after")
     def _one_environment(self) -> Self:
@@ -296,15 +293,55 @@ class ObservationTaskTable(TaskTable):
             raise wrong(f"must have id or factory: got {found}")
         return self
 
+    def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
+        """Return what a function of the library makes of the environment."""
+        if self.id is not None:
+            return make(self.id, discount=self.discount, **options, **dict(self.arguments))
+        own = str(self.factory)
+        maker = EnvironmentMaker(load(own, folder), dict(self.arguments))
+        with users_code(own):
+            return make(maker, discount=self.discount, **options)
+
+
+class TabulatedTaskTable(EnvironmentTable):
+    """An environment as exact tables of every state that can be reached."""
+
+    type: Literal["tabulated"] = "tabulated"
+    time_limit: TimeLimit | None = Field(
+        default=None,
+        description="Steps after which an episode is cut, or 'none'; the environment's own.",
+    )
+    reset_seeds: tuple[Whole, ...] = Field(
+        default=(0,), description="Of the resets that starts are taken from."
+    )
+    cache: Name | None = Field(
+        default=None, description="A folder beside the study file, in which tables are kept."
+    )
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the environment as tables."""
+        limits: dict[Any, Any] = {None: "own", "none": None}
+        return self.made_by(
+            tabulate,
+            folder,
+            time_limit=limits.get(self.time_limit, self.time_limit),
+            seeds=self.reset_seeds,
+            cache=None if self.cache is None else folder / self.cache,
+        )
+
+
+class ObservationTaskTable(EnvironmentTable):
+    """An environment whose observations a network reads."""
+
+    type: Literal["observation_task"] = "observation_task"
+    deep: ClassVar[bool] = True
+    time_limit: Whole | None = Field(
+        default=None, description="Steps after which an episode is cut; the environment's own."
+    )
+
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task seen through observations."""
-        options: dict[str, Any] = {"discount": self.discount, "time_limit": self.time_limit}
-        if self.id is not None:
-            return observation_task(self.id, **options, **dict[str, Any](self.arguments))
-        own = str(self.factory)
-        make = EnvironmentMaker(load(own, folder), dict(self.arguments))
-        with users_code(own):
-            return observation_task(make, **options)
+        return self.made_by(observation_task, folder, time_limit=self.time_limit)
 
 
 class FactoryTask(TaskTable):
@@ -333,6 +370,7 @@ TASKS = (
     RiverSwimTask,
     DeepSeaTask,
     GymnasiumTask,
+    TabulatedTaskTable,
     FactoryTask,
     FamilyTask,
     ObservationTaskTable,
