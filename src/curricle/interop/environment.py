@@ -170,7 +170,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.interop.scene import scene_of
+        from curricle.interop.scenes import scene_of
 
         return scene_of(self.task)
 

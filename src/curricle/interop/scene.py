@@ -1,4 +1,4 @@
-"""Pictures of a task in one state, quick enough to be drawn at every step.
+"""Pictures of a maze or a pursuit in one state, quick enough to be drawn at every step.
 
 Figures differ in shape as well as in colour, and most colours are Okabe and Ito's, so that
 colour-blind readers can tell them apart.
@@ -7,8 +7,7 @@ colour-blind readers can tell them apart.
 import math
 from collections.abc import Callable, Iterable
 from functools import cache
-from textwrap import shorten
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +16,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from curricle.frozen_arrays import frozen
 from curricle.tasks.grid_map import MOVES
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.labels import values_of
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.spaces import Space
-from curricle.tasks.task import generative_model
 
 FINER = 4
 """Figures are drawn this many times larger and then reduced, which smooths their edges."""
@@ -143,9 +139,6 @@ SIDE = 640
 LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
-WIDTH, LINE = 480, 28
-"""A picture of text: its width and the height of a line, in pixels."""
-MOST_LINES, LONGEST_LINE = 14, 48
 
 
 class Scene(Protocol):
@@ -156,27 +149,6 @@ class Scene(Protocol):
 
     def text(self, state: int) -> str:
         """Return a drawing made of characters."""
-
-
-def scene_of(task: Any) -> Scene:
-    """Return what draws a task: mazes and pursuits from above, other tasks as the state's label.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Pursuit
-    >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
-    S#T
-    .@.
-    >>> scene_of(Pursuit(3, 2)).image(0).shape
-    (200, 200, 3)
-    >>> scene_of(Pursuit(3, 1).mdp).text(5)
-    'prey=(0,0) predator=(1,2)'
-    """
-    if isinstance(task, GridWorld):
-        return MazeScene(task)
-    if isinstance(task, Pursuit):
-        return PursuitScene(task)
-    return LabelScene(generative_model(task).states)
 
 
 class Canvas:
@@ -295,39 +267,3 @@ class PursuitScene:
 
     def _cells(self, state: int) -> list[int]:
         return [int(cell) for cell in self._states.decode(state).values()]
-
-
-class LabelScene:
-    """The number of a state and the values of its components, as text."""
-
-    def __init__(self, states: Space):
-        self._states = states
-
-    def image(self, state: int) -> Pixels:
-        """Return a card with a line for each component, (height, width, 3) uint8."""
-        lines = self._lines(state)
-        height = LINE * (len(lines) + (3 if lines else 2))
-        image = Image.new("RGB", (WIDTH, height), FLOOR)
-        draw = ImageDraw.Draw(image)
-        draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
-        large, font = ImageFont.load_default(22), ImageFont.load_default(18)
-        draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
-        for i, line in enumerate(lines):
-            draw.text((LINE, LINE * (i + 3)), line, INK, font, anchor="lm")
-        return np.array(image)
-
-    def _lines(self, state: int) -> list[str]:
-        """Return the components' values, nothing for the one component of plain numbered states."""
-        space = self._states
-        first, *others = space.components
-        if space.is_box and first.low == 0 and first.labels is None and not others:
-            return []
-        values = values_of(space, state)
-        lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
-        if len(lines) > MOST_LINES:
-            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
-        return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
-
-    def text(self, state: int) -> str:
-        """Return the state's label."""
-        return self._states.label(state)

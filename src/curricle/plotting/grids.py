@@ -13,7 +13,8 @@ from matplotlib.text import Text
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.plotting.scales import minus
 from curricle.plotting.styles import COLOURS
-from curricle.tasks.grid_view import LETTERS, GridView
+from curricle.tasks.grid_layout import LETTERS
+from curricle.tasks.grid_view import GridView
 from curricle.tasks.gridworld import GridWorld
 
 TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b", "goal": "#f2c14e"}

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from curricle.array_types import IntArray
 from curricle.plotting.grids import TINTS
 from curricle.plotting.styles import COLOURS, STYLE
-from curricle.tasks.grid_view import LETTERS, GridView
+from curricle.tasks.grid_layout import LETTERS
+from curricle.tasks.grid_view import GridView
 
 _REFERENCE = re.compile(r"#([\w-]+)")
 _DRAWN = ("d", "transform", "x", "y", "width", "height")

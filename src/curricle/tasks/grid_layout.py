@@ -4,6 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from curricle.array_types import IntArray
+from curricle.checks import one_of
+from curricle.errors import TaskError
+
+LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
+LETTERS |= {"exit": "E"}
+"""Of the objects on a grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +33,13 @@ class GridLayout:
     origin: tuple[int, int] = (0, 0)
     """Row and column of the top-left cell."""
     objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Name, row, column of what lies in a cell, and whether entering it ends the episode."""
+    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of what lies in a cell,
+    and whether entering it ends the episode."""
     walls: IntArray | None = None
     """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
     markers: Mapping[str, IntArray] = field(default_factory=dict)
     """What else moves: name -> its row and column in each state, (S, 2)."""
+
+    def __post_init__(self) -> None:
+        for name, *_ in self.objects:
+            one_of("an object of a layout", name, tuple(LETTERS), TaskError)

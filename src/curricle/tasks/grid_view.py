@@ -14,7 +14,7 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.grid_layout import LETTERS, GridLayout
 from curricle.tasks.labels import action_name
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import generative_model, tables
@@ -22,9 +22,6 @@ from curricle.tasks.task import generative_model, tables
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
 
-LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
-LETTERS |= {"exit": "E"}
-"""Of the objects on a grid."""
 STRIP, LONGEST_STRIP = 6, 60
 """States without geometry stand in a strip: states a row, and states at most."""
 MOST_CELLS = 2500

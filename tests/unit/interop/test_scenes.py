@@ -4,8 +4,22 @@ import numpy as np
 import pytest
 
 from curricle import GridWorld, Pursuit
+from curricle.errors import TaskError
 from curricle.interop.environment import MazeEnvironment, to_gymnasium
-from curricle.interop.scene import AGENT, OBJECTS, PREY, painted, predator, scene_of
+from curricle.interop.scene import AGENT, OBJECTS, PREY, painted, predator
+from curricle.interop.scenes import scene_of
+from curricle.tasks import (
+    BlockDude,
+    CliffWalking,
+    DeepSea,
+    FourRooms,
+    FrozenLake,
+    KeyLockPit,
+    RiverSwim,
+    Taxi,
+    with_start,
+)
+from curricle.tasks.grid_layout import GridLayout
 
 from .environments import RING, TASKS, WALLED
 
@@ -73,6 +87,57 @@ def test_other_tasks_are_named():
     environment = to_gymnasium(RING, render_mode="ansi")
     environment.reset(options={"state": 3})
     assert environment.render() == "place=3"
+
+
+GRIDS = {
+    "four rooms": FourRooms(size=7),
+    "key, lock, pit": KeyLockPit.room(5),
+    "Block Dude": BlockDude(1).crop(columns=(0, 12), agent=10),
+    "a river": RiverSwim(),
+    "a sea": DeepSea(size=4),
+    "a lake": FrozenLake(),
+    "a cliff": CliffWalking(),
+    "a taxi": Taxi(size=3, stands=2),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_what_says_where_its_states_lie_is_drawn_there(name):
+    task = GRIDS[name]
+    scene, layout = scene_of(task), task.layout
+    states = range(0, task.states.size, 1 + task.states.size // 40)
+    pictures = [scene.image(state) for state in states]
+    assert {picture.shape for picture in pictures} == {pictures[0].shape}
+    assert all(side % 2 == 0 for side in pictures[0].shape[:2])
+    assert len({picture.tobytes() for picture in pictures}) == len(pictures)
+    said = [scene.text(state).splitlines() for state in states]
+    assert len(set(map(tuple, said))) == len(said)
+    for state, lines in zip(states, said, strict=True):
+        row, column = layout.cells[state] - layout.origin
+        assert lines[row][column] == "@"
+        assert "".join(lines[: layout.shape[0]]).count("@") == 1
+
+
+def test_components_that_are_no_place_are_said():
+    assert scene_of(KeyLockPit.room(5)).text(0).splitlines()[-2:] == [
+        "key = lying",
+        "lock = locked",
+    ]
+
+
+def test_what_moves_beside_the_agent_has_numbers():
+    first = int(GRIDS["Block Dude"].mdp.start_states[0])
+    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
+
+
+def test_other_starts_do_not_change_the_picture():
+    hunt = Pursuit(3, 1)
+    assert scene_of(with_start(hunt, [5])).text(5) == scene_of(hunt).text(5)
+
+
+def test_an_object_without_a_picture_is_refused():
+    with pytest.raises(TaskError, match=r"an object of a layout must be one of .*: got 'coin'"):
+        GridLayout(np.zeros((1, 2), int), ("row",), (1, 1), objects=(("coin", 0, 0, False),))
 
 
 def test_rendering_needs_a_mode():
