@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import curricle as cr
+from curricle.errors import ConfigError
 from curricle.plotting.potentials import draw_potential
 from curricle.report.svg import GridDrawing
 from curricle.study.record import ViewRecord
@@ -69,6 +70,25 @@ def test_it_is_the_same_in_a_study_file(name, tmp_path):
     assert only(again, *again.arms).tasks["one"] == kind(**other)
     plain = reader(tmp_path)(f'name = "one"\n[tasks.one]\ntype = "{name}"\n')
     assert only(plain, *plain.arms).tasks["one"] == kind()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ('type = "key_lock_pit", needs = 3', "needs must be 'all' or a list of keys for each lock"),
+        ('type = "key_lock_pit", needs = [["a"]]', "needs[0][0] must be a whole number: got 'a'"),
+        ('type = "four_rooms", goal = 3', "goal must be a hallway or a list of a row and a column"),
+        ('type = "four_rooms", goal = [1]', "goal[1] is missing"),
+        ('type = "deep_sea", start = [[0, "x"]]', "start[0][1] must be a whole number: got 'x'"),
+        ('type = "river_swim", start = true', "start must be 'uniform' or a list of positions"),
+        ('type = "pursuit", prey = [["a"]]', "prey[0][0] must be a number: got 'a'"),
+    ],
+)
+def test_what_is_no_word_and_no_list_is_refused_in_one_sentence(tmp_path, keys, said):
+    with pytest.raises(ConfigError) as caught:
+        reader(tmp_path)(f'name = "one"\ntasks.one = {{ {keys} }}\n')
+    (line,) = str(caught.value).splitlines()
+    assert f"line 2: tasks.one.{said}" in line
 
 
 def test_a_crop_of_rooms_in_a_study_file(tmp_path):

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from functools import reduce
 from typing import Any
 
+from curricle.study.config.merging import SETTINGS
 from curricle.study.config.tables import KeyPath
 from curricle.study.config.task_names import table
+from curricle.study.config.tasks import TASKS
 
 STUDY, SETTING, TASK, FLAG = "study", "setting", "task", "flag"
 """Where a name stands: at the top level; wherever settings do; in a task's table; as a flag."""
@@ -53,14 +55,19 @@ table, or a key with a value."""
 
 
 def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the path of each old key in a study as read, and the sentence about it."""
+    """Yield the path of each old key in a study as read, and the sentence about it.
+
+    A parameter that happens to be called as a setting was, such as `back` of a river, is none.
+    """
     tables: list[tuple[KeyPath, Any, tuple[str, ...]]] = [((), study, (STUDY, SETTING))]
-    for name, task in table(study.get("tasks")).items():
-        tables.append((("tasks", name), task, (TASK, SETTING)))
+    tasks = table(study.get("tasks"))
+    for name, task in tasks.items():
+        tables.append((("tasks", name), _without_parameters(task, task), (TASK, SETTING)))
     for arm, patch in table(study.get("arms")).items():
         tables.append((("arms", arm), patch, (SETTING,)))
         for name, task in table(table(patch).get("tasks")).items():
-            tables.append((("arms", arm, "tasks", name), task, (TASK, SETTING)))
+            own = _without_parameters(task, {**table(tasks.get(name)), **table(task)})
+            tables.append((("arms", arm, "tasks", name), own, (TASK, SETTING)))
     for place, one, kinds in tables:
         found: dict[KeyPath, str] = {}
         for (kind, old), new in RENAMED.items():
@@ -71,3 +78,13 @@ def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
                 found[path] = new  # a row with a value comes after that of its key
         for at, new in found.items():
             yield (*place, *at), f"was renamed: write {new}"
+
+
+def _without_parameters(task: Any, whole: Any) -> dict[str, Any]:
+    """Return a task's table without keys that are parameters of its type, or of its family."""
+    whole = table(whole)
+    if "family" in whole:  # which is younger than all renamed keys
+        return {key: value for key, value in table(task).items() if isinstance(value, dict)}
+    kinds = (one for one in TASKS if one.model_fields["type"].default == whole.get("type"))
+    parameters = {key for one in kinds for key in one.known()} - {"type", *SETTINGS}
+    return {key: value for key, value in table(task).items() if key not in parameters}

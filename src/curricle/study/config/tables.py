@@ -17,6 +17,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     ModelWrapValidatorHandler,
     Strict,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
@@ -157,13 +158,22 @@ def word(
     words: Collection[str] = (),
     *,
     function: bool = False,
+    lists: Any = None,
     other: Callable[[Any], Any] = lambda value: value,
 ) -> BeforeValidator:
     """Return the validator of a value that is one of some words, or is no text.
 
-    `rule` is what the value must be, for messages; `function` allows ``module:function`` too, and
-    `other` validates what is no text.
+    `rule` is what the value must be, for messages; `function` allows ``module:function`` too.
+    `lists` is the type of a list in a word's place, and `other` validates whatever is no text.
     """
+    if lists is not None:
+        # Not left to the union of both types, which would complain about a list that it is no word.
+        adapter = TypeAdapter[Any](lists)
+
+        def other(value: Any) -> Any:
+            if not isinstance(value, list | tuple):
+                raise wrong(f"must {rule}: got {shown(value)}")
+            return adapter.validate_python(value)
 
     def checked(value: Any) -> Any:
         if not isinstance(value, str):

@@ -68,7 +68,7 @@ def _without_margins(drawing: str) -> str:
 
 Start = Annotated[
     Literal["map", "uniform"] | tuple[Pair, ...],
-    word("be 'map', 'uniform' or a list of cells", ("map", "uniform")),
+    word("be 'map', 'uniform' or a list of cells", ("map", "uniform"), lists=tuple[Pair, ...]),
     AfterValidator(_in_order),
 ]
 Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
@@ -123,11 +123,15 @@ FourRoomsTask = table_of(
     tag="four_rooms",
     goal=Annotated[
         Literal["north", "east", "south", "west"] | Pair,
-        word("be a hallway or a list of a row and a column", tuple(MOVES)),
+        word("be a hallway or a list of a row and a column", tuple(MOVES), lists=Pair),
     ],
     start=Annotated[
         Literal["corner", "uniform"] | tuple[Pair, ...],
-        word("be 'corner', 'uniform' or a list of cells", ("corner", "uniform")),
+        word(
+            "be 'corner', 'uniform' or a list of cells",
+            ("corner", "uniform"),
+            lists=tuple[Pair, ...],
+        ),
         AfterValidator(_in_order),
     ],
     time_limit=TimeLimit,
@@ -139,7 +143,11 @@ KeyLockPitTask = table_of(
     map=Annotated[str, AfterValidator(_without_margins)],
     needs=Annotated[
         Literal["all"] | tuple[tuple[Whole, ...], ...],
-        word("be 'all' or a list of keys for each lock", ("all",)),
+        word(
+            "be 'all' or a list of keys for each lock",
+            ("all",),
+            lists=tuple[tuple[Whole, ...], ...],
+        ),
     ],
     start=Start,
     time_limit=TimeLimit,
@@ -157,7 +165,7 @@ RiverSwimTask = table_of(
     tag="river_swim",
     start=Annotated[
         Literal["uniform"] | tuple[Whole, ...],
-        word("be 'uniform' or a list of positions", ("uniform",)),
+        word("be 'uniform' or a list of positions", ("uniform",), lists=tuple[Whole, ...]),
         AfterValidator(_in_order),
     ],
     time_limit=TimeLimit,
@@ -168,7 +176,11 @@ DeepSeaTask = table_of(
     tag="deep_sea",
     start=Annotated[
         Literal["surface", "uniform"] | tuple[Pair, ...],
-        word("be 'surface', 'uniform' or a list of cells", ("surface", "uniform")),
+        word(
+            "be 'surface', 'uniform' or a list of cells",
+            ("surface", "uniform"),
+            lists=tuple[Pair, ...],
+        ),
         AfterValidator(_in_order),
     ],
     time_limit=TimeLimit,
@@ -240,6 +252,7 @@ PursuitTask, VectorPursuitTask = (
                 "be 'uniform', rows of probabilities, or a function as module:function",
                 ("uniform",),
                 function=True,
+                lists=tuple[tuple[Number, ...], ...],
             ),
         ],
         time_limit=TimeLimit,
