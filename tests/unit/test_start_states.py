@@ -158,7 +158,8 @@ def test_it_is_learnt_solved_and_drawn():
     drawn = with_start(DeepSea(4), visit_distribution(DeepSea(4)))
     assert GridView.of(drawn).shape == (5, 4)
     assert GridView.for_replay(near) is not None
-    assert "TaskWithStart(Pursuit(" in repr(near)
+    assert repr(near).startswith("TaskWithStart(Pursuit(")
+    assert repr(near).endswith(f"), {np.count_nonzero(near.start)} start states)")
 
 
 def test_a_pursuit_learns_from_a_ring_what_it_learns_anywhere():

@@ -111,7 +111,8 @@ class TaskWithStart(Frozen):
         return hash((self.task, self.start.tobytes()))
 
     def __repr__(self) -> str:
-        return f"TaskWithStart({self.task!r}, start={self.start!r})"
+        starts = np.count_nonzero(self.start)
+        return f"TaskWithStart({self.task!r}, {starts:,} start states)"
 
 
 def with_start(task: Any, start: Any) -> Any:
@@ -131,9 +132,9 @@ def with_start(task: Any, start: Any) -> Any:
     Returns
     -------
     Task
-        A :class:`FiniteMDP` of one, a :class:`GridWorld` of one where all starts are equally
-        likely, else a :class:`TaskWithStart`. States and actions are those of the task, so that
-        mappings fit both.
+        A :class:`FiniteMDP` or :class:`TabulatedTask` of one, a :class:`GridWorld` of one where all
+        starts are equally likely, else a :class:`TaskWithStart`. States and actions are those of
+        the task, so that mappings fit both.
 
     Raises
     ------
@@ -156,6 +157,8 @@ def with_start(task: Any, start: Any) -> Any:
     moved = replace(mdp, start=distribution)  # checks it
     if isinstance(base, FiniteMDP):
         return moved
+    if hasattr(base, "start_from"):
+        return base.start_from(distribution)
     positive = np.flatnonzero(distribution)
     equal = (distribution[positive] == distribution[positive[0]]).all()
     if equal and hasattr(base, "start_in"):

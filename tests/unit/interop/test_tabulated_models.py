@@ -5,6 +5,8 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError, TaskError
+from curricle.planning import visit_distribution
+from curricle.tasks import GoalDistance, with_start
 from tests.worlds_to_tabulate import Corridor, Dark
 
 
@@ -53,6 +55,18 @@ def test_a_model_sees_only_what_is_observed():
     task = cr.tabulate(Dark, discount=0.9)
     policy = task.policy(Rule(lambda seen: int(seen) % 2))
     np.testing.assert_array_equal(policy, task.observations.batch() % 2)
+
+
+def test_a_model_is_evaluated_from_other_starts():
+    task, model = cr.tabulate(Corridor, discount=0.9), Rule(lambda seen: 1 if seen[1] else 2)
+    near = with_start(task, GoalDistance(1))
+    values = cr.evaluate(task, model).values
+    (start,) = np.flatnonzero(near.mdp.start)
+    assert cr.evaluate(near, model).start_value == pytest.approx(values[start]) == 1.0
+    assert near.state(task.observations.batch([start])[0]) == start
+    visits = with_start(task, visit_distribution(task))
+    assert cr.evaluate(visits, model).start_value == pytest.approx(values @ visits.mdp.start)
+    assert visits.record == task.record
 
 
 def test_large_tasks_are_asked_in_batches(monkeypatch):

@@ -1,7 +1,7 @@
 """A Gymnasium environment as tables, with what is observed in each state."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -113,6 +113,10 @@ class TabulatedTask(Frozen):
     def exact(self) -> bool:
         """Whether the tables are the environment's own, not estimates."""
         return self.record.samples is None
+
+    def start_from(self, start: Any) -> Self:
+        """Return the task with these probabilities of starting, (S,), for :func:`with_start`."""
+        return replace(self, mdp=replace(self.mdp, start=start))
 
     def state(self, observation: Any) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none does, or several do.
