@@ -148,6 +148,14 @@ class Curriculum(TaskGraph):
                 f"{node.name!r} has both"
             )
 
+    def unmapped_is_free(self, name: str) -> bool:
+        """Return whether a mapping that is found may state a value where it knows nothing.
+
+        Not where several transfers lead into a task, nor where `unknown_value` is given.
+        """
+        given = self.setting("unknown_value", name)
+        return super().unmapped_is_free(name) and given == SETTINGS["unknown_value"]
+
     def calibration(self, name: str) -> Calibrate | None:
         """Return how the potential of a task is calibrated; None if it is not."""
         settings = {transfer.calibration for transfer in self.in_edges(name)}

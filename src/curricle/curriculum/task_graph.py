@@ -46,7 +46,12 @@ class TaskGraph:
             for role in ("source", "target"):
                 one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
         found = (
-            with_mapping(one, self.tasks[one.target], self.tasks[one.source])
+            with_mapping(
+                one,
+                self.tasks[one.target],
+                self.tasks[one.source],
+                fit_unmapped=self.unmapped_is_free(one.target),
+            )
             for one in self.transfers
         )
         object.__setattr__(self, "transfers", tuple(found))
@@ -92,6 +97,13 @@ class TaskGraph:
         """Return the transfers into a task."""
         one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
+
+    def unmapped_is_free(self, name: str) -> bool:
+        """Return whether a mapping that is found may state a value where it knows nothing.
+
+        Not where several transfers lead into a task: each is to be skipped where it knows nothing.
+        """
+        return len(self.in_edges(name)) == 1
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that have to be trained before `name`, in training order."""

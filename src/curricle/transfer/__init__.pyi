@@ -18,6 +18,7 @@ from .found_mappings import (
     find_mappings as find_mappings,
 )
 from .homomorphisms import by_homomorphism as by_homomorphism
+from .legs import by_legs as by_legs
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
@@ -45,6 +46,7 @@ from .proposal import Proposal as Proposal
 from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
 from .structure_matching import by_structure as by_structure
 from .task_pair import TaskPair as TaskPair
+from .unmapped_values import fitted_unmapped_value as fitted_unmapped_value
 from .value_sources import (
     FunctionValues as FunctionValues,
     TableValues as TableValues,

@@ -14,20 +14,40 @@ from curricle.transfer.found_mappings import (
     FoundMappings,
     clears_bar,
     find_mappings,
+    replace_unmapped_value,
 )
+from curricle.transfer.unmapped_values import fitted_unmapped_value
 
 REMEMBERED = 16
 """Searches whose result is kept while the program runs; one may take half a minute."""
 
 
 def auto_mapping(
-    target: Task, source: Task, *, unmapped_value: float | None = None
+    target: Task,
+    source: Task,
+    *,
+    unmapped_value: float | None = None,
+    fit_unmapped: bool = True,
+    scale: float = 1.0,
+    shift: float = 0.0,
 ) -> FoundMapping:
     """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
 
     Where it knows anything its greedy policy must regain at least 25 % of the way to the optimum,
     and its values may leave unexplained at most 75 % of what a constant does
-    (:class:`MappingScores`).
+    (:class:`MappingScores`). The scores are of what it maps alone.
+
+    Parameters
+    ----------
+    target, source : Task
+    unmapped_value : float, optional
+        Of the mapping.
+    fit_unmapped : bool
+        Whether unmapped pairs are given the value that fits what is mapped
+        (:func:`fitted_unmapped_value`), where that is below 0 and `unmapped_value` is not given.
+        Not for one of several transfers into a task: an aggregate is to skip what it does not know.
+    scale, shift : float
+        Of the transfer, for that fit.
 
     Raises
     ------
@@ -40,7 +60,21 @@ def auto_mapping(
     >>> auto_mapping(GridWorld("S..T"), GridWorld("T..S")).how
     'exact homomorphism: 100% of pairs have a source pair of the same Q*'
     """
-    return best_of(_found(target, source, unmapped_value))
+    best = best_of(_found(target, source, unmapped_value))
+    if not fit_unmapped or unmapped_value is not None:
+        return best
+    value = best.unmapped_value
+    if (scale, shift) != (1.0, 0.0):
+        value = fitted_unmapped_value(best.mapping, scale=scale, shift=shift)
+    if value is None:
+        return best
+    mapping = replace_unmapped_value(best.mapping, value)
+    return replace(
+        best,
+        mapping=mapping,
+        how=f"{best.how}, {value:.3g} where unmapped",
+        unmapped_value=None,
+    )
 
 
 def best_of(found: FoundMappings) -> FoundMapping:
@@ -61,7 +95,9 @@ def best_of(found: FoundMappings) -> FoundMapping:
     return best
 
 
-def with_mapping(transfer: Transfer, target: Task, source: Task) -> Transfer:
+def with_mapping(
+    transfer: Transfer, target: Task, source: Task, *, fit_unmapped: bool = True
+) -> Transfer:
     """Return a transfer as it is, or with the mapping that is found; what is found is printed.
 
     Raises
@@ -72,17 +108,20 @@ def with_mapping(transfer: Transfer, target: Task, source: Task) -> Transfer:
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
+    settings = {"scale": transfer.scale, "shift": transfer.shift, "fit_unmapped": fit_unmapped}
     try:
-        mapping = announced(edge, target, source).mapping
+        mapping = announced(edge, target, source, **settings).mapping
     except MappingError as error:
         raise CurriculumError(f"no mapping for {edge}: {error}") from error
     return replace(transfer, mapping=mapping)
 
 
 def announced(
-    edge: str, target: Task, source: Task, unmapped_value: float | None = None
+    edge: str, target: Task, source: Task, unmapped_value: float | None = None, **settings: Any
 ) -> FoundMapping:
     """Return the mapping that is found for an edge, and print it and the runner-up.
+
+    `settings` are those of :func:`auto_mapping`.
 
     Raises
     ------
@@ -92,8 +131,8 @@ def announced(
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(f"a mapping is found between tasks with tables: the {role} has none")
+    best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
     found = _found(target, source, unmapped_value)
-    best = best_of(found)
     print(f"mapping found for {edge}: {best}", flush=True)
     print(f"  runner-up: {found[1] if len(found) > 1 else 'none'}", flush=True)
     return best

@@ -81,4 +81,6 @@ def _parts(mapping: Any) -> tuple[Any, ...]:
     if isinstance(mapping, ObservationMapping):
         actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
         return mapping.observations, actions, mapping.status, mapping.unmapped_value
-    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value
+    shifts = getattr(mapping, "shifts", None)
+    own = None if shifts is None else shifts.tobytes()
+    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value, own

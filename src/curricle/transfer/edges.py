@@ -107,7 +107,7 @@ class Transfer:
     mapping : StateActionMapping or ObservationMapping, optional
         From the target to the source; the latter where the target has observations. By default a
         curriculum finds it when it is made, from the tables of both tasks (:func:`auto_mapping`),
-        and prints its scores and the runner-up's.
+        and prints its scores and the runner-up's. Where that one knows nothing it states what fits.
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.

@@ -15,11 +15,13 @@ from curricle.transfer.component_search import by_alignment, by_assignment, by_n
 from curricle.transfer.component_warping import by_component_warping
 from curricle.transfer.factored_homomorphisms import by_component_values
 from curricle.transfer.homomorphisms import by_homomorphism
+from curricle.transfer.legs import by_legs
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
 from curricle.transfer.mapping_scores import MappingScores, score_mapping
 from curricle.transfer.nearest_pairs import by_lax_bisimulation
 from curricle.transfer.proposal import NOT_PROVEN, Proposal, SearchedMapping
 from curricle.transfer.task_pair import TaskPair
+from curricle.transfer.unmapped_values import fitted_unmapped_value
 
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
@@ -33,11 +35,14 @@ SEARCHES: tuple[Search, ...] = (
     by_component_warping,
     by_common_part,
     by_lax_bisimulation,
+    by_legs,
 )
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""
 MOST_UNEXPLAINED = 0.75
 """Share that such a mapping may leave unexplained."""
+EXACT = 0.05
+"""A mapping is as good as exact if it misses and leaves unexplained at most this share."""
 SAME = 1e-7
 """Two mappings are one if phi differs by less, in units of the largest."""
 
@@ -55,6 +60,9 @@ class FoundMapping:
     bound : float
         Proven: the Q* of no mapped pair is further than this from the Q* of the source pair that it
         reads, in return units; NaN where nothing is proven.
+    unmapped_value : float, optional
+        What fits where it maps nothing (:func:`fitted_unmapped_value`); the mapping has it if the
+        curriculum finds the mapping.
 
     Examples
     --------
@@ -69,10 +77,12 @@ class FoundMapping:
     how: str
     scores: MappingScores
     bound: float = NOT_PROVEN
+    unmapped_value: float | None = None
 
     def __str__(self) -> str:
         proven = "" if np.isnan(self.bound) else f", Q* proven within {self.bound:.3g}"
-        return f"{self.how}: {self.scores}{proven}"
+        fits = "" if self.unmapped_value is None else f", {self.unmapped_value:.3g} fits elsewhere"
+        return f"{self.how}: {self.scores}{proven}{fits}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,11 +137,12 @@ def find_mappings(
 
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
     both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
-    Those that clear the bar of :func:`auto_mapping` come first. Then they are ordered by their
-    worth, which is what the greedy policy of the source's values regains of the optimum, times the
-    share of the target that the values explain; by the dynamics error; and by the Bellman
-    inconsistency. Of candidates through
-    which the source's values are read alike, the first search's is kept.
+    Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
+    good as exact where they know anything and have a value that fits elsewhere: what is wrong has
+    to be unlearnt, what is not known has not. Then they are ordered by their worth, which is what
+    the greedy policy of the source's values regains of the optimum, times the share of the target
+    that the values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates
+    through which the source's values are read alike, the first search's is kept.
 
     Parameters
     ----------
@@ -175,7 +186,11 @@ def find_mappings(
     refused: dict[str, str] = {}
     found = [
         FoundMapping(
-            one.mapping, one.how, score_mapping(one.mapping, seed=seed, tasks=tasks), one.bound
+            one.mapping,
+            one.how,
+            score_mapping(one.mapping, seed=seed, tasks=tasks),
+            one.bound,
+            fitted_unmapped_value(one.mapping, tasks=tasks),
         )
         for one in different(proposals(tasks, searches, unmapped_value, refused), tasks)
     ]
@@ -205,6 +220,8 @@ def proposals(
 
 def charged(mapping: StateActionMapping, how: str, steps: int) -> SearchedMapping:
     """Return a mapping with the steps that its search took."""
+    if isinstance(mapping, SearchedMapping):
+        return replace(mapping, steps=steps)
     parts = mapping.target, mapping.source, mapping.index, mapping.unmapped_value
     return SearchedMapping(*parts, how=how, steps=steps)
 
@@ -240,11 +257,22 @@ def clears_bar(scores: MappingScores) -> bool:
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
-def rank(found: FoundMapping) -> tuple[bool, float, float, float]:
+def as_good_as_exact(found: FoundMapping) -> bool:
+    """Return whether a mapping is right, but for 5 %, where it knows anything, and fits elsewhere.
+
+    Elsewhere a value that fits leads a learner on: what it has tried is worth less. Without costs
+    a learner walks at random until it meets what is known, and to know little of much is better.
+    """
+    scores = found.scores
+    right = scores.regained_where_known >= 1 - EXACT and scores.unexplained <= EXACT
+    return right and (found.unmapped_value is not None or scores.coverage == 1)
+
+
+def rank(found: FoundMapping) -> tuple[bool, bool, float, float, float]:
     """Return what candidates are ordered by, the best first."""
     scores = found.scores
     worst = np.nan_to_num(
         [-scores.worth, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
     )
     worth, dynamics, bellman = (float(round(one, 9)) for one in worst)
-    return not clears_bar(scores), worth, dynamics, bellman
+    return not clears_bar(scores), not as_good_as_exact(found), worth, dynamics, bellman

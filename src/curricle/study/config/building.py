@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
 from curricle.learning.budget import limits, spacing
 from curricle.study.config.families import FamilyTask
 from curricle.study.config.settings import Settings
@@ -43,11 +43,16 @@ class CurriculumBuilder:
             if transfer.source in tasks and transfer.target in tasks:
                 with self.refuse(("transfers", index)):
                     target, source = tasks[transfer.target], tasks[transfer.source]
-                    key = transfer.model_dump_json(exclude={"scale", "shift", "calibrate"})
+                    fit = self._unmapped_is_free(transfer.target, settings)
+                    fitted = transfer.mapping == "auto" and fit
+                    free = {"calibrate"} if fitted else {"scale", "shift", "calibrate"}
+                    key = f"{fitted} {transfer.model_dump_json(exclude=free)}"
                     key += self._key(transfer.target) + self._key(transfer.source)
                     if key not in self.made:
                         members = [self._member(transfer.target), self._member(transfer.source)]
-                        found = transfer.mappings_in(target, source, self.folder, members)
+                        found = transfer.mappings_in(
+                            target, source, self.folder, members, fit_unmapped=fit
+                        )
                         self.made[key] = found
                     transfers += [transfer.transfer(f) for f in self.made[key]]
                     made += 1
@@ -56,6 +61,12 @@ class CurriculumBuilder:
             with self.refuse(()):
                 return Curriculum({name: tasks[name] for name in learnt}, transfers, **settings)
         return None
+
+    def _unmapped_is_free(self, target: str, settings: dict[str, dict[str, Any]]) -> bool:
+        """Return the same as the curriculum's ``unmapped_is_free`` will."""
+        given = settings["unknown_value"].get(target, SETTINGS["unknown_value"])
+        alone = sum(transfer.target == target for transfer in self.arm.transfers) == 1
+        return alone and given == SETTINGS["unknown_value"]
 
     def _tasks(self) -> dict[str, Any]:
         """Return the tasks that could be made, with the mazes that only crops are made of."""

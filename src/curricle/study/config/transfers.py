@@ -37,6 +37,8 @@ class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
         source: str  # derived, as are target, scale, shift and calibrate
         target: str
+        scale: float
+        shift: float
 
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = Field(
@@ -80,7 +82,8 @@ class _TransferTable(ObjectTable):
     )
     unmapped_value: Number | None = Field(
         default=None,
-        description="A value for pairs without a source pair; by default aggregates skip them.",
+        description="A value for pairs without a source pair; by default aggregates skip them, and "
+        "a mapping that is found has the value that fits.",
     )
 
     @model_validator(mode="after")
@@ -122,17 +125,33 @@ class _TransferTable(ObjectTable):
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
     def mappings_in(
-        self, target: Any, source: Any, folder: Path, members: Sequence[FamilyMember | None]
+        self,
+        target: Any,
+        source: Any,
+        folder: Path,
+        members: Sequence[FamilyMember | None],
+        *,
+        fit_unmapped: bool,
     ) -> tuple[Any, ...]:
         """Return the mapping f, or several where a family says so.
 
         `folder` has the modules of the user's own functions; `members` are the addresses of target
-        and source in their families, None for a task that has none.
+        and source in their families, None for a task that has none. `fit_unmapped` is for a mapping
+        that is found: whether it may state a value where it knows nothing.
         """
         to, of = members
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"
-            return (announced(edge, target, source, self.unmapped_value).mapping,)
+            found = announced(
+                edge,
+                target,
+                source,
+                self.unmapped_value,
+                fit_unmapped=fit_unmapped,
+                scale=self.scale,
+                shift=self.shift,
+            )
+            return (found.mapping,)
         if self.mapping != "family" or to is None or of is None:
             return (self.mapping_in(target, source, folder),)
         with users_code(f"the mapping of {to.family.name}"):
