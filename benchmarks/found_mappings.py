@@ -2,13 +2,15 @@
 
     python -m benchmarks.found_mappings renumbered nameless refusals
     python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
+    python -m benchmarks.found_mappings families --split verification --seeds 10
 
 `renumbered`: states and actions numbered anew at random, no components. `nameless`: components
 shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
 to do with the target. `auto`: gains over scratch of a mapping that is found, as a share of those by
 hand, all steps charged. `approximate`: the same for tasks that do not correspond exactly: a maze
 and its crop, renumbered, and tasks whose components have unequal numbers of values, nameless.
-DoorKey needs MiniGrid.
+`families`: pairs of the benchmark, or made after it, beside their own mappings. DoorKey needs
+MiniGrid.
 """
 
 import argparse
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
+from benchmarks.family_mappings import families
 from benchmarks.pairs import pairs
 from curricle.errors import MappingError
 from curricle.paper import maze_runs
@@ -151,10 +154,13 @@ def gains(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, controls=())
-    mean = {arm: float(found.arms[arm].strong_gain(found.scratch).mean()) for arm in arms}
+    each = {arm: found.arms[arm].strong_gain(found.scratch) for arm in arms}
+    mean = {arm: float(gain.mean()) for arm, gain in each.items()}
     for arm in arms:
         time_to = found.times(arm).median().estimate
-        print(f"    {arm}: gain {mean[arm]:.4g}, learnt after {time_to:,.0f} steps (median)")
+        error = each[arm].std(ddof=1) / np.sqrt(seeds)
+        gain = f"{mean[arm]:.4g} +- {error:.2g}"
+        print(f"    {arm}: gain {gain}, learnt after {time_to:,.0f} steps (median)")
     scratch = found.times("scratch").median().estimate
     share = mean.get("auto", np.nan) / mean["by hand"]
     print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
@@ -347,11 +353,15 @@ def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> Non
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    known = ("renumbered", "nameless", "auto", "approximate", "refusals")
+    known = ("renumbered", "nameless", "auto", "approximate", "refusals", "families")
     parser.add_argument("parts", nargs="+", choices=known)
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
     parser.add_argument("--copies", type=int, default=5, help="random renumberings of each task")
     parser.add_argument("--only", default="", help="cases whose name begins so")
+    parser.add_argument(
+        "--split", choices=("development", "verification", "unseen"), default="verification",
+        help="of families",
+    )  # fmt: skip
     options = parser.parse_args()
     if "renumbered" in options.parts:
         renumbered_tasks(options.copies)
@@ -359,6 +369,8 @@ def main() -> None:
         nameless_tasks(options.copies)
     if "refusals" in options.parts:
         refusals(options.seeds)
+    if "families" in options.parts:
+        families(options.split, options.seeds, options.only)
     for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):
         if part in options.parts:
             print(f"\n{part}: gain over scratch, all steps charged, {options.seeds} seeds")

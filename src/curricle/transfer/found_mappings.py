@@ -41,8 +41,10 @@ LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""
 MOST_UNEXPLAINED = 0.75
 """Share that such a mapping may leave unexplained."""
-EXACT = 0.05
-"""A mapping is as good as exact if it misses and leaves unexplained at most this share."""
+MOST_MISSED = 0.05
+"""Share of the way to the optimum that a mapping as good as exact may miss where it is known."""
+LEFT_BY_EXACT = 0.01
+"""Share that such a mapping may leave unexplained: flat values of many pairs are explained well."""
 SAME = 1e-7
 """Two mappings are one if phi differs by less, in units of the largest."""
 
@@ -258,13 +260,14 @@ def clears_bar(scores: MappingScores) -> bool:
 
 
 def as_good_as_exact(found: FoundMapping) -> bool:
-    """Return whether a mapping is right, but for 5 %, where it knows anything, and fits elsewhere.
+    """Return whether a mapping is right where it knows anything, and fits elsewhere.
 
     Elsewhere a value that fits leads a learner on: what it has tried is worth less. Without costs
     a learner walks at random until it meets what is known, and to know little of much is better.
     """
     scores = found.scores
-    right = scores.regained_where_known >= 1 - EXACT and scores.unexplained <= EXACT
+    right = scores.regained_where_known >= 1 - MOST_MISSED
+    right = right and scores.unexplained <= LEFT_BY_EXACT
     return right and (found.unmapped_value is not None or scores.coverage == 1)
 
 
