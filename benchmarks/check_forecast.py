@@ -38,7 +38,7 @@ def plan(aggregate, size, discount, limit, source_steps, target_steps):
         aggregate=aggregate,
         learner=LEARNER,
         shaping=cr.QInitialisation(),
-        budget={"chase": source_steps, "hunt": target_steps},
+        budget={"chase": cr.StoppingRule(source_steps), "hunt": target_steps},
         evaluation=ROLLOUTS,
     )
 

@@ -66,7 +66,8 @@ def plan(source, source_learner, mapping, shaping, settings):
         tasks={"source": source, "cart": mapping.target},
         transfers=[cr.Transfer("source", "cart", mapping)],
         learner={"source": source_learner, "cart": learner(settings)},
-        budget={"source": SOURCE, "cart": BUDGET - SOURCE}, shaping={"cart": shaping},
+        budget={"source": cr.StoppingRule(SOURCE), "cart": BUDGET - SOURCE},
+        shaping={"cart": shaping},
         eval_freq={"cart": EVAL_FREQ}, evaluation={"cart": EVALUATION},
     )  # fmt: skip
 

@@ -139,7 +139,8 @@ def from_network(shaping, settings):
 def plan(tasks, transfers, learners, shaping):
     return cr.Curriculum(
         tasks=tasks, transfers=transfers, learner=learners,
-        budget={"small": SOURCE, "large": BUDGET - SOURCE}, shaping={"large": shaping},
+        budget={"small": cr.StoppingRule(SOURCE), "large": BUDGET - SOURCE},
+        shaping={"large": shaping},
         eval_freq={"large": EVAL_FREQ}, evaluation={"large": EVALUATION},
     )  # fmt: skip
 

@@ -43,7 +43,7 @@ def curriculum(shaping, settings):
         ],
         aggregate=cr.minimum,
         learner={"chase": LEARN, "hunt": learner(settings)},
-        budget={"chase": SOURCE, "hunt": BUDGET - SOURCE},
+        budget={"chase": cr.StoppingRule(SOURCE), "hunt": BUDGET - SOURCE},
         shaping={"hunt": shaping}, eval_freq={"hunt": EVAL_FREQ}, evaluation={"hunt": EVALUATION},
     )  # fmt: skip
 

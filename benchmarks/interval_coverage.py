@@ -140,7 +140,7 @@ def learnt(task):
         tasks={"source": source, "target": target},
         transfers=[cr.Transfer("source", "target", one) for one in mappings],
         aggregate=cr.minimum,
-        budget=dict(zip(("source", "target"), budget, strict=True)),
+        budget={"source": cr.StoppingRule(budget[0]), "target": budget[1]},
         shaping=cr.QInitialisation(),
     )
     found = cr.compare(plan, seeds=many)

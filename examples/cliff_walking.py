@@ -62,7 +62,8 @@ def main(seeds=20, steps=20_000, source_steps=600):
             tasks={"narrow": narrow, "wide": wide},
             transfers=[cr.Transfer("narrow", "wide", mapping, scale=scale)],
             learner=cr.QLearning(learning_rate=0.1, epsilon=0.1),
-            budget={"narrow": source_steps, "wide": steps},
+            # Exactly as long in each arm, which then differ in the mapping alone.
+            budget={"narrow": cr.StoppingRule(source_steps), "wide": steps},
             evaluation=cr.GreedyEvaluation(discounted=False),
         )
 

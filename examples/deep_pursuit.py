@@ -40,7 +40,7 @@ def main():
             ),
             "hunt": DQN,
         },
-        budget={"chase": SOURCE, "hunt": TARGET},
+        budget={"chase": cr.StoppingRule(SOURCE), "hunt": TARGET},
         eval_freq={"hunt": TARGET // 5},
         evaluation={"hunt": EVALUATION},
     )

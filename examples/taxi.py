@@ -121,7 +121,8 @@ def main(seeds=20, steps=120_000, source_steps=8_000):
             transfers=[cr.Transfer("source", "taxi", f, shift=shift) for f, shift in transfers],
             aggregate=cr.total,  # each transfer maps a part of the taxi of its own
             learner={"source": THOROUGH, "taxi": LEARNER},
-            budget={"source": source_steps, "taxi": steps},
+            # Exactly as long in each arm, which then differ in what is mapped alone.
+            budget={"source": cr.StoppingRule(source_steps), "taxi": steps},
             evaluation=cr.GreedyEvaluation(discounted=False),
         )
 

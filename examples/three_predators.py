@@ -45,7 +45,7 @@ def main(path, seeds=4, steps=8_000_000, size=10, memory="4.5 GiB", source_steps
             aggregate=cr.minimum,
             shaping=cr.LookAheadAdvice(),
             learner={"chase": cr.QLearning(learning_rate=falling, epsilon=0.5), "hunt": LEARNER},
-            budget={"chase": source_steps, "hunt": steps},
+            budget={"chase": cr.StoppingRule(source_steps), "hunt": steps},
             eval_freq={"hunt": steps // 16},
             evaluation={"hunt": EVALUATION},
             storage={"hunt": sparse},

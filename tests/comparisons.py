@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, Transfer
+from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, StoppingRule, Transfer
+from curricle.learning.budget import limits
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
@@ -12,12 +13,17 @@ HERE = cr.same_position(MAZE, CORNER)
 ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
 
 
+def exactly(budget):
+    """Return a budget that a source takes to its last step."""
+    return StoppingRule(budget) if isinstance(budget, int) else budget
+
+
 def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
-    """Return a curriculum from a corner of the maze to the maze."""
+    """Return a curriculum from a corner of the maze, learnt for so many steps, to the maze."""
     return Curriculum(
         tasks={"corner": CORNER, "maze": MAZE},
         transfers=[Transfer("corner", "maze", mapping)],
-        budget={"corner": source, "maze": target},
+        budget={"corner": exactly(source), "maze": target},
         eval_freq={"maze": eval_freq},
         **({"shaping": cr.QInitialisation()} | settings),
     )
@@ -25,10 +31,11 @@ def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
 
 def copied(task, target="far", **settings):
     """Return a curriculum from a task to itself."""
+    given = {"budget": {"near": StoppingRule(100), target: 100}, "shaping": cr.QInitialisation()}
     return Curriculum(
         tasks={"near": task, target: task},
         transfers=[Transfer("near", target, cr.transfer.identity(task))],
-        **({"budget": 100, "shaping": cr.QInitialisation()} | settings),
+        **(given | settings),
     )
 
 
@@ -42,7 +49,7 @@ def pursuit(**settings):
             for name in hunt.predator_names
         ],
         aggregate=cr.minimum,
-        budget={"chase": 5000, "hunt": 8000},
+        budget={"chase": StoppingRule(5000), "hunt": 8000},
         eval_freq={"hunt": 100},
         evaluation=GreedyEvaluation(method="rollouts", episodes=10),
         **({"shaping": cr.QInitialisation()} | settings),
@@ -57,7 +64,8 @@ def calls(monkeypatch):
     def noting(task, learner, budget, **settings):
         result = learn(task, learner, budget, **settings)
         charged = settings["charged"]
-        left = budget if charged is None else budget - int(min(charged))
+        steps = limits(budget)[0]
+        left = steps if charged is None else steps - int(min(charged))
         shapings = settings["shaping"] if isinstance(settings["shaping"], list) else []
         settings["potentials"] = [one.for_task(task).potential for one in shapings]
         settings["shaping"] = [one.with_potential(None) for one in shapings]

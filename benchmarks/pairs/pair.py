@@ -91,7 +91,7 @@ class Pair:
         Aggregates belong to the mapping of a pair.
         """
         given: dict[str, Any] = {
-            "budget": {"source": self.source_budget, "target": self.target_budget},
+            "budget": {"source": cr.StoppingRule(self.source_budget), "target": self.target_budget},
             "eval_freq": {"source": max(1, self.source_budget // 10), "target": self.eval_freq},
             "evaluation": cr.GreedyEvaluation(method="exact"),
             "aggregate": self.aggregate,

@@ -24,7 +24,6 @@ from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.playing import levels, pair_named
 from benchmarks.pairs.results import LEAST_BASE, student
 from benchmarks.pairs.tables import MOST_LOSS
-from curricle.learning.stopping import SETTLED
 from curricle.statistics import mean_return
 
 RULE = "not stated"
@@ -34,15 +33,16 @@ SHARES = {"a 30th of the target's": 30, "a tenth": 10, "a third": 3}
 def arms(pair: Pair) -> dict[str, cr.Curriculum]:
     """Return the arms; they differ in the source's budget alone."""
     own, most = pair.source_budget, pair.target_budget
-    settled = {"settled, cap: by hand": cr.StoppingRule(own, settled=SETTLED), RULE: None}
-    exact = {"by hand": own, **{k: most // n for k, n in SHARES.items()}}
+    caps = {"by hand, a cap": own, RULE: None}
+    exact = {"by hand, exactly": own, **{k: most // n for k, n in SHARES.items()}}
+    exactly = {name: cr.StoppingRule(steps) for name, steps in exact.items()}
     return {
         name: pair.curriculum(
             shaping=None,
             budget={"source": budget, "target": most},
             eval_freq={"target": pair.eval_freq},
         )
-        for name, budget in {**settled, **exact}.items()
+        for name, budget in {**caps, **exactly}.items()
     }
 
 

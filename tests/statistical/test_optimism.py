@@ -53,7 +53,7 @@ def stretched(long, short, source_learner, source_steps):
     return cr.Curriculum(
         tasks={"short": short, "long": long},
         transfers=[Transfer("short", "long", pairs)],
-        budget={"short": source_steps, "long": 100_000},
+        budget={"short": cr.StoppingRule(source_steps), "long": 100_000},
         learner={"short": source_learner},
         shaping=cr.QInitialisation(),
     )

@@ -36,8 +36,8 @@ def hunt(size, steps, time_limit, aggregate, **transfer):
         aggregate=aggregate,
         learner=LEARNER,
         shaping=cr.QInitialisation(),
-        budget={"alone": SOURCE_STEPS, "both": steps},
-        eval_freq={"alone": SOURCE_STEPS, "both": steps // 10},
+        budget={"alone": cr.StoppingRule(SOURCE_STEPS), "both": steps},
+        eval_freq={"alone": cr.StoppingRule(SOURCE_STEPS), "both": steps // 10},
         evaluation=FEW,
     )
 

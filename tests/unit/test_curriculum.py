@@ -47,7 +47,7 @@ def one_each(kind, result, name):
 def build(pairs, **settings):
     names = {name for pair in pairs for name in pair}
     tasks = {name: task for name, task in TASKS.items() if name in names}
-    plain = {"budget": 300, "shaping": cr.QInitialisation()}
+    plain = {"budget": cr.StoppingRule(300), "shaping": cr.QInitialisation()}
     return Curriculum(**{"tasks": tasks, "transfers": edges(pairs), **plain, **settings})
 
 
@@ -94,7 +94,8 @@ def test_each_task_is_trained_once_and_in_order():
 
 
 def test_source_steps_count_every_ancestor_once():
-    budget = {"near": 100, "left": 200, "right": 400, "far": 800}
+    steps = {"near": 100, "left": 200, "right": 400, "far": 800}
+    budget = {name: cr.StoppingRule(most) for name, most in steps.items()}
     result = build(DIAMOND, budget=budget).train(seeds=2)
     assert result.source_steps("far").tolist() == [700, 700]
     assert result.source_steps("right").tolist() == [100, 100]
@@ -160,7 +161,10 @@ def test_one_source_serves_through_two_mappings():
     ]
     seen = []
     result = Curriculum(
-        {"hunt": hunt, "chase": chase}, both, aggregate=lambda p: seen.append(p) or p[1], budget=200
+        {"hunt": hunt, "chase": chase},
+        both,
+        aggregate=lambda p: seen.append(p) or p[1],
+        budget=cr.StoppingRule(200),
     ).train()
     q = result["chase"].values[0]
     assert [p.shape for p in seen] == [(2, 64, 25)]
@@ -189,7 +193,7 @@ def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
     turned = Curriculum(
         dict(reversed(TASKS.items())),
         list(reversed(edges(DIAMOND))),
-        budget=300,
+        budget=cr.StoppingRule(300),
         shaping=cr.QInitialisation(),
     ).train(seeds=2)
     for name in TASKS:

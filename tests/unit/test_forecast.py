@@ -289,7 +289,7 @@ def test_a_forecast_prints_as_a_table():
 
 
 def test_the_table_holds_the_numbers():
-    found = look(pursuit(3, cr.minimum, budget=20_000), seeds=2)
+    found = look(pursuit(3, cr.minimum, budget=cr.StoppingRule(20_000)), seeds=2)
     assert max(map(len, str(found).split("\n"))) <= 80
     lines = re.sub(r"\n  (?! )", " ", str(found)).split("\n")
     assert re.fullmatch(r"chase learnt 9\d % of the way to its optimum", lines[2])

@@ -67,7 +67,7 @@ def test_a_forecast_is_the_return_at_the_first_step():
 
 @pytest.mark.parametrize("budget", [10, 2000])
 def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check, budget):
-    out, study = check(f"tasks.corner.budget={budget}")
+    out, study = check(f"tasks.corner.budget.max_steps={budget}")
     plan = study.curriculum("transfer")
     for seeds in (3, [0, 1, 2]):
         assert str(cr.forecast(plan, seeds=seeds)) in out
@@ -157,7 +157,7 @@ def test_all_sources_are_named():
             cr.Transfer("a", "c", cr.transfer.identity(MAZE)),
             cr.Transfer("b", "c", cr.transfer.identity(MAZE)),
         ],
-        budget={"a": 100, "b": 200, "c": 300},
+        budget={"a": cr.StoppingRule(100), "b": cr.StoppingRule(200), "c": 300},
     )
     found = cr.forecast(plan, seeds=1)
     assert found.computed_from == "from 1 seed of a (100 steps) and b (200 steps)"

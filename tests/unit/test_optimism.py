@@ -108,7 +108,7 @@ def test_a_curriculum_takes_them_as_learners():
         {"source": source, "target": target},
         [cr.Transfer("source", "target", cr.from_function(target, source, lambda s, a: (s, a)))],
         learner={"source": UCBQLearning(), "target": OPIQ()},
-        budget=500,
+        budget=cr.StoppingRule(500),
     )
     result = curriculum.train(seeds=2)
     assert result["target"].greedy_return[:, -1].min() > 190

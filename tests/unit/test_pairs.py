@@ -8,6 +8,7 @@ import pytest
 from benchmarks.pairs import family_names, pairs
 from benchmarks.pairs.families import DEVELOPMENT, VERIFICATION
 from benchmarks.pairs.pair import SENSIBLE
+from curricle import StoppingRule
 from curricle.transfer import ENDED
 
 EVERYWHERE = (
@@ -58,7 +59,7 @@ def test_each_pair_is_a_curriculum_with_nothing_set_but_budgets(family):
         curriculum = pair.curriculum()
         assert curriculum.target == "target"
         assert curriculum.setting("budget", "target") == pair.target_budget
-        assert curriculum.setting("budget", "source") == pair.source_budget
+        assert curriculum.setting("budget", "source") == StoppingRule(pair.source_budget)
         assert {edge.scale for edge in curriculum.transfers} == {pair.scale}
         assert pair.target_budget % pair.eval_freq == 0
         assert pair.total % pair.eval_freq == 0

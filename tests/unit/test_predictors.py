@@ -35,7 +35,7 @@ def case_of(*tables, source=100, target=300):
     plan = cr.Curriculum(
         {"near": LINE, "far": LINE},
         [cr.Transfer("near", "far", cr.transfer.identity(LINE))],
-        budget={"near": source, "far": target},
+        budget={"near": cr.StoppingRule(source), "far": target},
     )
     seeds = range(len(tables))
     (candidate,) = candidates_of(plan, "far")

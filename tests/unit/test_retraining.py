@@ -33,7 +33,7 @@ CHASE = Pursuit(size=3, predators=1, time_limit=50)
 
 def plan(retrain, **settings):
     """The mean of two optimistic sources: it starts well and decays within a thousand steps."""
-    given = {"budget": {"chase": 1500, "hunt": 9000}, "eval_freq": {"hunt": 150}}
+    given = {"budget": {"chase": StoppingRule(1500), "hunt": 9000}, "eval_freq": {"hunt": 150}}
     given |= {"learner": QLearning(learning_rate=0.1, epsilon=0.3)}
     given |= {"shaping": QInitialisation()} | settings
     return Curriculum(
@@ -216,7 +216,7 @@ def test_a_target_is_solved_once_however_often_it_is_retrained(monkeypatch):
         Target, "of", classmethod(lambda cls, *given: (calls.append(1), solve(cls, *given))[1])
     )
     rule = StoppingRule(9000, fraction=1.0)
-    found = plan(ALWAYS, budget={"chase": 1500, "hunt": rule}).train(seeds=2)
+    found = plan(ALWAYS, budget={"chase": StoppingRule(1500), "hunt": rule}).train(seeds=2)
     assert (found.retrained["hunt"].extra > 0).any()
     assert len(calls) == 1
 

@@ -60,9 +60,8 @@ def test_the_steps_of_the_search_are_charged():
     task, source = ring(), ring_by_tables()
     mapping = find_mappings(task, source, samples=700)[0].mapping
     edge = cr.Transfer("source", "ring", mapping)
-    plan = cr.Curriculum(
-        {"source": source, "ring": task}, [edge], budget={"source": 500, "ring": 2_000}
-    )
+    budget = {"source": cr.StoppingRule(500), "ring": 2_000}
+    plan = cr.Curriculum({"source": source, "ring": task}, [edge], budget=budget)
     result = plan.train(seeds=2, charge=True)
     assert result.source_steps("ring").tolist() == [1_200, 1_200]
     assert result["ring"].steps_used.tolist() == [800, 800]

@@ -118,14 +118,28 @@ def test_the_steps_that_it_took_are_charged():
     assert (result["maze"].steps_used == 30_000 - spent).all()
 
 
-def test_a_number_that_is_stated_is_exact():
-    exactly = plan(budget={"corner": 20_000, "maze": 500}).train(seeds=2)
+def test_a_number_that_is_stated_is_a_cap():
+    stated = plan(budget={"corner": 20_000, "maze": 500})
+    assert stated.node("corner").budget == rule(20_000)
+    assert stated.node("maze").budget == 500
+    ended = stated.train(seeds=2)["corner"]
+    assert (ended.steps_used < 20_000).all()
+    exactly = plan(budget={"corner": cr.StoppingRule(20_000), "maze": 500}).train(seeds=2)
     assert exactly["corner"].steps_used.tolist() == [20_000, 20_000]
     # What a source learns is the beginning of what it would have, bit for bit.
-    ended = plan(budget={"corner": rule(20_000), "maze": 500}).train(seeds=1)["corner"]
-    assert ended.steps_used[0] < 20_000
-    again = plan(budget={"corner": int(ended.steps_used[0]), "maze": 500})
-    assert np.array_equal(ended.values, again.train(seeds=1)["corner"].values)
+    short = cr.StoppingRule(int(ended.steps_used[0]))
+    again = plan(budget={"corner": short, "maze": 500}).train(seeds=1)["corner"]
+    assert np.array_equal(ended.values[0], again.values[0])
+
+
+def test_episodes_and_rules_of_a_source_are_taken_as_they_are():
+    for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
+        assert plan(budget=budget).node("corner").budget == budget
+
+
+def test_a_source_budget_that_is_no_number_of_steps_is_refused():
+    with pytest.raises(SettingError, match="budget in steps must be a whole"):
+        plan(budget={"corner": 0})
 
 
 def test_a_source_that_is_not_evaluated_takes_its_cap():

@@ -14,11 +14,11 @@ def test_arms_differ_in_the_source_alone():
     budgets = {name: one.setting("budget", "source") for name, one in found.items()}
     assert budgets == {
         RULE: StoppingRule(3_000, settled=SETTLED),
-        "settled, cap: by hand": StoppingRule(1_500, settled=SETTLED),
-        "by hand": 1_500,
-        "a 30th of the target's": 1_000,
-        "a tenth": 3_000,
-        "a third": 10_000,
+        "by hand, a cap": StoppingRule(1_500, settled=SETTLED),
+        "by hand, exactly": StoppingRule(1_500),
+        "a 30th of the target's": StoppingRule(1_000),
+        "a tenth": StoppingRule(3_000),
+        "a third": StoppingRule(10_000),
     }
     assert {one.setting("budget", "target") for one in found.values()} == {30_000}
     # Nothing else is set where the rule is judged.

@@ -81,7 +81,7 @@ def test_a_task_where_random_is_as_good_as_the_optimum_cannot_be_judged():
 def test_a_source_that_cannot_be_solved_is_measured_by_a_fresh_learner_of_twice_the_steps():
     task = ring(time_limit=30)  # it has functions, no tables
     edge = cr.Transfer("ring", "rings", cr.from_function(task, task, lambda s, a: (s, a)))
-    both = cr.Curriculum({"ring": task, "rings": task}, [edge], budget=4_000)
+    both = cr.Curriculum({"ring": task, "rings": task}, [edge], budget=cr.StoppingRule(4_000))
     sources = both.train(seeds=[3, 4], only="ring").sources
     found = source_learning(both, sources)["ring"]
     assert (found.measured_by, found.fresh_steps) == ("a fresh learner", 8_000)

@@ -63,8 +63,10 @@ def test_each_candidate_pays_for_its_own_sources_only():
         cr.Transfer(source, target, cr.transfer.identity(MAZE))
         for source, target in (("first", "left"), ("left", "far"), ("right", "far"))
     ]
+    steps = {"first": 100, "left": 200, "right": 400}
+    exact = {name: cr.StoppingRule(most) for name, most in steps.items()}
     plan = cr.Curriculum(
-        tasks, edges, budget={"first": 100, "left": 200, "right": 400, "far": 2000},
+        tasks, edges, budget=exact | {"far": 2000},
         eval_freq={"far": 100},
     )  # fmt: skip
     found = cr.forecast(plan, seeds=1).trial.comparison
@@ -115,7 +117,7 @@ def rooms():
     return cr.Curriculum(
         {"room": room, "far": two},
         [cr.Transfer("room", "far", cr.same_position(two, room))],
-        budget={"room": 1000, "far": 20_000},
+        budget={"room": cr.StoppingRule(1000), "far": 20_000},
     )
 
 

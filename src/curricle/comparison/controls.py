@@ -33,6 +33,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
+from curricle.learning.stopping import StoppingRule
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.tasks.task import Task, tables
@@ -118,7 +119,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
         tasks={SOURCE: source, name: task},
         transfers=[Transfer(SOURCE, name, _identity(task, source))],
         shaping={name: curriculum.setting("shaping", name)},
-        budget={SOURCE: steps, name: curriculum.setting("budget", name)},
+        budget={SOURCE: StoppingRule(steps), name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
         storage={SOURCE: replace(storage, save_values=True), name: storage},
         learner={SOURCE: learner, name: learner},

@@ -13,6 +13,7 @@ from curricle.checks import instance, one_of
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
+    capped,
     default_shaping,
     source_budget,
 )
@@ -30,7 +31,7 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.errors import CurriculumError
 from curricle.files import file_name
-from curricle.learning.budget import Budget
+from curricle.learning.budget import Budget, limits
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
@@ -64,8 +65,9 @@ class Curriculum(TaskGraph):
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
-        Steps, episodes, or a rule. Default 100,000 steps. A source that is given none ends when its
-        return has settled; all such sources take at most a tenth of the target's steps together.
+        Steps, episodes, or a rule. Default 100,000 steps. A source ends when its return has
+        settled: a number of steps is its cap, and all sources that are given none take at most a
+        tenth of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
     shaping : Shaping or dict
         How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
         :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs, and
@@ -96,7 +98,7 @@ class Curriculum(TaskGraph):
     ('chase', 'hunt')
     >>> result = curriculum.train(seeds=2)
     >>> result.source_steps("hunt")
-    array([10000, 10000])
+    array([5200, 3900])
     """
 
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
@@ -170,17 +172,21 @@ class Curriculum(TaskGraph):
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)
         value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+        if which == "budget":
+            return self._budget(name, value)
         if value is not None:
             return value
-        if which == "budget":
-            return self._default_budget(name)
         if which == "shaping":
             others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
             return default_shaping(self.tasks[name], *others)
         return None
 
-    def _default_budget(self, name: str) -> Budget:
-        """Return the budget of a task that is given none."""
+    def _budget(self, name: str, stated: Budget | None) -> Budget:
+        """Return the budget of a task: of a source, it ends when the return has settled."""
+        if name in self.last_tasks:
+            return DEFAULT_STEPS if stated is None else stated
+        if stated is not None:
+            return capped(stated)
         given = self.budget if isinstance(self.budget, Mapping) else {}
         shares = []
         for target in self.last_tasks:
@@ -188,7 +194,7 @@ class Curriculum(TaskGraph):
             if name in sources:
                 unstated = sum(given.get(source) is None for source in sources)
                 shares.append(source_budget(self.node(target).most_steps, unstated))
-        return max(shares, key=lambda rule: rule.max_steps, default=DEFAULT_STEPS)
+        return max(shares, key=limits)
 
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""

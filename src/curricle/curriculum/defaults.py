@@ -3,6 +3,7 @@
 from typing import Any
 
 from curricle.curriculum.retraining import RetrainSources
+from curricle.learning.budget import Budget, Episodes, limits
 from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learners import OptimisticLearner
@@ -37,7 +38,27 @@ MOST_GUARDED = 10_000_000
 """State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
 
 
-def source_budget(target_steps: int, sources: int) -> StoppingRule:
+def capped(budget: Budget) -> Budget:
+    """Return the budget of a source: a number of steps is a cap, the rest is as it is.
+
+    Raises
+    ------
+    SettingError
+        When a number is not a whole one of at least 1.
+
+    Examples
+    --------
+    >>> print(capped(4_000))
+    4,000 steps, until the return has settled
+    >>> print(capped(StoppingRule(4_000)))
+    4,000 steps
+    """
+    if isinstance(budget, Episodes | StoppingRule):
+        return budget
+    return StoppingRule(limits(budget)[0], settled=SETTLED)
+
+
+def source_budget(target_steps: int, sources: int) -> Budget:
     """Return the budget of each of so many sources of a target, if they are given none.
 
     Examples
@@ -45,7 +66,7 @@ def source_budget(target_steps: int, sources: int) -> StoppingRule:
     >>> print(source_budget(60_000, 2))
     3,000 steps, until the return has settled
     """
-    return StoppingRule(max(1, int(SOURCES_SHARE * target_steps) // sources), settled=SETTLED)
+    return capped(max(1, int(SOURCES_SHARE * target_steps) // sources))
 
 
 def default_shaping(

@@ -15,6 +15,7 @@ from curricle import (
     Pursuit,
     QInitialisation,
     QLearning,
+    StoppingRule,
     Transfer,
     learn,
     maximum,
@@ -72,7 +73,7 @@ class Setting:
     aggregates: tuple[str, ...] = tuple(AGGREGATES)  # to run at scale 1
     scratch: bool = True  # whether to learn from scratch too
     scales: tuple[float, ...] = ()  # of the source's Q, to run with the mean
-    source_budget: int | Episodes = SOURCE_BUDGET  # a number is steps, as below
+    source_budget: Episodes | StoppingRule = SOURCE_BUDGET
     target_steps: int = TARGET_STEPS
 
 
@@ -103,7 +104,7 @@ SETTINGS = {
         aggregates=(),
         scratch=False,
         scales=(0.5, 1.0, 2.0),
-        source_budget=400_000,
+        source_budget=StoppingRule(400_000),
         target_steps=400_000,
     ),
 }

@@ -12,6 +12,7 @@ from curricle import (
     Guard,
     Pursuit,
     QInitialisation,
+    StoppingRule,
     Transfer,
     calibrate,
     compare,
@@ -102,7 +103,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
         aggregate=AGGREGATES[aggregate],
         learner=LEARNER,
         shaping=QInitialisation(),
-        budget={"chase": SOURCE_STEPS, "hunt": steps},
+        budget={"chase": StoppingRule(SOURCE_STEPS), "hunt": steps},
         eval_freq={"chase": SOURCE_STEPS, "hunt": steps // 50},
         evaluation=ROLLOUTS,
     )

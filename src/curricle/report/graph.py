@@ -101,10 +101,10 @@ def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> tupl
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
     >>> learnt = {"corner first": plan.train().nodes}
-    >>> reasons = {("corner first", name): ["all steps used"] for name in plan.order}
+    >>> reasons = {("corner first", name): ["settled return reached"] for name in plan.order}
     >>> graph, = graphs(curricula_record({"corner first": plan}, {}), learnt, reasons)
     >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
-    (['corner', 'maze'], '1,000 steps', 'all steps used')
+    (['corner', 'maze'], '360 steps', 'settled return reached')
     """
     return tuple(_graph(arms, curricula, learnt, reasons) for arms in curricula.groups())
 

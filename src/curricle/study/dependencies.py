@@ -65,7 +65,7 @@ def dependencies_of(
             "sources": {one["source"]: keys[one["source"]] for one in into},
             "total": total if name == curriculum.target else None,
         }
-        if task.get("budget") is None and name != curriculum.target:
+        if name != curriculum.target:
             found["source_budget"] = str(curriculum.setting("budget", name))
         found["code"] = code_of(found, folder)
         keys[name] = choose(found)

@@ -50,7 +50,7 @@ def plan(hunt):
             cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
             for name in hunt.predator_names
         ],
-        budget={"chase": 5_000, "hunt": 500},
+        budget={"chase": cr.StoppingRule(5_000), "hunt": 500},
     )
 
 

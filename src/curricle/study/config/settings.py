@@ -159,8 +159,8 @@ class Settings(Table):
     budget: AnyBudget = Field(
         default=None,
         description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. "
-        "By default 100_000 for the target; a source ends when its return has settled, or after a "
-        "tenth of the target's steps, which all such sources share.",
+        "By default 100_000 for the target. A source ends when its return has settled, or after "
+        "its steps: by default a tenth of the target's, which all such sources share.",
     )
     shaping: AnyShaping = Field(
         default=None,
