@@ -1,9 +1,9 @@
 """From one predator to two: the README's curriculum, drawn against learning from scratch.
 
 Measured over 30 seeds after at most 150,000 steps, the source's included: -5.9 with the source's
-values doubled, -16.6 with the values as they are, -62.8 from scratch; the optimum is -3.5. The default
-shaping has a guard, so the hunt begins without the potential, at the return of scratch, and the
-learner that has it is ahead by the first checkpoint.
+values doubled, -16.6 with the values as they are, -62.8 from scratch; the optimum is -3.5. The
+default shaping has a guard, so the hunt begins without the potential, at the return of scratch, and
+the learner that has it is ahead by the first checkpoint.
 
 python examples/first_curriculum.py docs/first_curriculum.png
 """
