@@ -15,6 +15,8 @@ BEYOND_64_BITS = 2**63
 """The first whole number that a signed integer of 64 bits cannot hold."""
 LONGEST_NAME = 100
 """Characters of a name: more do not fit into tables, pictures and names of files."""
+LONGEST_VALUE = 200
+"""Characters of a value in an error."""
 
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
@@ -74,7 +76,7 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
             raise TypeError
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):  # an integer beyond every float overflows
-        raise error(f"{name} must be an array of numbers: got {_brief(values)}") from None
+        raise error(f"{name} must be an array of numbers: got {brief(values)}") from None
 
 
 def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> IntArray:
@@ -91,7 +93,7 @@ def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> In
     except ValueError:
         given = np.array(None)
     if given.dtype.kind not in "iu" or (given.size and not 0 <= given.min() <= given.max() < size):
-        raise error(f"{name} must be whole numbers in 0..{size - 1}: got {_brief(values)}")
+        raise error(f"{name} must be whole numbers in 0..{size - 1}: got {brief(values)}")
     return given.astype(np.int64)
 
 
@@ -138,13 +140,28 @@ def unfit_name(text: str) -> str:
 def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
-        raise error(f"{name} must be a {kind.__name__}: got {value!r}")
+        raise error(f"{name} must be a {kind.__name__}: got {brief(value)}")
 
 
 def text(name: str, value: Any, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` is text with something in it."""
     if not isinstance(value, str) or not value:
         raise error(f"{name} must be text, not empty: got {value!r}")
+
+
+def brief(value: Any) -> str:
+    """Return a value as an error shows it: on one line, and cut where it is long.
+
+    Examples
+    --------
+    >>> brief(np.eye(2))
+    'array([[1., 0.], [0., 1.]])'
+    """
+    try:
+        words = " ".join(repr(value).split())
+    except ValueError:  # an integer of thousands of digits has no text
+        return f"a {type(value).__name__}"
+    return words if len(words) <= LONGEST_VALUE else f"{words[: LONGEST_VALUE - 6]} [...]"
 
 
 def physical_memory() -> int:
@@ -166,13 +183,6 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
             f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes "
             f"{_size(needed)}"
         )
-
-
-def _brief(value: Any) -> str:
-    try:
-        return repr(value)
-    except ValueError:  # an integer of thousands of digits has no text
-        return f"a {type(value).__name__}"
 
 
 def _size(n_bytes: int) -> str:

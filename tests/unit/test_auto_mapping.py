@@ -49,7 +49,7 @@ def test_riverswim_has_nothing_to_say_of_pursuit():
 
 def test_a_task_without_tables_is_refused():
     edge = Transfer("ring", "maze")
-    with pytest.raises(CurriculumError, match="between tasks with tables: the source has none"):
+    with pytest.raises(CurriculumError, match="with tables: the source has none, find_mappings"):
         cr.Curriculum({"maze": MAZE, "ring": ring()}, [edge])
 
 

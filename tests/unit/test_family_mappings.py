@@ -17,6 +17,7 @@ from curricle.transfer import (
 )
 from curricle.transfer.descriptions import mapping_words
 from curricle.transfer.edges import Transfer
+from tests.refusals import check_refusal
 
 
 def line(length: int = 5) -> FiniteMDP:
@@ -127,12 +128,20 @@ def test_members_that_do_not_fit_are_refused(target, source, said):
 
 
 @pytest.mark.parametrize(
-    ("returned", "said"), [([], "at least one mapping"), (3, "must return a ComponentsByName")]
+    ("returned", "said"),
+    [
+        ([], "at least one mapping"),
+        (3, "must return a ComponentsByName"),
+        ("place", "or a list of them: got 'place'"),
+        (np.eye(2, dtype=int), r"or a list of them: got array\(\[\[1, 0\], \[0, 1\]\]\)$"),
+        ([list(range(500))], r"or a list of them: got \[0, 1, 2, .*, 5\d,? \[\.\.\.\]$"),
+        (lambda state, action: (state,), r"two dicts, of states and of actions: got \(\{'place'"),
+        (lambda state, action: ({1: 0}, action), "source's state components place: got 1"),
+    ],
 )
 def test_a_function_that_returns_no_mapping_is_refused(returned, said):
     family = task_family(SIZES, mapping=lambda target, source: returned)(line)
-    with pytest.raises(MappingError, match=said):
-        family_mappings(family(length=3), family(length=3))
+    check_refusal(MappingError, lambda: family_mappings(family(length=3), family(length=3)), said)
 
 
 # -- pursuit ---------------------------------------------------------------------------------------

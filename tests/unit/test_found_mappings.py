@@ -15,6 +15,7 @@ from curricle.transfer import (
     identity,
     score_mapping,
 )
+from tests.refusals import check_refusal
 from tests.tasks import ring
 
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)
@@ -127,12 +128,33 @@ def test_refusals():
         find_mappings(MAZE, MAZE, keep=0)
     with pytest.raises(SettingError, match="at least one search: got none"):
         find_mappings(MAZE, MAZE, searches=())
-    with pytest.raises(TaskError, match="has no tables"):
+    with pytest.raises(SettingError, match="seed must be a whole number, at least 0: got -1"):
+        find_mappings(MAZE, MAZE, seed=-1)
+    with pytest.raises(SettingError, match="samples must be a whole number, at least 1: got 0"):
+        find_mappings(MAZE, MAZE, samples=0)
+    with pytest.raises(TaskError, match=r"the target has no tables, which .*samples=.* estimates"):
         find_mappings(ring(), MAZE)
     with pytest.raises(MappingError, match="unmapped_value must be"):
         find_mappings(MAZE, MAZE, unmapped_value=float("nan"))
     with pytest.raises(MappingError, match="no pair of the target is equivalent"):
         list(by_homomorphism(TaskPair(cr.Pursuit(2, 2), cr.Pursuit(3, 1))))
+
+
+@pytest.mark.parametrize(
+    ("searches", "says"),
+    [
+        ("by_name", "searches must be a list of functions: got 'by_name'"),
+        (by_homomorphism, "searches must be a list of functions: got <function by_homomorphism"),
+        ([by_homomorphism, "by_name"], r"must be a list of functions: got \["),
+        ([lambda tasks: [cr.same_position(MAZE, MAZE)]], "must yield a Proposal: <lambda> yielded"),
+        (
+            [lambda tasks: [Proposal(identity(cr.GridWorld("S.T")), "another's")]],
+            "mappings of the tasks that it is given: <lambda> proposed the target GridWorld",
+        ),
+    ],
+)
+def test_searches_that_are_none_are_refused(searches, says):
+    check_refusal(SettingError, lambda: find_mappings(MAZE, MAZE, searches=searches), says)
 
 
 def test_at_discount_1_the_time_limit_is_the_horizon():

@@ -130,7 +130,10 @@ def announced(
     """
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
-            raise MappingError(f"a mapping is found between tasks with tables: the {role} has none")
+            raise MappingError(
+                f"a mapping is found between tasks with tables: the {role} has none, "
+                "find_mappings(..., samples=20_000) estimates them from steps"
+            )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
     found = _found(target, source, unmapped_value)
     print(f"mapping found for {edge}: {best}", flush=True)

@@ -1,9 +1,9 @@
 """Mappings between members of a task family, made from what the family declares."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from typing import Any
 
-from curricle.checks import instance
+from curricle.checks import brief, instance
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.families.components_by_name import ComponentsByName
 from curricle.tasks.families.family import FamilyMember
@@ -77,8 +77,7 @@ def member_mappings(
             raise
         except CurricleError as error:
             raise MappingError(str(error)) from error
-    several = isinstance(declared, Iterable) and not isinstance(declared, ComponentsByName)
-    found = tuple(declared) if several else (declared,)
+    found = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
     if not found:
         raise MappingError(
             f"a family must declare at least one mapping: {target} <- {source} has none"
@@ -103,5 +102,5 @@ def _made(
         return from_function(target, source, declared, unmapped_value=unmapped_value)
     raise MappingError(
         f"the mapping of {member.family.name} must return a ComponentsByName, a function of "
-        f"states and actions, a mapping, or a list of them: got {declared!r}"
+        f"states and actions, a mapping, or a list of them: got {brief(declared)}"
     )

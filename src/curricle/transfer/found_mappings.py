@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from curricle.checks import whole_number
+from curricle.checks import brief, whole_number
 from curricle.errors import MappingError, SettingError, TaskError
-from curricle.tasks.task import Task
+from curricle.tasks.task import Task, same_task
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
@@ -165,7 +165,8 @@ def find_mappings(
     Raises
     ------
     SettingError
-        When `keep` is less than 1 or no search is given.
+        When `keep` is less than 1, `seed` is negative, no search is given or one is no function, or
+        a search yields anything but a :class:`Proposal` for these tasks.
     TaskError
         When a task has no tables and `samples` is not given.
 
@@ -179,9 +180,9 @@ def find_mappings(
     components by assignment: predator is predator_2, prey by name
     """
     whole_number("keep", keep, 1, SettingError)
+    whole_number("seed", seed, 0, SettingError)
     check_unmapped_value(unmapped_value)
-    if not searches:
-        raise SettingError("find_mappings needs at least one search: got none")
+    check_searches(searches)
     tasks = TaskPair(target, source, samples, seed)
     if not tasks.judged.any():
         raise TaskError(f"no state was met in which every action was tried, in {tasks.steps} steps")
@@ -207,8 +208,10 @@ def proposals(
 ) -> Iterator[Proposal]:
     """Yield what the searches propose; the reasons of those that do not apply go to `refused`."""
     for search in searches:
+        name = getattr(search, "__name__", repr(search))
         try:
             for one in search(tasks):
+                _check_proposal(name, one, tasks)
                 mapping = one.mapping
                 if unmapped_value is not None:
                     mapping = replace_unmapped_value(mapping, unmapped_value)
@@ -217,7 +220,35 @@ def proposals(
                 else:
                     yield one._replace(mapping=mapping)
         except MappingError as error:
-            refused[getattr(search, "__name__", repr(search))] = str(error)
+            refused[name] = str(error)
+
+
+def check_searches(searches: Any) -> None:
+    """Raise SettingError unless these are functions, at least one.
+
+    Examples
+    --------
+    >>> check_searches("by_name")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: searches must be a list of functions: got 'by_name'
+    """
+    if not isinstance(searches, Sequence) or not all(map(callable, searches)):
+        raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
+    if not searches:
+        raise SettingError("find_mappings needs at least one search: got none")
+
+
+def _check_proposal(search: str, given: Any, tasks: TaskPair) -> None:
+    """Raise SettingError unless a search yielded a proposal for these tasks."""
+    if not isinstance(given, Proposal):
+        raise SettingError(f"a search must yield a Proposal: {search} yielded {brief(given)}")
+    for role in ("target", "source"):
+        task = getattr(given.mapping, role)
+        if not same_task(task, getattr(tasks, role)):
+            raise SettingError(
+                f"a search must propose mappings of the tasks that it is given: {search} proposed "
+                f"the {role} {brief(task)}"
+            )
 
 
 def charged(mapping: StateActionMapping, how: str, steps: int) -> SearchedMapping:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import number, numbers
+from curricle.checks import brief, number, numbers
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
@@ -309,7 +309,7 @@ def from_function(
     returned = function(states, actions)
     if not isinstance(returned, tuple) or [isinstance(p, dict) for p in returned] != [True, True]:
         raise MappingError(
-            f"the function must return two dicts, of states and of actions: got {returned!r}"
+            f"the function must return two dicts, of states and of actions: got {brief(returned)}"
         )
     encoded = []
     for kind, space, given in zip(
@@ -318,7 +318,7 @@ def from_function(
         if set(given) != set(space.names):
             raise MappingError(
                 f"the function must return the source's {kind} components "
-                f"{', '.join(space.names)}: got {', '.join(given) or 'none'}"
+                f"{', '.join(space.names)}: got {', '.join(map(str, given)) or 'none'}"
             )
         encoded.append(space.encode(**given))
     return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import brief, whole_number
+from curricle.errors import SettingError, TaskError
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
@@ -34,6 +36,8 @@ class TaskPair:
 
     Raises
     ------
+    SettingError
+        When `samples` is less than 1.
     TaskError
         When one of them has no tables and is not to be sampled.
 
@@ -50,6 +54,14 @@ class TaskPair:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if self.samples is not None:
+            whole_number("samples", self.samples, 1, SettingError)
+        for role, task in (("target", self.target), ("source", self.source)):
+            if self.samples is None and not has_tables(task) and hasattr(task, "model"):
+                raise TaskError(
+                    f"the {role} has no tables, which find_mappings(..., samples=20_000) estimates "
+                    f"from steps: {brief(task)}"
+                )
         _ = self.target_mdp, self.source_mdp
 
     @cached_property
