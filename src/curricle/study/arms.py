@@ -39,7 +39,8 @@ class Arms:
         For each arm and task a short hash of all that its result depends on, except the seed: arms
         that share a source train it once.
     dependencies : dict of (str, str) to dict
-        All that: settings, sources, Curricle's version, and the digests of the user's own modules.
+        All that: settings, sources, Curricle's version, and digests of the user's own modules and
+        of the mappings that were found.
     scratches : tuple of str
         The arms that learn the target from scratch.
     """
@@ -73,7 +74,7 @@ class Arms:
 
     @property
     def code(self) -> dict[str, str]:
-        """The digest of each of the user's own modules that any arm uses, by file."""
+        """The digest of each own module, by file, and found mapping, that any arm uses."""
         each = [depends["code"] for depends in self.dependencies.values()]
         return {file: code[file] for code in each for file in code}
 
@@ -147,10 +148,12 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
     Raises
     ------
     ConfigError
-        When the user's own modules are not, or no longer, those of `code`, the JSON of
-        ``Arms.code``.
+        When the user's own modules, or the mappings that are found, are not or no longer those of
+        `code`, the JSON of ``Arms.code``.
     """
-    arms = Arms.of(StudyConfig.from_data(json.loads(config), Path(folder)))
+    # Who began the run has printed what is found.
+    study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)
+    arms = Arms.of(study)
     here, there = arms.code, json.loads(code)
     for file in sorted({*here, *there}):
         if here.get(file) != there.get(file):

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,11 @@ from curricle.curriculum.defaults import SETTINGS
 from curricle.study.config.own_code import code_of
 from curricle.study.config.task_names import NameGraph
 from curricle.study.description import differences, shown
+from curricle.transfer.descriptions import mappings_digest
 
 KEY_BYTES = 8
+AUTO = "auto"
+"""The mapping of a transfer table for which one is found."""
 OF_CODE = ("curricle", "code")
 """The dependencies that ``--keep-stale`` ignores."""
 Dependencies = Mapping[str, Any]
@@ -67,9 +70,24 @@ def dependencies_of(
         }
         if name != curriculum.target:
             found["source_budget"] = str(curriculum.setting("budget", name))
-        found["code"] = code_of(found, folder)
+        found["code"] = {**code_of(found, folder), **_found_mappings(into, curriculum)}
         keys[name] = choose(found)
         yield name, keys[name], found
+
+
+def _found_mappings(tables: Sequence[Mapping[str, Any]], curriculum: Curriculum) -> dict[str, str]:
+    """Return a digest of the mappings of each edge where one is found, by words for it.
+
+    They stand beside the user's modules: what is found depends on the searches of this version, and
+    they may find something else with another one, or where candidates tie.
+    """
+    edges = [(one["source"], one["target"]) for one in tables if one.get("mapping") == AUTO]
+    return {
+        f"the mapping found for {source} -> {target}": mappings_digest(
+            one for one in curriculum.transfers if (one.source, one.target) == (source, target)
+        )
+        for source, target in edges
+    }
 
 
 def key_in(stored: Stored) -> Callable[[Dependencies], str]:

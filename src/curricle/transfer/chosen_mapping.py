@@ -1,5 +1,6 @@
 """The best mapping that is found between two tasks, or the reason why none is used."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -108,20 +109,28 @@ def with_mapping(
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
-    settings = {"scale": transfer.scale, "shift": transfer.shift, "fit_unmapped": fit_unmapped}
+    scale, shift = transfer.scale, transfer.shift
     try:
-        mapping = announced(edge, target, source, **settings).mapping
+        mapping = announced(
+            edge, target, source, fit_unmapped=fit_unmapped, scale=scale, shift=shift
+        ).mapping
     except MappingError as error:
         raise CurriculumError(f"no mapping for {edge}: {error}") from error
     return replace(transfer, mapping=mapping)
 
 
 def announced(
-    edge: str, target: Task, source: Task, unmapped_value: float | None = None, **settings: Any
+    edge: str,
+    target: Task,
+    source: Task,
+    unmapped_value: float | None = None,
+    *,
+    say: Callable[[str], Any] = print,
+    **settings: Any,
 ) -> FoundMapping:
-    """Return the mapping that is found for an edge, and print it and the runner-up.
+    """Return the mapping that is found for an edge, and say what it is, and the runner-up.
 
-    `settings` are those of :func:`auto_mapping`.
+    `settings` are those of :func:`auto_mapping`; `say` takes each line.
 
     Raises
     ------
@@ -136,8 +145,8 @@ def announced(
             )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
     found = _found(target, source, unmapped_value)
-    print(f"mapping found for {edge}: {best}", flush=True)
-    print(f"  runner-up: {found[1] if len(found) > 1 else 'none'}", flush=True)
+    say(f"mapping found for {edge}: {best}")
+    say(f"  runner-up: {found[1] if len(found) > 1 else 'none'}")
     return best
 
 

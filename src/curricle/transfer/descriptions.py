@@ -1,6 +1,10 @@
 """Transfers in words, and whether two are the same."""
 
+import hashlib
+from collections.abc import Iterable
 from typing import Any
+
+import numpy as np
 
 from curricle.tasks.task import generative_model
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
@@ -8,6 +12,9 @@ from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.proposal import SearchedMapping
 
+DIGEST_BYTES = 16
+SIGNIFICANT = 6
+"""Digits of values in a digest: the last ones may differ between machines."""
 LARGEST_COVERAGE = 5_000_000
 """Target pairs up to which a mapping's coverage is counted."""
 
@@ -72,6 +79,29 @@ def same_transfer(one: Transfer, other: Transfer) -> bool:
     if any(getattr(one, name) != getattr(other, name) for name in names):
         return False
     return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
+
+
+def mappings_digest(transfers: Iterable[Transfer]) -> str:
+    """Return a digest of what mappings with an index read, equal for equal mappings.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity, same_position
+    >>> line = GridWorld("S.T")
+    >>> one, other = (f(line, *more) for f, more in ((identity, []), (same_position, [line])))
+    >>> mappings_digest([Transfer("a", "b", one)]) == mappings_digest([Transfer("a", "b", other)])
+    True
+    """
+    digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
+    for transfer in transfers:
+        mapping = transfer.mapping
+        digest.update(np.asarray(mapping.index, dtype=np.int64).tobytes())
+        shifts = getattr(mapping, "shifts", None)
+        values = () if shifts is None else shifts.ravel()
+        for value in (mapping.unmapped_value, *values):
+            digest.update(("-" if value is None else f"{value:.{SIGNIFICANT}g} ").encode())
+    return digest.hexdigest()
 
 
 def _parts(mapping: Any) -> tuple[Any, ...]:

@@ -24,11 +24,18 @@ class CurriculumBuilder:
     """Builds the curriculum of an arm.
 
     `folder` has the modules with the study's own functions; `made` the tasks and mappings so far,
-    which arms share.
+    which arms share. `say` takes each line about a mapping that is found.
     """
 
-    def __init__(self, arm: ArmTables, folder: Path, made: dict[str, Any], refuse: Refuse):
-        self.arm, self.folder, self.made, self.refuse = arm, folder, made, refuse
+    def __init__(
+        self,
+        arm: ArmTables,
+        folder: Path,
+        made: dict[str, Any],
+        refuse: Refuse,
+        say: Callable[[str], Any],
+    ):
+        self.arm, self.folder, self.made, self.refuse, self.say = arm, folder, made, refuse, say
         self.graph = NameGraph(
             {name: getattr(task, "of", None) for name, task in arm.tasks.items()},
             tuple((transfer.source, transfer.target) for transfer in arm.transfers),
@@ -51,7 +58,7 @@ class CurriculumBuilder:
                     if key not in self.made:
                         members = [self._member(transfer.target), self._member(transfer.source)]
                         found = transfer.mappings_in(
-                            target, source, self.folder, members, fit_unmapped=fit
+                            target, source, self.folder, members, fit_unmapped=fit, say=self.say
                         )
                         self.made[key] = found
                     transfers += [transfer.transfer(f) for f in self.made[key]]

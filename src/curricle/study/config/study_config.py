@@ -1,6 +1,6 @@
 """What a study file says, complete and checked, and the curricula that it describes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
@@ -47,10 +47,16 @@ class StudyConfig(RunTable):
     _folder: Path = PrivateAttr(default=Path())
     _positions: Positions = PrivateAttr(default=Positions("", {}))
     _made: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _say: Callable[[str], Any] = PrivateAttr(default=print)
 
     @classmethod
     def from_data(
-        cls, data: Mapping[str, Any], folder: Path, positions: Positions | None = None
+        cls,
+        data: Mapping[str, Any],
+        folder: Path,
+        positions: Positions | None = None,
+        *,
+        say: Callable[[str], Any] = print,
     ) -> Self:
         """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
@@ -61,6 +67,8 @@ class StudyConfig(RunTable):
             Of the modules with the study's own functions.
         positions : Positions, optional
             Where in a file things are, for messages.
+        say : callable
+            Takes each line about a mapping that is found.
 
         Raises
         ------
@@ -69,7 +77,7 @@ class StudyConfig(RunTable):
         families = table(positions.study.get("families")) if positions else {}
         context = {"folder": folder, "families": tuple(families)}
         config = cls.model_validate(dict(data), context=context)
-        config._folder = folder
+        config._folder, config._say = folder, say
         config._positions = positions or Positions(config.name, data)
         return config
 
@@ -158,7 +166,7 @@ class StudyConfig(RunTable):
         found, curricula = Problems(self._positions), {}
         for arm in arms:
             refuse = partial(found.at, arm)
-            builder = CurriculumBuilder(self.arms[arm], self.folder, self._made, refuse)
+            builder = CurriculumBuilder(self.arms[arm], self.folder, self._made, refuse, self._say)
             curricula[arm] = builder.curriculum()
         found.raise_any()
         return {arm: made for arm, made in curricula.items() if made is not None}

@@ -1,6 +1,6 @@
 """Transfers as tables: which mapping, how much of the source's values, calibrated or not."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -132,12 +132,14 @@ class _TransferTable(ObjectTable):
         members: Sequence[FamilyMember | None],
         *,
         fit_unmapped: bool,
+        say: Callable[[str], Any],
     ) -> tuple[Any, ...]:
         """Return the mapping f, or several where a family says so.
 
         `folder` has the modules of the user's own functions; `members` are the addresses of target
         and source in their families, None for a task that has none. `fit_unmapped` is for a mapping
-        that is found: whether it may state a value where it knows nothing.
+        that is found: whether it may state a value where it knows nothing. `say` takes each line
+        about it.
         """
         to, of = members
         if self.mapping == "auto":
@@ -150,6 +152,7 @@ class _TransferTable(ObjectTable):
                 fit_unmapped=fit_unmapped,
                 scale=self.scale,
                 shift=self.shift,
+                say=say,
             )
             return (found.mapping,)
         if self.mapping != "family" or to is None or of is None:

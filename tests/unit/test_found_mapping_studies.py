@@ -1,0 +1,90 @@
+"""A run that finds its mapping, and is run into again: the same is found, or it says what changed."""
+
+from dataclasses import replace
+
+import pytest
+
+from curricle.study import read_study, run_study
+from curricle.study.arms import arms_from_json
+from curricle.transfer import UNMAPPED, chosen_mapping
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+STUDY = """
+name = "mirror"
+seeds = 2
+eval_freq = 100
+budget = 300
+[tasks.maze]
+type = "maze"
+map = "S..F..T"
+[tasks.mirrored]
+type = "maze"
+map = "T..F..S"
+[[transfers]]
+source = "mirrored"
+target = "maze"
+mapping = "auto"
+"""
+
+
+def again(folder):
+    """Resume the study; return what was trained, as "arm: task", and what was told."""
+    units, told = [], []
+    run_study(
+        read_study(folder / "mirror.toml"),
+        folder / "out",
+        resume=True,
+        workers=1,
+        report=told.append,
+        progress=lambda one: units.append(one.stored),
+    )
+    return [f"{unit.arm}: {unit.task}" for unit in units[1:]], told
+
+
+@pytest.fixture
+def mirror(tmp_path, capsys):
+    """A study that finds its mapping, which was run, and what was printed then."""
+    (tmp_path / "mirror.toml").write_text(STUDY)
+    again(tmp_path)
+    return tmp_path, capsys.readouterr().out
+
+
+def test_a_mapping_is_found_again_and_printed_once_a_run(mirror, capsys):
+    folder, printed = mirror
+    assert printed.count("mapping found for mirrored -> maze") == 1
+    arms_from_json.cache_clear()
+    trained, told = again(folder)
+    assert (trained, told) == ([], [])
+    assert capsys.readouterr().out == printed
+
+
+@pytest.fixture
+def other_search(monkeypatch):
+    """Return a function after which the search leaves a state unmapped."""
+    search = chosen_mapping.find_mappings
+
+    def find(*tasks, **settings):
+        found = search(*tasks, **settings)
+        mapping = found[0].mapping
+        index = mapping.index.copy()
+        index[1] = UNMAPPED
+        best = replace(found[0], mapping=replace(mapping, index=index))
+        return replace(found, candidates=(best, *found[1:]))
+
+    def change():
+        monkeypatch.setattr(chosen_mapping, "find_mappings", find)
+        chosen_mapping._remembered.cache_clear()
+        arms_from_json.cache_clear()
+
+    yield change
+    chosen_mapping._remembered.cache_clear()
+
+
+def test_a_search_that_finds_another_mapping_makes_units_stale(mirror, other_search):
+    folder, _ = mirror
+    other_search()
+    trained, (told,) = again(folder)
+    why = "the mapping found for mirrored -> maze changed"
+    assert told == f"transfer: maze, seeds 0-1, is stale and trained again: {why}"
+    assert trained == ["transfer: maze"]
