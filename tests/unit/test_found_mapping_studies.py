@@ -1,4 +1,4 @@
-"""A run that finds its mapping, and is run into again: the same is found, or it says what changed."""
+"""A run that finds its mapping, run into again: the same is found, or it says what changed."""
 
 from dataclasses import replace
 
