@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import linprog
 
-from curricle.transfer import lax_bisimulation
+from curricle.errors import MappingError
+from curricle.planning import solve
+from curricle.transfer import bisimulation_distance, lax_bisimulation, nearest_pairs
 from curricle.transfer.transport import UNSET, scratch, transport_cost
 from tests.tasks import mdps, random_mdp
 
@@ -85,3 +87,27 @@ def test_a_larger_task_agrees_with_the_naive_one(width):
     found = lax_bisimulation(target, source, tolerance=1e-9)
     d, _ = distance_naively(target, source, sweeps=10)
     np.testing.assert_allclose(found.states, d, atol=0.5**10 * 20)
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 3])
+def test_bounds_hold_where_iteration_ends_early(monkeypatch, rounds):
+    target = random_mdp(1, n_states=5, n_actions=2, width=3, discount=0.9)
+    source = random_mdp(2, n_states=4, n_actions=2, width=3, discount=0.9)
+    whole = lax_bisimulation(target, source, tolerance=1e-9)
+    monkeypatch.setattr(bisimulation_distance, "MOST_ROUNDS", rounds)
+    found = lax_bisimulation(target, source, tolerance=1e-9)
+    assert found.error > 1e3 * whole.error
+    assert (whole.states <= found.states + 1e-6).all()
+    assert (found.states <= whole.states + 2 * found.error + 1e-6).all()
+    apart = abs(solve(target).values[:, None] - solve(source).values)
+    assert (apart <= found.states).all()
+
+
+def test_work_is_bounded(monkeypatch):
+    target = random_mdp(1, n_states=5, n_actions=2, width=3, discount=0.9)
+    whole = lax_bisimulation(target, target, tolerance=1e-9)
+    monkeypatch.setattr(bisimulation_distance, "MOST_WORK", 1)
+    assert lax_bisimulation(target, target, tolerance=1e-9).error > whole.error
+    monkeypatch.setattr(nearest_pairs, "LARGEST_ROUND", 10)
+    with pytest.raises(MappingError, match="up to 10 pairs of outcomes in a round: these tasks"):
+        lax_bisimulation(target, target)

@@ -24,6 +24,8 @@ from curricle.transfer.transport import UNSET, flows_of, scratch, transport_cost
 SWEEPS = 40
 """Sweeps with the choices of a backup."""
 MOST_ROUNDS = 5_000
+MOST_WORK = 20_000_000_000
+"""Pairs of outcomes that are coupled at most, in all rounds: some minutes of one core."""
 
 Numbers = npt.NDArray[np.int32]
 Flags = npt.NDArray[np.uint8]
@@ -103,12 +105,18 @@ class Choices(NamedTuple):
     difference: FloatArray  # (B B',) of the rewards
 
 
+def work_of_a_round(own: Quotient, other: Quotient) -> int:
+    """Return how many pairs of outcomes a backup of all pairs couples, at most."""
+    return own.chance.size * other.chance.size
+
+
 def fixed_point(
     own: Quotient, other: Quotient, discount: float, tolerance: float
 ) -> tuple[Distances, float]:
     """Return the distances, and how far from the fixed point they may be.
 
-    Iteration ends where that is at most `tolerance` times the largest distance.
+    Iteration ends where that is at most `tolerance` times the largest distance, or after the most
+    rounds: the distances are then further from the fixed point, by no more than is said.
     """
     nodes = own.chance.shape[1] + other.chance.shape[1]
     random = own.chance.shape[1] > 1 and other.chance.shape[1] > 1
@@ -119,12 +127,13 @@ def fixed_point(
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
-    for _ in range(MOST_ROUNDS):
+    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(own, other)))
+    for left in reversed(range(rounds)):
         back_up_pairs(own, other, found, discount)
         change = back_up_states(own.pairs, other.pairs, found.pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
-        if error <= tolerance * most:
+        if error <= tolerance * most or left == 0:
             break
         helps, last = helps and change < last, change
         if helps:

@@ -15,10 +15,12 @@ from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.task import Task
 from curricle.transfer.bisimulation_distance import (
+    MOST_WORK,
     Distances,
     Quotient,
     fixed_point,
     quotient,
+    work_of_a_round,
 )
 from curricle.transfer.mapping import ENDED
 from curricle.transfer.partition_refinement import Blocks
@@ -30,6 +32,9 @@ TOLERANCE = 1e-3
 """How far below the fixed point distances may be, in units of the largest."""
 LARGEST = 8_000_000
 """Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
+
+LARGEST_ROUND = MOST_WORK // 10
+"""Pairs of their outcomes, so that there is time for ten rounds at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,8 @@ def lax_bisimulation(
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
     solves the equation of the target's discount, which keeps the bound. Transport problems are
-    solved exactly; the work grows with the number of states that are not bisimilar to others.
+    solved exactly; the work grows with the number of states that are not bisimilar to others. It
+    ends after some minutes of one core at most; `error` is larger then.
 
     Parameters
     ----------
@@ -143,6 +149,12 @@ class _Fixed:
             raise MappingError(
                 f"lax bisimulation compares up to {LARGEST:,} pairs with pairs: these tasks have "
                 f"{size:,}"
+            )
+        work = work_of_a_round(own[0], other[0])
+        if work > LARGEST_ROUND:
+            raise MappingError(
+                f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
+                f"these tasks have {work:,}"
             )
         widest = max(own[0].chance.shape[1], other[0].chance.shape[1])
         if widest > WIDEST:
