@@ -1,10 +1,10 @@
 """Mappings between tasks whose components lie on paths of unequal lengths, without names.
 
-Which component is which, and which way round, is known by the moves that change it. Which value is
-which is known by what can be done there: what it pays, where it leads, whether it ends. The source
-may be a part of the target: then its paths are windows of the target's. Or it may be the target in
-small: then each path is warped onto the source's, as a time series is by dynamic time warping
-(Sakoe, Chiba 1978), one component after the other until nothing changes.
+Components and their directions are matched by the moves that change them. Values are matched by
+what the actions do there: what they pay, where they lead, whether they end the episode. If the
+source is a part of the target, its paths are windows of the target's. If it is a smaller version of
+the target, each path is warped onto the source's by dynamic time warping (Sakoe, Chiba 1978), one
+component after the other until nothing changes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,7 +70,7 @@ def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
 
     Of all assignments of the source's components to some of the target's, whichever way round,
     those whose moves change the same. What is outside a window is unmapped. Warped paths are
-    proposed where they fit better than any window: a part is not the whole in small.
+    proposed only where they fit better than every window.
 
     Raises
     ------

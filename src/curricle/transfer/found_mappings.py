@@ -140,8 +140,8 @@ def find_mappings(
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
     both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
     Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
-    good as exact where they know anything and have a value that fits elsewhere: what is wrong has
-    to be unlearnt, what is not known has not. Then they are ordered by their worth, which is what
+    good as exact where they know anything and have a value that fits elsewhere, as a learner has to
+    unlearn wrong values, but not missing ones. Then they are ordered by their worth, which is what
     the greedy policy of the source's values regains of the optimum, times the share of the target
     that the values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates
     through which the source's values are read alike, the first search's is kept.
@@ -284,8 +284,8 @@ def clears_bar(scores: MappingScores) -> bool:
 
     Where it knows anything its greedy policy must regain at least 25 %, and its values must explain
     at least a quarter of what a constant leaves unexplained. Either alone does not do: two tasks
-    may look alike nearly everywhere and have goals in different places, and a policy without sense
-    may gain by avoiding what costs most.
+    may look alike nearly everywhere and have goals in different places, and a policy that follows
+    wrong values may gain by avoiding what costs most.
     """
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
@@ -293,8 +293,9 @@ def clears_bar(scores: MappingScores) -> bool:
 def as_good_as_exact(found: FoundMapping) -> bool:
     """Return whether a mapping is right where it knows anything, and fits elsewhere.
 
-    Elsewhere a value that fits leads a learner on: what it has tried is worth less. Without costs
-    a learner walks at random until it meets what is known, and to know little of much is better.
+    Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
+    on to others. Without such a value it walks at random until it meets a mapped state: then a
+    rough mapping of many states is better than an exact one of few.
     """
     scores = found.scores
     right = scores.regained_where_known >= 1 - MOST_MISSED

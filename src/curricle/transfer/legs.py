@@ -1,8 +1,8 @@
 """The source as the first leg of the target: where the source ends, the target goes on.
 
-A taxi fetches a passenger before it takes the passenger to a place. A source that ends at a place
-knows either leg. Its values of the first lack what comes after, the completion of MAXQ (Dietterich
-2000), which one number stands for here.
+A taxi fetches a passenger before it takes the passenger to a place. A source that drives to a place
+and ends there fits both legs. On the first leg its values do not count what comes after, which MAXQ
+calls the completion (Dietterich 2000); here it is one number.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,9 +25,10 @@ def by_legs(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mappings that read the source twice: on a first leg of the target, and after it.
 
     A first leg is the states with one value of a component that the source lacks, or those with
-    any other, if every episode starts there and none ends there. A leg reads the pairs nearest to
-    it by lax bisimulation if leaving it were paid as the source's end is, and is shifted by what it
-    is worth to go on, at the exit where that is least. What comes after reads its own nearest.
+    any other, if every episode starts there and none ends there. For its nearest source pairs, by
+    lax bisimulation, leaving the leg counts as an end that is paid as the source's is. What is read
+    is shifted by what the rest is worth, at the exit where that is least. The states after the leg
+    read the pairs nearest to them in the whole target.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """One value for the pairs of which a source knows nothing, from the target's Bellman equation.
 
-Unmapped pairs are worth 0 unless something is said, which is optimistic where steps cost: a learner
-then leaves what it knows to try what it does not. A constant that is consistent with the values
-next to it does not lead away from them. It minimises the squared Bellman residual (Schweitzer,
-Seidmann 1985; Baird 1995), of states and not of pairs: what a fall costs says nothing of a level.
-No optimal value of the target is used.
+Unmapped pairs are worth 0 by default. Where steps cost, 0 is too high: a learner leaves the mapped
+part to try the unmapped one. A constant that fits the mapped values beside it does not lead away
+from them. It minimises a weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird
+1995) of states, not of pairs: the cost of one bad action does not say what a state is worth. No
+optimal value of the target is used.
 """
 
 from typing import NamedTuple
@@ -64,7 +64,7 @@ def fitted_unmapped_value(
     mapping has any and u elsewhere, T the target's Bellman operator. It is not below what the worst
     reward for ever is worth. It is None where all is mapped; where u would not be below 0, which is
     what unmapped pairs are worth without; and where no way leads from some state to what is mapped,
-    so that nothing says what that state is worth.
+    so that its worth is not known.
 
     Parameters
     ----------
