@@ -26,7 +26,7 @@ reference_packages = [
     f"curricle.{name}"
     for name in (
         *("tasks", "learning", "planning", "transfer", "curriculum", "certificate", "comparison"),
-        *("statistics", "study", "plotting", "report", "interop", "deep", "errors"),
+        *("design", "statistics", "study", "plotting", "report", "interop", "deep", "errors"),
     )
 ]
 write_pages(reference_packages, HERE / "api")  # read by the extensions below

@@ -3,6 +3,7 @@ from . import (
     comparison as comparison,
     curriculum as curriculum,
     deep as deep,
+    design as design,
     errors as errors,
     interop as interop,
     learning as learning,

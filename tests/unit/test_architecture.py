@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
     *["errors", "array_types", "frozen_arrays", "checks", "files"],
     *["tasks", "statistics", "planning", "learning", "transfer", "certificate"],
-    *["interop", "deep", "curriculum", "comparison", "study"],
+    *["interop", "deep", "curriculum", "comparison", "design", "study"],
     *["plotting", "report", "paper", "cli"],
 ]
 """The packages, each of which imports only from those before it."""
