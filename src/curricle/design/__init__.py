@@ -1,4 +1,4 @@
-"""Designing curricula: what a design costs."""
+"""Designing curricula: candidates for the sources of a target, and what a design costs."""
 
 import lazy_loader
 

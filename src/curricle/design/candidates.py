@@ -1,0 +1,294 @@
+"""Candidates for the sources of one target: proposed by kind, judged, and none of them twice."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
+from time import process_time_ns
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.array_types import BoolArray
+from curricle.checks import one_of, whole_number
+from curricle.design.bottlenecks import bottlenecks
+from curricle.design.coarser_tables import coarser_tables
+from curricle.design.crops import crops
+from curricle.design.family_members import family_members
+from curricle.design.judging import LARGEST, Judged, judged, same_up_to_homomorphism
+from curricle.design.ledger import Ledger
+from curricle.design.likeliest_outcomes import likeliest_outcomes
+from curricle.design.proposals import (
+    PROPOSED,
+    DesignTarget,
+    Draft,
+    Made,
+    SourceCandidate,
+    design_target,
+)
+from curricle.design.removals import removals
+from curricle.design.start_rings import start_rings
+from curricle.errors import CurricleError, CurriculumError
+from curricle.tasks.task import generative_model, same_task, tables
+
+MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
+    "member": family_members,
+    "crop": crops,
+    "removed": removals,
+    "deterministic": likeliest_outcomes,
+    "starts": start_rings,
+    "bottleneck": bottlenecks,
+    "coarser": coarser_tables,
+}
+KINDS = tuple(MAKERS)
+"""What candidates are made by, in the order of their turns."""
+MOST = 20
+"""Candidates, unless told otherwise."""
+NOT_MADE = "cannot be made"
+AS_TARGET, AS_ANOTHER = "same as the target", "same as another candidate"
+
+Propose = Callable[[Any], Iterable[SourceCandidate]]
+
+
+class DroppedCandidate(NamedTuple):
+    """What was proposed and is no candidate."""
+
+    name: str
+    kind: str
+    reason: str
+    """The same words for all that were dropped for one reason."""
+    detail: str = ""
+    """The sentence of the error, or the name of the candidate that is the same task."""
+
+
+JudgedDrafts = tuple[tuple[SourceCandidate, ...], tuple[DroppedCandidate, ...], bool, int]
+"""Those that are left and dropped, whether there are more, and nanoseconds of evaluations."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceCandidates:
+    """Candidates for the sources of a target, in order. Prints as a table.
+
+    Attributes
+    ----------
+    target : Task
+    candidates : tuple of SourceCandidate
+        They take turns by kind, so that the first few are of all kinds.
+    dropped : tuple of DroppedCandidate
+        What was proposed before the last of them, and why it is none.
+    cut : bool
+        Whether `most` ended the list while there was more to look at.
+    ledger : Ledger
+        Processor time of proposing, solving and evaluating them; no steps.
+    """
+
+    target: Any
+    candidates: tuple[SourceCandidate, ...]
+    dropped: tuple[DroppedCandidate, ...]
+    cut: bool
+    ledger: Ledger = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def __iter__(self) -> Iterator[SourceCandidate]:
+        return iter(self.candidates)
+
+    def __getitem__(self, name: str) -> SourceCandidate:
+        by_name = {one.name: one for one in self.candidates}
+        one_of("a candidate", name, by_name, CurriculumError)
+        return by_name[name]
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many were dropped for each reason, the most frequent first."""
+        return dict(Counter(one.reason for one in self.dropped).most_common())
+
+    def __str__(self) -> str:
+        width = max(len(one.name) for one in self.candidates)
+        lines = [f"{'':{width}}  {'kind':<13}{'states':>9}{'optimum':>10}{'random':>10}"]
+        lines += [
+            f"{one.name:{width}}  {one.kind:<13}{one.task.states.size:>9,}{one.optimum:>10.4g}"
+            f"{one.random_return:>10.4g}"
+            for one in self.candidates
+        ]
+        if self.dropped:
+            reasons = (f"{n} {reason}" for reason, n in self.reasons.items())
+            looked_at = len(self.candidates) + len(self.dropped)
+            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {'; '.join(reasons)}")
+        if self.cut:
+            lines.append(f"cut at {len(self)}: there is more to look at")
+        return "\n".join(lines)
+
+
+def source_candidates(
+    target: Any,
+    *,
+    kinds: Sequence[str] = KINDS,
+    most: int = MOST,
+    propose: Propose | None = None,
+) -> SourceCandidates:
+    """Return candidates for the sources of a target, each with its mapping from it.
+
+    Tasks that are the target or another candidate up to an exact homomorphism are dropped, and
+    those that cannot be learnt: where the goal is never reached from the start, every optimal
+    policy avoids it, or the random policy is optimal. The order is the same in every run.
+
+    Parameters
+    ----------
+    target : Task or FamilyMember
+        With tables of at most 20 million pairs; a larger one is designed for on smaller members.
+    kinds : sequence of str
+        Of :data:`KINDS`:
+
+        - ``"member"``: easier members of the target's family;
+        - ``"crop"``: the part around the goal, of a task with `crop`;
+        - ``"removed"``: without hazards, a predator, or penalties;
+        - ``"deterministic"``: without chance;
+        - ``"starts"``: starts near the goal;
+        - ``"bottleneck"``: a doorway as the goal;
+        - ``"coarser"``: neighbouring values of ordered components merged.
+    most : int
+        Candidates at most.
+    propose : callable, optional
+        A function of the target task that returns further :class:`SourceCandidate` of a user's own;
+        they come first.
+
+    Raises
+    ------
+    CurriculumError
+        When a kind is unknown, `propose` returns something else, or no candidate is left.
+    TaskError
+        When the target has no tables.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> found = source_candidates(GridWorld(["S..P", ".#..", "...T"]), most=3)
+    >>> [one.name for one in found]
+    ['rows 1..2, columns 2..3', 'no pit at (0, 3)', 'starts 1..2 from the goal']
+    """
+    most = whole_number("the number of candidates", most, 1, CurriculumError)
+    wanted = _checked_kinds(kinds, propose)
+    begin = process_time_ns()
+    found = design_target(target)
+    if found.mdp.outcome_row.size > LARGEST:
+        raise CurriculumError(
+            f"candidates are made for targets of up to {LARGEST:,} state-action pairs: this one "
+            f"has {found.mdp.outcome_row.size:,}"
+        )
+    drafts = [list(_own(found.task, propose))] if propose is not None else []
+    drafts += [list(MAKERS[kind](found)) for kind in KINDS if kind in wanted]
+    if not any(drafts):
+        raise CurriculumError(_nothing_proposed(found, wanted))
+    kept, dropped, cut, evaluation = _judged_drafts(found, _in_turns(drafts), most)
+    # Whatever else reads tables is booked as sweeps: solving, comparing, counting paths.
+    times = {"exact_evaluations": evaluation, "sweeps": process_time_ns() - begin - evaluation}
+    return SourceCandidates(found.task, kept, dropped, cut, Ledger(nanoseconds=times))
+
+
+def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> JudgedDrafts:
+    """Return the drafts that are built, can be learnt and are new, in order; and the others."""
+    known = {AS_TARGET: judged(target.mdp)}
+    kept, dropped = list[SourceCandidate](), list[DroppedCandidate]()
+    evaluation, cut = known[AS_TARGET].evaluation, False
+    for draft in drafts:
+        if len(kept) == most:
+            cut = True
+            break
+        name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
+        try:
+            task, mappings = draft.build()
+            candidate = SourceCandidate(name, task, mappings, draft.kind, draft.words)
+            found = judged(tables(task), _goal_of(target, candidate))
+        except CurricleError as error:
+            dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))
+            continue
+        evaluation += found.evaluation
+        reason, detail = _refusal(found, known)
+        if reason:
+            dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
+            continue
+        known[name] = found
+        kept.append(replace(candidate, optimum=found.optimum, random_return=found.random_return))
+    if not kept:
+        reasons = Counter(one.reason for one in dropped).most_common()
+        why = "; ".join(f"{n} {reason}" for reason, n in reasons)
+        raise CurriculumError(f"a target needs a candidate that can be learnt: {why}")
+    return tuple(kept), tuple(dropped), cut, evaluation
+
+
+def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:
+    """Return the goal of a candidate, if only the target can tell; else its own rewards do.
+
+    Where nothing ends either task, and chance was removed, the largest rewards may be elsewhere.
+    """
+    mdp = tables(candidate.task)
+    if mdp.terminal.any() or target.mdp.terminal.any():
+        return None
+    read = np.concatenate([one.index[target.goal].ravel() for one in candidate.mappings])
+    found = np.zeros(len(mdp.terminal), bool)
+    found[read[read >= 0] // mdp.outcome_row.shape[1]] = True
+    return found if found.any() else None
+
+
+def _refusal(found: Judged, known: dict[str, Judged]) -> tuple[str, str]:
+    """Return why a task is no candidate, and which one it is again; empty if it is one."""
+    if found.refusal:
+        return found.refusal, ""
+    for name, one in known.items():
+        if same_up_to_homomorphism(found, one):
+            return (AS_TARGET, "") if name == AS_TARGET else (AS_ANOTHER, name)
+    return "", ""
+
+
+def _checked_kinds(kinds: Sequence[str], propose: Propose | None) -> tuple[str, ...]:
+    if isinstance(kinds, str) or not isinstance(kinds, Sequence):
+        raise CurriculumError(f"kinds of candidates must be a list: got {kinds!r}")
+    for kind in kinds:
+        one_of("a kind of candidates", kind, KINDS, CurriculumError)
+    if not kinds and propose is None:
+        raise CurriculumError("candidates need at least one kind, or propose: got neither")
+    if propose is not None and not callable(propose):
+        raise CurriculumError(f"propose must be a function of the target: got {propose!r}")
+    return tuple(kinds)
+
+
+def _in_turns(drafts: list[list[Draft]]) -> Iterator[Draft]:
+    """Yield the first of each list, then the second of each, and so on."""
+    for turn in zip_longest(*drafts):
+        yield from (one for one in turn if one is not None)
+
+
+def _nothing_proposed(target: DesignTarget, kinds: tuple[str, ...]) -> str:
+    if target.member is not None and kinds == ("member",):
+        return (
+            "a family needs a member that is easier than the target: "
+            f"{target.member} is the only one, or the easiest"
+        )
+    return f"the target has no candidates of the kinds {', '.join(kinds)}: give others, or propose"
+
+
+def _own(target: Any, propose: Propose) -> Iterator[Draft]:
+    """Yield what a user's function proposes, checked."""
+    given = propose(target)
+    if isinstance(given, SourceCandidate | str) or not isinstance(given, Iterable):
+        raise CurriculumError(f"propose must return SourceCandidates, in a list: got {given!r}")
+    names = set[str]()
+    for one in given:
+        if not isinstance(one, SourceCandidate):
+            raise CurriculumError(f"propose must return SourceCandidates: got {one!r}")
+        if one.name in names:
+            raise CurriculumError(f"candidates need different names: {one.name!r} is given twice")
+        if not all(same_task(mapping.target, target) for mapping in one.mappings):
+            raise CurriculumError(
+                "the mappings of a candidate must be from the target: one of "
+                f"{one.name!r} is from another task"
+            )
+        names.add(one.name)
+        generative_model(one.task)
+        yield Draft(PROPOSED, one.name, one.words, _as_it_is(one))
+
+
+def _as_it_is(one: SourceCandidate) -> Callable[[], Made]:
+    return lambda: (one.task, one.mappings)

@@ -1,0 +1,169 @@
+"""Candidates for the sources of one target, and the drafts that they are made from."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from curricle.array_types import BoolArray
+from curricle.checks import fit_name, text
+from curricle.errors import CurriculumError, TaskError
+from curricle.frozen_arrays import Frozen
+from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.start_states import goal_states
+from curricle.tasks.task import tables
+from curricle.transfer.mapping import StateActionMapping, pair_mapping
+
+Item = TypeVar("Item")
+PROPOSED = "proposed"
+
+
+@dataclass(frozen=True, eq=False)
+class SourceCandidate(Frozen):
+    """A task that may be a source of the target, and how the target reads it.
+
+    Parameters
+    ----------
+    name : str
+        What a curriculum can call it; different for each candidate of a target.
+    task : Task
+        With tables.
+    mappings : StateActionMapping or sequence of them
+        From the target to the task; several where the target reads it in several ways, as each of
+        two predators reads the only one of a smaller hunt.
+    kind : str
+        What it was made by, one of :data:`KINDS`; "proposed" for a user's own.
+    words : str
+        What it is, for a person.
+    optimum, random_return : float
+        Expected discounted return from its start, of an optimal policy and of the uniformly random
+        one; NaN before it was judged.
+
+    Raises
+    ------
+    CurriculumError
+        When the name is unfit, or a mapping is none or leads elsewhere.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, same_position
+    >>> maze = GridWorld("S...T")
+    >>> near = maze.crop(rows=(0, 1), columns=(2, 5))
+    >>> SourceCandidate("near", near, same_position(maze, near))
+    SourceCandidate('near', proposed, 3 states)
+    """
+
+    name: str
+    task: Any
+    mappings: Any
+    kind: str = PROPOSED
+    words: str = ""
+    optimum: float = float("nan")
+    random_return: float = float("nan")
+
+    def __post_init__(self) -> None:
+        fit_name("a candidate", self.name, CurriculumError)
+        text(f"the kind of {self.name!r}", self.kind, CurriculumError)
+        several = isinstance(self.mappings, Sequence)
+        mappings = tuple(self.mappings) if several else (self.mappings,)
+        if not mappings or not all(isinstance(one, StateActionMapping) for one in mappings):
+            raise CurriculumError(
+                f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
+            )
+        if any(one.source is not self.task for one in mappings):
+            raise CurriculumError(
+                f"the mappings of a candidate must lead to its task: one of {self.name!r} does not"
+            )
+        object.__setattr__(self, "mappings", mappings)
+
+    @property
+    def mapping(self) -> StateActionMapping:
+        """The first of its mappings."""
+        first: StateActionMapping = self.mappings[0]
+        return first
+
+    def __repr__(self) -> str:
+        return f"SourceCandidate({self.name!r}, {self.kind}, {self.task.states.size:,} states)"
+
+
+class DesignTarget(NamedTuple):
+    """The target of a design, and what the kinds of candidates read of it."""
+
+    task: Any
+    member: FamilyMember | None  # its address, if it is a member of a family
+    mdp: FiniteMDP
+    goal: BoolArray  # (S,)
+
+
+Made = tuple[Any, StateActionMapping | Sequence[StateActionMapping]]
+
+
+class Draft(NamedTuple):
+    """A candidate before its task is built."""
+
+    kind: str
+    name: str
+    words: str
+    build: Callable[[], Made]
+    """Returns the task and its mappings; raises a CurricleError where there is no such task."""
+
+
+def design_target(target: Any) -> DesignTarget:
+    """Return what kinds read of a target, a task or a member of a family; TaskError if neither."""
+    member = target if isinstance(target, FamilyMember) else None
+    task = target if member is None else member.task
+    mdp = tables(task)
+    return DesignTarget(task, member, mdp, aims(mdp))
+
+
+def aims(mdp: FiniteMDP) -> BoolArray:
+    """Return the states that an agent wants to get to, (S,) bool.
+
+    The ends that are entered with the largest reward; where nothing ends the task, the states in
+    which some action has the largest expected reward of all.
+
+    Examples
+    --------
+    >>> from curricle.tasks import RiverSwim
+    >>> aims(RiverSwim(size=4).mdp)
+    array([False, False, False,  True])
+    """
+    try:
+        return goal_states(mdp)
+    except TaskError:
+        mean = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row].max(axis=1)
+        live = ~mdp.terminal
+        return np.asarray(live & (mean >= mean[live].max(initial=-np.inf)))
+
+
+def by_number(target: Any, source: Any) -> StateActionMapping:
+    """Return the mapping of each state and action to that of the same number.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> by_number(GridWorld("S.T"), GridWorld("S.T").with_start("uniform")).index[:, 1]
+    array([ 1,  5, -2])
+    """
+    states, actions = np.arange(target.states.size), np.arange(target.actions.size)
+    return pair_mapping(target, source, states[:, None], actions)
+
+
+def spread(items: Iterable[Item]) -> list[Item]:
+    """Return items so that those first in the list are spread over all: the middle one first.
+
+    Examples
+    --------
+    >>> spread(range(1, 8))
+    [4, 2, 6, 1, 3, 5, 7]
+    """
+    listed = list(items)
+    found, parts = list[Item](), [(0, len(listed))]
+    for low, high in parts:  # grows while it is read
+        if low < high:
+            middle = (low + high - 1) // 2
+            found.append(listed[middle])
+            parts += [(low, middle), (middle + 1, high)]
+    return found

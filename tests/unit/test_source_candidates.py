@@ -1,0 +1,494 @@
+"""Candidates for the sources of a target, kind by kind, and which of them are dropped."""
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_position
+from curricle.design import KINDS, SourceCandidate, betweenness, source_candidates
+from curricle.design.coarser_tables import ordered_components
+from curricle.errors import CurriculumError, TaskError
+from curricle.interop.bins import Bins
+from curricle.paper.settings import maze as paper_maze
+from curricle.tasks import (
+    CliffWalking,
+    DeepSea,
+    FourRooms,
+    FrozenLake,
+    RiverSwim,
+    Taxi,
+    frozen_lake_family,
+    goal_distance,
+    maze_family,
+    pursuit_family,
+)
+from curricle.transfer import family_mappings
+from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states
+from tests.refusals import cases, check_refusal
+from tests.renumbering import renumbered
+from tests.tasks import ring
+
+MAZE = paper_maze(-5.0)
+CORRIDOR = GridWorld("S....T")
+
+
+def only(kind, target, **settings):
+    """Return all candidates of one kind."""
+    return source_candidates(target, kinds=[kind], **{"most": 1000} | settings)
+
+
+def names(found):
+    return [one.name for one in found]
+
+
+def chain(n=8, slip=0.2, **settings):
+    """Return a user's chain without names: right is forward, the last state ends it with 10."""
+    outcomes = [
+        [
+            [(1.0, max(s - 1, 0), -1.0)],
+            [(1 - slip, s + 1, 10.0 if s == n - 2 else -1.0), (slip, s, -1.0)],
+        ]
+        for s in range(n - 1)
+    ]
+    return FiniteMDP.from_outcomes(
+        [*outcomes, [[], []]],
+        terminal=np.arange(n) == n - 1,
+        start=0,
+        **{"discount": 0.9} | settings,
+    )
+
+
+# -- members of a family -------------------------------------------------------------------------
+
+
+def test_members_are_those_that_are_easier_with_the_familys_mappings():
+    target = pursuit_family(size=3, predators=2)
+    found = only("member", target)
+    assert set(names(found)) == {
+        "pursuit(size=3, predators=1)",
+        "pursuit(size=2)",
+        "pursuit(size=2, predators=1)",
+    }
+    one = found["pursuit(size=2, predators=1)"]
+    declared = family_mappings(target, target.replace(size=2, predators=1))
+    assert len(one.mappings) == len(declared) == 2
+    for mapping, expected in zip(one.mappings, declared, strict=True):
+        assert (mapping.index == expected.index).all()
+    assert one.words.endswith("size 2 instead of 3, predators 1 instead of 2")
+
+
+def test_half_the_size_comes_first():
+    found = only("member", maze_family(size=10, seed=4), most=3)
+    assert names(found)[0] == "maze(size=5, seed=4)"
+    assert found.cut
+
+
+# -- crops ---------------------------------------------------------------------------------------
+
+
+def test_crops_of_the_papers_maze_lie_around_the_treasure():
+    found = only("crop", MAZE)
+    (treasure,) = [(row, column) for name, row, column in MAZE.objects if name == "treasure"]
+    assert len(found) >= 6
+    for one in found:
+        assert isinstance(one.task, GridWorld)
+        assert ("treasure", *treasure) in one.task.objects
+        assert (one.mapping.index == same_position(MAZE, one.task).index).all()
+    sides = {len(one.task.map) for one in found}
+    assert sides <= set(range(2, 10))
+
+
+def test_crops_of_other_domains():
+    assert names(only("crop", RiverSwim(size=4))) == ["positions 2..3", "positions 1..3"]
+    assert names(only("crop", DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
+    assert "rows 5..7, columns 5..7" in names(only("crop", FrozenLake("8x8")))
+    assert len(only("crop", FourRooms(size=9))) > 1
+
+
+def test_crops_of_a_maze_whose_states_are_relative_to_objects():
+    relative = GridWorld(["S...", "....", "...T"], representation="relative")
+    assert len(only("crop", relative)) > 0
+
+
+# -- what is removed -----------------------------------------------------------------------------
+
+
+def test_pits_and_fires_are_removed_together_and_one_by_one():
+    maze = GridWorld(["S.PF", "....", "P..T"])
+    found = only("removed", maze)
+    assert names(found)[:3] == ["no hazards", "no fire", "no pit"]
+    assert found["no hazards"].task.map == ("S...", "....", "...T")
+    assert found["no pit at (2, 0)"].task.map == ("S.PF", "....", "...T")
+    assert found["no pit"].mapping.coverage().unmapped == 0
+
+
+def test_what_pays_is_no_hazard():
+    rewards = cr.Rewards(pit=5.0)
+    with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
+        only("removed", GridWorld(["S.P", "..T"], rewards=rewards))
+
+
+def test_holes_of_a_lake_are_removed():
+    found = only("removed", FrozenLake("4x4"))
+    assert found["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
+    assert len(found) == 5
+
+
+def test_predators_are_removed_and_each_reads_in_turn():
+    target = Pursuit(size=3, predators=2)
+    found = only("removed", target)
+    assert names(found) == ["1 predator"]
+    assert found["1 predator"].task == Pursuit(size=3, predators=1)
+    read = [dict(one.renaming)["predator"] for one in found["1 predator"].mappings]
+    assert read == ["predator_1", "predator_2"]
+
+
+def test_predators_that_the_prey_looks_at_cannot_be_removed():
+    looks = np.full((4**3, 5), 0.2)
+    for prey in (looks, lambda states: looks):
+        with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
+            only("removed", Pursuit(size=2, predators=2, prey=prey))
+
+
+def test_penalties_are_rewards_below_those_of_most_steps():
+    target = CliffWalking(rows=3, columns=5)
+    (one,) = only("removed", target)
+    assert one.name == "no penalties"
+    assert set(np.unique(one.task.mdp.reward)) == {-1.0}
+    with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
+        only("removed", chain())
+
+
+# -- chance, starts, bottlenecks, coarser tables -------------------------------------------------
+
+
+def test_moves_of_a_lake_no_longer_slip():
+    (one,) = only("deterministic", FrozenLake("4x4"))
+    assert one.task == FrozenLake("4x4", slippery=False)
+
+
+def test_each_pair_of_a_users_table_has_its_likeliest_outcome():
+    target = chain(slip=0.3)
+    (one,) = only("deterministic", target)
+    assert (one.task.probability == 1).all()
+    for state in range(7):
+        row = one.task.outcome_row[state, 1]
+        assert one.task.next_state[row, 0] == state + 1
+        assert one.task.reward[row, 0] == (10 if state == 6 else -1)
+
+
+def test_outcomes_that_lead_to_one_state_count_together():
+    once = [(0.3, 0, 0.0), (0.3, 0, 2.0), (0.4, 1, 0.0)]
+    target = FiniteMDP.from_outcomes(
+        [[once, [(1.0, 1, 100.0)]], [[], []]], terminal=[False, True], start=0, discount=0.9
+    )
+    (one,) = only("deterministic", target)
+    row = one.task.outcome_row[0, 0]
+    assert (one.task.next_state[row, 0], one.task.reward[row, 0]) == (0, 1.0)
+
+
+def test_two_outcomes_that_are_as_likely_have_no_likeliest():
+    with pytest.raises(CurriculumError, match="1 cannot be made"):
+        only("deterministic", Pursuit(size=3, predators=1))
+
+
+def test_without_chance_a_swimmer_never_gets_to_the_other_bank():
+    with pytest.raises(CurriculumError, match="1 goal never reached from the start"):
+        only("deterministic", RiverSwim())
+
+
+@pytest.mark.parametrize("target", [MAZE, chain(), RiverSwim(size=9), Taxi(size=3, stands=2)])
+def test_start_rings_grow_from_the_goal(target):
+    found = only("starts", target)
+    far = [
+        goal_distance(one.task, np.flatnonzero(goal_of(target)))[one.task.mdp.start > 0].max()
+        for one in found
+    ]
+    last = goal_distance(target, np.flatnonzero(goal_of(target)))[target.mdp.start > 0].max()
+    assert sorted(far) == list(range(1, last))
+    for one in found:
+        live = ~terminal_states(target)
+        numbers = np.arange(one.mapping.index.size).reshape(one.mapping.index.shape)
+        assert (one.mapping.index[live] == numbers[live]).all()
+
+
+def goal_of(target):
+    if isinstance(target, RiverSwim):
+        return np.arange(target.size) == target.size - 1
+    return cr.tasks.goal_states(target)
+
+
+def test_bottlenecks_of_four_rooms_are_hallways():
+    target = FourRooms(size=13)
+    found = only("bottleneck", target)
+    cells = {tuple(target.layout.cells[ends(one, target)].tolist()) for one in found}
+    # The goal lies in the hallway in the east.
+    assert cells == {target.hallways[name] for name in ("north", "south", "west")}
+
+
+def ends(one, target):
+    """Return the state that ends a candidate and not its target."""
+    (state,) = np.flatnonzero(one.task.mdp.terminal & ~target.mdp.terminal)
+    return state
+
+
+def test_entering_a_bottleneck_pays_what_the_goal_pays_and_ends():
+    (one,) = only("bottleneck", GridWorld(["S.#..", ".....", "..#.T"]))
+    state, mdp = ends(one, GridWorld(["S.#..", ".....", "..#.T"])), one.task
+    assert (mdp.reward[mdp.next_state == state] == 199).all()
+    assert (one.mapping.index[state] == UNMAPPED).all()
+    assert (one.mapping.index != ENDED).sum() == 4 * (len(mdp.terminal) - 1)
+
+
+def test_betweenness_of_a_line_by_hand():
+    # a - b - c - d, the last one ends. Of 9 pairs, b is between 3 (ac, ad, ca) and c 2 (ad, bd).
+    assert betweenness(GridWorld("S..T")) * 9 == pytest.approx([0, 3, 2, 0])
+
+
+def test_a_coarser_river_goes_on_as_its_states_do_on_average():
+    target = RiverSwim(size=6)
+    (one,) = only("coarser", target)
+    assert one.task.states == Space([Component("position", 3)], [[0], [1], [2]])
+    right = one.task.outcome_row[1, 1]
+    chances = dict(zip(one.task.next_state[right], one.task.probability[right], strict=True))
+    # From 2 and 3 to the right: back with .1 each, but from 3 to 2 stays; forward .3 from 3.
+    assert chances == pytest.approx({0: 0.05, 1: 0.8, 2: 0.15})
+    assert (one.mapping.index[:, 0] == [0, 0, 2, 2, 4, 4]).all()
+
+
+def test_an_end_is_never_merged_with_what_goes_on():
+    found = only("coarser", GridWorld(["S....", ".....", ".....", "....T"]))
+    one = found["row, column by 2"]
+    assert one.task.states.names == ("row", "column", "ended")
+    assert one.task.mdp.terminal.sum() == 1
+    assert names(found) == ["row, column by 2", "row by 2", "column by 2"]
+
+
+def test_which_components_are_ordered():
+    bins = Bins({"x": [0.0, 1.0, 2.0, 3.0, 4.0], "v": [0.0, 1.0, 2.0]})
+    assert ordered_components(bins.states) == ("x",)
+    assert ordered_components(Pursuit(size=2, predators=1).states) == ()
+    assert ordered_components(chain().states) == ()
+
+
+def test_labels_of_merged_bins_name_both():
+    bins = Bins({"x": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]})
+    n = bins.states.size
+    target = FiniteMDP.from_outcomes(
+        [[[(1.0, max(s - 1, 0), -1.0)], [(1.0, min(s + 1, n - 1), -float(s < n - 2))]]
+         for s in range(n)],
+        terminal=np.arange(n) == n - 1, start=0, discount=0.9, states=bins.states,
+    )  # fmt: skip
+    (one,) = only("coarser", target)
+    assert one.task.states.component("x").labels[0] == "below 1 or 1 to 2"
+
+
+# -- all together --------------------------------------------------------------------------------
+
+
+def test_a_users_table_without_names_has_candidates():
+    found = source_candidates(chain())
+    kinds = Counter(one.kind for one in found)
+    assert set(kinds) == {"deterministic", "starts", "bottleneck"}
+    one = found["starts 1..3 from the goal"]
+    plan = cr.Curriculum(
+        tasks={one.name: one.task, "chain": found.target},
+        transfers=[cr.Transfer(one.name, "chain", mapping) for mapping in one.mappings],
+        budget=200,
+    )
+    assert plan.train(seeds=1)["chain"].steps_used == [200]
+
+
+def test_kinds_take_turns():
+    found = source_candidates(maze_family(size=8, pits=0.2, seed=1), most=5)
+    assert [one.kind for one in found] == ["member", "crop", "removed", "starts", "bottleneck"]
+    assert found.cut
+    assert len(found) == 5
+
+
+def test_the_same_in_every_run():
+    target = frozen_lake_family(map="4x4")
+    one, other = source_candidates(target), source_candidates(target)
+    assert names(one) == names(other)
+    assert one.dropped == other.dropped
+    for mine, again in zip(one, other, strict=True):
+        assert (mine.mapping.index == again.mapping.index).all()
+        assert mine.optimum == again.optimum
+    assert str(one) == str(other)
+
+
+def test_returns_are_exact_and_time_is_booked():
+    found = source_candidates(CORRIDOR)
+    for one in found:
+        assert one.optimum == cr.solve(one.task).start_value
+        assert one.optimum > one.random_return
+    assert found.ledger.total_steps == 0
+    assert found.ledger.seconds["sweeps"] > 0
+
+
+def test_it_prints_candidates_and_why_others_were_dropped():
+    found = only("removed", GridWorld(["SP.#P", "...#.", "..T##"]))
+    lines = str(found).splitlines()
+    assert lines[0].split() == ["kind", "states", "optimum", "random"]
+    assert lines[1].startswith("no pit ")
+    assert lines[-1].startswith("dropped 2 of 4: 1 same as another candidate; 1 same as")
+    assert {one.detail for one in found.dropped} == {"", "no pit"}
+
+
+# -- a user's own, and what is dropped -----------------------------------------------------------
+
+
+def proposed(task, name="mine", target=CORRIDOR, mapping=None):
+    index = np.full((target.states.size, target.actions.size), UNMAPPED)
+    mapping = mapping or cr.transfer.StateActionMapping(target, task, index)
+    return SourceCandidate(name, task, mapping)
+
+
+def test_a_users_candidates_come_first_and_none_of_ours_repeats_them():
+    ring_task = cr.tasks.with_start(CORRIDOR, cr.tasks.GoalDistance(1, 2))
+    found = source_candidates(CORRIDOR, propose=lambda task: [proposed(ring_task)])
+    assert names(found)[0] == "mine"
+    assert "starts 1..2 from the goal" not in names(found)
+    assert ("starts 1..2 from the goal", "mine") in [(d.name, d.detail) for d in found.dropped]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_renumbered_target_is_no_candidate(seed):
+    copy, *_ = renumbered(CORRIDOR.mdp, np.random.default_rng(seed))
+    with pytest.raises(CurriculumError, match="1 same as the target"):
+        source_candidates(CORRIDOR, kinds=[], propose=lambda task: [proposed(copy)])
+
+
+def test_a_task_with_two_states_for_one_is_the_same_task():
+    target = chain(4)
+    # State 1 twice: as 1 and as 4, each reached half of the time.
+    lists = [
+        [[(1.0, 0, -1.0)], [(0.4, 1, -1.0), (0.4, 4, -1.0), (0.2, 0, -1.0)]],
+        [[(1.0, 0, -1.0)], [(0.8, 2, -1.0), (0.2, 4, -1.0)]],
+        [[(1.0, 1, -1.0)], [(0.8, 3, 10.0), (0.2, 2, -1.0)]],
+        [[], []],
+        [[(1.0, 0, -1.0)], [(0.8, 2, -1.0), (0.2, 1, -1.0)]],
+    ]
+    doubled = FiniteMDP.from_outcomes(lists, terminal=np.arange(5) == 3, start=0, discount=0.9)
+    with pytest.raises(CurriculumError, match="1 same as the target"):
+        source_candidates(target, kinds=[], propose=lambda t: [proposed(doubled, target=t)])
+
+
+@pytest.mark.parametrize(
+    ("task", "reason"),
+    [
+        (GridWorld("S#T"), "goal never reached from the start"),
+        (GridWorld("S.....T", time_limit=3), "goal never reached from the start"),
+        (
+            GridWorld("S.FT", rewards=cr.Rewards(fire=-5000, near_fire=0)),
+            "goal avoided by every optimal policy",
+        ),
+        (
+            GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)),
+            "nothing to learn: the random policy is optimal",
+        ),
+        (GridWorld("S..T", discount=1.0, time_limit=20), "no exact solution"),
+    ],
+)
+def test_what_cannot_be_learnt_is_dropped(task, reason):
+    found = source_candidates(CORRIDOR, propose=lambda target: [proposed(task)])
+    assert [(one.name, one.reason) for one in found.dropped if one.kind == "proposed"] == [
+        ("mine", reason)
+    ]
+
+
+def test_another_start_discount_or_time_limit_is_another_task():
+    variants = [
+        CORRIDOR.with_start("uniform"),
+        GridWorld("S....T", discount=0.9),
+        GridWorld("S....T", time_limit=50),
+    ]
+    found = source_candidates(
+        CORRIDOR,
+        kinds=[],
+        propose=lambda t: [proposed(task, f"variant {i}") for i, task in enumerate(variants)],
+    )
+    assert len(found) == 3
+
+
+def own(*given):
+    return lambda: source_candidates(CORRIDOR, propose=lambda target: given)
+
+
+NEAR = CORRIDOR.crop(rows=(0, 1), columns=(3, 6))
+REFUSALS = {
+    CurriculumError: {
+        "family with one member": (
+            lambda: only("member", pursuit_family(size=2, predators=1)),
+            "a family needs a member that is easier than the target: pursuit",
+        ),
+        "no family": (lambda: only("member", CORRIDOR), "no candidates of the kinds member"),
+        "unknown kind": (lambda: only("crops", CORRIDOR), "must be one of member, crop"),
+        "kinds no list": (lambda: source_candidates(CORRIDOR, kinds="crop"), "must be a list"),
+        "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
+        "none wanted": (lambda: source_candidates(CORRIDOR, most=0), "at least 1: got 0"),
+        "propose no function": (lambda: source_candidates(CORRIDOR, propose=5), "a function"),
+        "propose returns nothing": (
+            lambda: source_candidates(CORRIDOR, propose=lambda target: None),
+            "propose must return SourceCandidates, in a list: got None",
+        ),
+        "propose returns tasks": (own(NEAR), "propose must return SourceCandidates: got GridWorld"),
+        "propose one name twice": (own(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
+        "mapping of another target": (
+            own(proposed(NEAR, target=GridWorld("S.T"))),
+            "must be from the target: one of 'mine'",
+        ),
+        "mapping to another task": (
+            lambda: SourceCandidate("a", NEAR, same_position(CORRIDOR, CORRIDOR)),
+            "must lead to its task: one of 'a'",
+        ),
+        "no mapping": (lambda: SourceCandidate("a", NEAR, []), "needs mappings from the target"),
+        "no name": (lambda: SourceCandidate("", NEAR, same_position(CORRIDOR, NEAR)), "the name"),
+        "no candidate left": (
+            lambda: source_candidates(
+                CORRIDOR, kinds=[], propose=lambda target: [proposed(GridWorld("S#T"))]
+            ),
+            "a target needs a candidate that can be learnt: 1 goal never reached",
+        ),
+        "unknown candidate": (
+            lambda: source_candidates(CORRIDOR)["far"],
+            "a candidate must be one of rows",
+        ),
+    },
+    TaskError: {
+        "family in place of a member": (lambda: source_candidates(pursuit_family), "FiniteMDP"),
+        "no tables": (lambda: source_candidates(ring()), "has no tables"),
+        "too many states for bottlenecks": (
+            lambda: betweenness(Pursuit(size=13, predators=1)),
+            "up to 20,000 states: this one has 28,561",
+        ),
+    },
+}
+
+
+@pytest.mark.parametrize(("error", "call", "says"), cases(REFUSALS))
+def test_refusals(error, call, says):
+    check_refusal(error, call, says)
+
+
+def test_a_target_too_large_is_designed_for_on_smaller_members():
+    with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
+        source_candidates(pursuit_family(size=10, predators=2))
+
+
+def test_every_kind_has_its_turn_in_some_target():
+    assert KINDS == (
+        "member",
+        "crop",
+        "removed",
+        "deterministic",
+        "starts",
+        "bottleneck",
+        "coarser",
+    )
+    found = source_candidates(frozen_lake_family(map="8x8"), most=7)
+    assert {one.kind for one in found} == set(KINDS)
+    assert all(a.name != b.name for a, b in pairwise(found))
