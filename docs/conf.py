@@ -25,8 +25,9 @@ templates_path = ["_templates"]
 reference_packages = [
     f"curricle.{name}"
     for name in (
-        *("tasks", "learning", "planning", "transfer", "curriculum", "certificate", "comparison"),
-        *("design", "statistics", "study", "plotting", "report", "interop", "deep", "errors"),
+        *("tasks", "learning", "planning", "teaching", "transfer", "curriculum", "certificate"),
+        *("comparison", "design", "statistics", "study", "plotting", "report", "interop"),
+        *("deep", "errors"),
     )
 ]
 write_pages(reference_packages, HERE / "api")  # read by the extensions below

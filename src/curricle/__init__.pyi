@@ -13,6 +13,7 @@ from . import (
     statistics as statistics,
     study as study,
     tasks as tasks,
+    teaching as teaching,
     transfer as transfer,
 )
 from .certificate.certification import certify as certify

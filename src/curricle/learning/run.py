@@ -1,6 +1,7 @@
 """One seed's training: its tables, the loop that fills them, what it leaves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -233,7 +234,7 @@ class Run:
         if turns:
             horizon = *horizon, np.int64(longest_turn(*horizon))
         steps, episodes = self.limits
-        with open_model(self.task, seed.start) as model:
+        with self.opened(seed.settings, seed.start, tables) as model:
             return compiled(loop, isinstance(model, Functions))(
                 model,
                 horizon,
@@ -246,6 +247,15 @@ class Run:
                 self.eval_freq,
                 seed.record,
             )
+
+    def opened(
+        self, settings: SeedSettings, start: int, tables: Sequence[Any]
+    ) -> AbstractContextManager[Any]:
+        """Return a context with the model that one seed's loop samples.
+
+        `start` is where its random stream starts, `tables` are the loop's own, what it learns last.
+        """
+        return open_model(self.task, start)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -95,9 +95,9 @@ def learn(
     >>> result.values.shape, result.greedy_return[:, -1].round(2)
     ((2, 3, 4), array([196.01, 196.01]))
     """
-    learner = _given_or_default("learner", learner, Learner, QLearning)
-    evaluation = _given_or_default("evaluation", evaluation, GreedyEvaluation)
-    storage = _given_or_default("storage", storage, Storage)
+    learner = given_or_default("learner", learner, Learner, QLearning)
+    evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
+    storage = given_or_default("storage", storage, Storage)
     generative = generative_model(task)
     given, learner = learner, learner.for_task(task)
     if generative.actions.size > MOST_ACTIONS:
@@ -136,18 +136,19 @@ def learn(
     if rows:
         _check_sparse(run, each)
     starts = [stream_start(one.seed, stream) for one in each]
-    values, outcomes = _train_all(run, each, starts, snapshots, threads)
+    values, outcomes = train_all(run, each, starts, snapshots, threads)
     numbers = tuple(one.seed for one in each)
     return learning_result(task, given, numbers, values, outcomes, eval_freq)
 
 
-def _given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
+def given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
+    """Return an argument of this kind, or its default where it is None; SettingError otherwise."""
     given = (default or kind)() if given is None else given
     instance(name, given, kind, SettingError)
     return given
 
 
-def _train_all(
+def train_all(
     run: Run, each: Sequence[SeedSettings], starts: Sequence[int], snapshots: int, threads: int
 ) -> tuple[Any, list[Outcome]]:
     """Return the values of all seeds, None unless they are saved, and what each seed left."""

@@ -1,0 +1,78 @@
+"""What teaching found: the learning of the target, and what the teacher did."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.learning.result import LearningResult
+from curricle.statistics.curves import Curve
+from curricle.teaching.teachers import Teacher
+
+
+@dataclass(frozen=True, eq=False)
+class TeachingResult(Frozen):
+    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
+
+    Attributes
+    ----------
+    learning : LearningResult
+        That of the target: greedy returns are those in the target, steps and episodes count those
+        of all tasks, and so do training returns.
+    tasks : tuple of str
+        The names of the M tasks, in their order.
+    teacher : Teacher
+    drawn : tuple of K (E,) int64 arrays
+        The task of each episode that was begun, as its place in `tasks`. The last one may have been
+        cut off by the budget.
+    begun_at : tuple of K (E,) int64 arrays
+        Steps, in all tasks, before each of these episodes.
+    probabilities : (K, T, M) float64
+        The probability of each task when the episode of the checkpoint was drawn. Checkpoints after
+        a seed's end repeat its last ones.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.teaching import teach
+    >>> found = teach({"near": GridWorld(".ST"), "far": GridWorld("S.T")}, target="far", budget=500)
+    >>> found.learning.steps_used, found.steps_per_task.sum(axis=1), found.counts.shape
+    (array([500]), array([500]), (1, 101, 2))
+    """
+
+    learning: LearningResult
+    tasks: tuple[str, ...]
+    teacher: Teacher
+    drawn: tuple[IntArray, ...]
+    begun_at: tuple[IntArray, ...]
+    probabilities: FloatArray
+
+    @property
+    def curve(self) -> Curve:
+        """The greedy return in the target against the steps in all tasks."""
+        return Curve.of(self.learning)
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """Episodes begun in each task before each checkpoint, (K, T, M) int64."""
+        found = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
+        for k, (drawn, begun) in enumerate(zip(self.drawn, self.begun_at, strict=True)):
+            for i in range(len(self.tasks)):
+                found[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
+        return frozen(found)
+
+    @cached_property
+    def steps_per_task(self) -> IntArray:
+        """Steps taken in each task, (K, M) int64; they add up to those of the seed."""
+        found = [
+            np.bincount(drawn, np.diff(begun, append=used), len(self.tasks)).astype(np.int64)
+            for drawn, begun, used in zip(
+                self.drawn, self.begun_at, self.learning.steps_used, strict=True
+            )
+        ]
+        return frozen(np.stack(found))
+
+    def __repr__(self) -> str:
+        return f"TeachingResult({self.teacher!r}, {len(self.tasks)} tasks, {self.learning!r})"

@@ -1,0 +1,180 @@
+"""Learning a target by episodes in several tasks, of which a teacher draws each: :func:`teach`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.checks import text
+from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
+from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.result import learning_result
+from curricle.learning.seeds import seed_settings, threads_for
+from curricle.learning.stopping import NEVER_STOPS, StoppingRule, stopping_level
+from curricle.learning.storage import Storage
+from curricle.learning.training import given_or_default, train_all
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.tasks.draws import stream_start
+from curricle.tasks.start_states import Goal
+from curricle.tasks.task import Task
+from curricle.teaching.result import TeachingResult
+from curricle.teaching.task_set import TaskSet
+from curricle.teaching.taught_run import Draws, TaughtRun
+from curricle.teaching.teachers import Teacher, Uniform
+
+
+def teach(
+    tasks: Mapping[str, Task],
+    teacher: Teacher | None = None,
+    learner: Learner | None = None,
+    budget: Budget = 100_000,
+    *,
+    target: str,
+    seeds: int | Sequence[int] = 1,
+    eval_freq: int | None = None,
+    evaluation: GreedyEvaluation | None = None,
+    goal: Goal = None,
+    stream: str = "",
+    workers: int | None = None,
+) -> TeachingResult:
+    """Return the result of learning a target by episodes in several tasks of one space.
+
+    A teacher draws the task of each episode. One learner learns all of them in one table, with the
+    loops, schedules and random streams of :func:`learn`; steps in any task count alike. The teacher
+    draws from a stream of its own. With one task the learning is that of :func:`learn` on its
+    tables, bit for bit.
+
+    Parameters
+    ----------
+    tasks : dict from str to Task
+        M of them, with tables, the same states and actions, discount and time limit. They may
+        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals.
+        Goals that differ need a component of the states that tells them apart: one table cannot
+        hold values for several. :class:`ReverseCurriculum` reads their order.
+    teacher : Teacher
+        Default :class:`Uniform`.
+    learner : Learner
+        Default :class:`QLearning`; any but :class:`UCBQLearning` and :class:`OPIQ`.
+    budget : int, Episodes or StoppingRule
+        Steps in all tasks (the last episode may be cut), episodes, or steps until the greedy return
+        in the target is good enough.
+    target : str
+        The name of the task in which the greedy policy is evaluated; the teacher may draw it too.
+    seeds, eval_freq, evaluation, stream, workers
+        As in :func:`learn`.
+    goal : optional
+        What an episode has to end in to be a success, as in :func:`goal_distance`. By default the
+        terminal states of each task that are entered with the largest reward.
+
+    Returns
+    -------
+    TeachingResult
+
+    Raises
+    ------
+    SettingError
+        When an argument is invalid, before anything runs; when a teacher's probabilities are none.
+    TaskError
+        When a task has no tables, or the teacher needs a goal and there is none.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.tasks import GoalDistance, with_start
+    >>> far = GridWorld("S.....T")
+    >>> tasks = {"near": with_start(far, GoalDistance(1, 2)), "far": far}
+    >>> found = teach(tasks, target="far", budget=2_000, seeds=2)
+    >>> found.counts[0, -1] / found.counts[0, -1].sum() > 0.3
+    array([ True,  True])
+    """
+    teacher = Uniform() if teacher is None else teacher
+    _check_teacher(teacher)
+    text("stream", stream or "-", SettingError)
+    learner = given_or_default("learner", learner, Learner, QLearning)
+    if isinstance(learner, OptimisticLearner):
+        raise SettingError(
+            "a teacher's learner must explore by epsilon or softmax, not by bonuses: got "
+            f"{learner!r}"
+        )
+    evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
+    needs_goal = bool(getattr(teacher, "uses_goal", False))
+    task_set = TaskSet(tasks, target, goal, needs_goal=needs_goal)
+    run = _run(task_set, tasks[target], teacher, learner, budget, eval_freq, evaluation, stream)
+    each = seed_settings(
+        seeds, run.learner, run.limits, lambda one: one, shaping=None, warm_up=None, charged=None
+    )
+    starts = [stream_start(one.seed, stream) for one in each]
+    threads = threads_for(task_set.target, workers, len(each))
+    values, outcomes = train_all(run, each, starts, 0, threads)
+    values[:, task_set.target.terminal] = 0.0  # other tasks may go on where the target ends
+    numbers = tuple(one.seed for one in each)
+    learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
+    return _result(learning, task_set, teacher, [run.draws[seed] for seed in numbers])
+
+
+def _check_teacher(teacher: Any) -> None:
+    for name in ("start", "update", "probabilities"):
+        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
+            raise SettingError(
+                "a teacher must have the methods start, update and probabilities, as Uniform() "
+                f"has: got {teacher!r}"
+            )
+
+
+def _run(
+    task_set: TaskSet,
+    target: Task,
+    teacher: Teacher,
+    learner: Learner,
+    budget: Budget,
+    eval_freq: int | None,
+    evaluation: GreedyEvaluation,
+    stream: str,
+) -> TaughtRun:
+    """Return the run that all seeds share, its arguments checked."""
+    most, eval_freq = limits(budget), spacing(eval_freq, budget)
+    stopping = NEVER_STOPS
+    if isinstance(budget, StoppingRule):
+        stopping = budget.kernel(stopping_level(budget, target, evaluation))
+    return TaughtRun(
+        task=task_set.target,
+        learner=learner.for_task(target),
+        limits=most,
+        eval_freq=eval_freq,
+        longest=longest_run(task_set.limit, budget, eval_freq),
+        evaluation=evaluation.kernel(task_set.target),
+        stopping=stopping,
+        storage=Storage(),
+        rows=0,
+        task_set=task_set,
+        teacher=teacher,
+        stream=stream,
+        draws={},
+    )
+
+
+def _result(
+    learning: Any, task_set: TaskSet, teacher: Teacher, each: Sequence[Draws]
+) -> TeachingResult:
+    """Return what teaching found, the episodes that took no step left out."""
+    n_checkpoints = len(learning.steps)
+    drawn, begun_at, curves = list[IntArray](), list[IntArray](), list[FloatArray]()
+    for draws, used in zip(each, learning.steps_used, strict=True):
+        begun = np.array(draws.begun_at)
+        drawn.append(frozen(np.array(draws.tasks)[begun < used]))
+        begun_at.append(frozen(begun[begun < used]))
+        since = np.array([checkpoint for checkpoint, _ in draws.changes])
+        place = np.searchsorted(since, np.arange(n_checkpoints), side="right") - 1
+        curves.append(np.stack([found for _, found in draws.changes])[place])
+    return TeachingResult(
+        learning=learning,
+        tasks=task_set.names,
+        teacher=teacher,
+        drawn=tuple(drawn),
+        begun_at=tuple(begun_at),
+        probabilities=frozen(np.stack(curves)),
+    )
