@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTH, HEIGHT, COLOURS = 860, 900, 128
+WIDTH, HEIGHT = 860, 900
 
 
 def main(page: Path, part: str, picture: Path) -> None:
@@ -26,7 +26,7 @@ def main(page: Path, part: str, picture: Path) -> None:
             view.locator(slider).press("End")
         view.evaluate("document.activeElement.blur()")
         taken = Image.open(io.BytesIO(view.locator(part).screenshot()))
-        taken.convert("RGB").quantize(COLOURS).save(picture, optimize=True)
+        taken.convert("RGB").save(picture, optimize=True)
         browser.close()
 
 
