@@ -37,7 +37,7 @@ def hunt(size, steps, time_limit, aggregate, **transfer):
         learner=LEARNER,
         shaping=cr.QInitialisation(),
         budget={"alone": cr.StoppingRule(SOURCE_STEPS), "both": steps},
-        eval_freq={"alone": cr.StoppingRule(SOURCE_STEPS), "both": steps // 10},
+        eval_freq={"alone": SOURCE_STEPS, "both": steps // 10},
         evaluation=FEW,
     )
 
