@@ -36,13 +36,13 @@ type = "pursuit"
 size = 3
 predators = 1
 learner = { type = "QLearning", learning_rate = 0.3 }
-budget = 1_000
+budget = { max_steps = 1_000 }
 [tasks.alone]
 type = "vector_pursuit"
 size = 3
 predators = 1
 time_limit = 20
-budget = 400
+budget = { max_steps = 400 }
 eval_freq = 100
 [tasks.hunt]
 type = "vector_pursuit"

@@ -267,7 +267,7 @@ def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
     edge = cr.Transfer("maze", "deep", mapping, calibrate=cr.transfer.Calibrate(20, cautious=False))
     plan = cr.Curriculum(
         {"maze": MAZE, "deep": observed}, [edge],
-        learner={"deep": DQN}, budget={"maze": 5000, "deep": 600},
+        learner={"deep": DQN}, budget={"maze": cr.StoppingRule(5000), "deep": 600},
     )  # fmt: skip
     result = plan.train(seeds=1)
     (fitted,) = result.calibrations["deep"]

@@ -241,6 +241,15 @@ def test_rescaling_a_mapped_potential_is_rescaling_its_array(aggregate):
         np.testing.assert_array_equal(one.values, other.values)
 
 
+@pytest.mark.parametrize("bad", ["x", {"x": 1}, None, float("nan"), 1e400])
+def test_a_potential_is_rescaled_by_finite_numbers_alone(bad):
+    for phi in (mapped(cr.mean), optimum(LINE)):
+        with pytest.raises(cr.errors.PotentialError, match="scale must be"):
+            phi.rescaled(bad)
+        with pytest.raises(cr.errors.PotentialError, match="shift must be"):
+            phi.rescaled(1.0, bad)
+
+
 # -- in a curriculum -----------------------------------------------------------------------------
 
 

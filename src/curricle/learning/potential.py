@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import BEYOND_64_BITS, indices, numbers, whole_number
+from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
@@ -169,7 +169,11 @@ class StateActionPotential(Frozen):
         return np.asarray(self.values[states])
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
-        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum.
+
+        PotentialError unless both are finite numbers.
+        """
+        scale, shift = finite_scale(scale, shift)
         return replace(self, values=scale * self.values + shift)
 
     def to_state(self) -> StatePotential:
@@ -261,11 +265,12 @@ class MappedPotential(Frozen):
         return phi
 
     def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
-        """Return scale phi(s, a) + shift; it keeps the optimum."""
-        own = self.lookup
-        lookup = own._replace(
-            scale=float(scale * own.scale), shift=float(scale * own.shift + shift)
-        )
+        """Return scale phi(s, a) + shift; it keeps the optimum.
+
+        PotentialError unless both are finite numbers.
+        """
+        own, (scale, shift) = self.lookup, finite_scale(scale, shift)
+        lookup = own._replace(scale=scale * own.scale, shift=scale * own.shift + shift)
         return MappedPotential(self.task, lookup)
 
     def to_state(self) -> StatePotential:
@@ -274,6 +279,17 @@ class MappedPotential(Frozen):
 
 
 Potential = StatePotential | StateActionPotential | MappedPotential
+
+
+def finite_scale(scale: float, shift: float) -> tuple[float, float]:
+    """Return the scale and shift of a potential as floats; PotentialError unless finite.
+
+    Examples
+    --------
+    >>> finite_scale(2, 0)
+    (2.0, 0.0)
+    """
+    return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
 
 
 def _ended(task: Task, terminated: npt.ArrayLike | None, there: FloatArray) -> FloatArray:

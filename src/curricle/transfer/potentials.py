@@ -12,7 +12,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.potential import MappedPotential, StateActionPotential, finite_scale
 from curricle.learning.value_lookup import (
     MAXIMUM,
     MEAN,
@@ -249,7 +249,8 @@ class ObservationPotential:
         )[:, 0]
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
-        """Return scale phi + shift."""
+        """Return scale phi + shift; PotentialError unless both are finite numbers."""
+        scale, shift = finite_scale(scale, shift)
         return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
 
     def _aggregate(self, each: Iterable[FloatArray]) -> FloatArray:
