@@ -166,8 +166,11 @@ def gains(
     print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
 
 
-def of(target: Any, source: Any, **settings: Any) -> Callable:
-    """Return what makes the curriculum of some transfers."""
+def of(target: Any, source: Any, *, budget: Any = None, **settings: Any) -> Callable:
+    """Return what makes the curriculum of some transfers, its source's steps being exact."""
+    if budget is not None and isinstance(budget.get("source"), int):
+        budget = {**budget, "source": cr.StoppingRule(budget["source"])}
+    settings["budget"] = budget
     return lambda transfers: cr.Curriculum(
         {"source": source, "target": target}, transfers, **settings
     )
