@@ -1,16 +1,16 @@
 """Mappings that are found, beside those made by hand: how often right, how fast, what they gain.
 
-    python -m benchmarks.found_mappings renumbered nameless refusals
+    python -m benchmarks.found_mappings renumbered nameless refusals lax
     python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
     python -m benchmarks.found_mappings families --split verification --seeds 10
 
 `renumbered`: states and actions numbered anew at random, no components. `nameless`: components
 shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
-to do with the target. `auto`: gains over scratch of a mapping that is found, as a share of those by
-hand, all steps charged. `approximate`: the same for tasks that do not correspond exactly: a maze
-and its crop, renumbered, and tasks whose components have unequal numbers of values, nameless.
-`families`: pairs of the benchmark, or made after it, beside their own mappings. DoorKey needs
-MiniGrid.
+to do with the target. `lax`: how long lax bisimulation of random tasks takes. `auto`: gains over
+scratch of a mapping that is found, as a share of those by hand, all steps charged. `approximate`:
+the same for tasks that do not correspond exactly: a maze and its crop, renumbered, and tasks whose
+components have unequal numbers of values, nameless. `families`: pairs of the benchmark, or made
+after it, beside their own mappings. DoorKey needs MiniGrid.
 """
 
 import argparse
@@ -32,15 +32,18 @@ from curricle.paper.settings import LEARNER, SUMMED, maze
 from curricle.tasks.task import tables
 from curricle.transfer import (
     StateActionMapping,
+    TaskPair,
     auto_mapping,
     by_component_values,
     family_mappings,
     find_mappings,
 )
 from curricle.transfer.found_mappings import SEARCHES
+from curricle.transfer.nearest_pairs import by_lax_bisimulation
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 from examples import cliff_walking, taxi
 from tests.renumbering import nameless, nameless_hunt, renumbered
+from tests.tasks import random_mdp
 
 SIDE = 5
 """Of the paper's maze's corner."""
@@ -132,6 +135,19 @@ def nameless_tasks(seeds: int) -> None:
         found = find_mappings(target, source, searches=searches)
         seconds = time.perf_counter() - began
         print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {found[0]}", flush=True)
+
+
+def lax() -> None:
+    """Print how long the nearest pairs of two random tasks take, at two sizes, beside the bound."""
+    print("\nlax: random tasks with 5 actions of 3 outcomes each")
+    for sizes in ((140, 70), (670, 335)):  # a quarter of them ends
+        pair = TaskPair(*(random_mdp(n, n_states=n, n_actions=5) for n in sizes))
+        live = [int((~mdp.terminal).sum()) for mdp in (pair.target_mdp, pair.source_mdp)]
+        began = time.perf_counter()
+        found = next(iter(by_lax_bisimulation(pair)))
+        seconds = time.perf_counter() - began
+        words = f"Q* proven within {found.bound:.3g}"
+        print(f"  {live[0]} x {live[1]} states: {seconds:.1f} s; {words}", flush=True)
 
 
 # -- gains ---------------------------------------------------------------------------------------
@@ -356,7 +372,7 @@ def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> Non
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    known = ("renumbered", "nameless", "auto", "approximate", "refusals", "families")
+    known = ("renumbered", "nameless", "auto", "approximate", "refusals", "lax", "families")
     parser.add_argument("parts", nargs="+", choices=known)
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
     parser.add_argument("--copies", type=int, default=5, help="random renumberings of each task")
@@ -372,6 +388,8 @@ def main() -> None:
         nameless_tasks(options.copies)
     if "refusals" in options.parts:
         refusals(options.seeds)
+    if "lax" in options.parts:
+        lax()
     if "families" in options.parts:
         families(options.split, options.seeds, options.only)
     for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):
