@@ -197,7 +197,10 @@ def test_wrappers_of_observations_are_looked_through():
 
 @pytest.mark.parametrize("where", ["environment", "attribute", "standard library", "nobody's"])
 def test_random_steps_are_refused_wherever_the_numbers_come_from(where):
-    with pytest.raises(TaskError, match=r"steps must be deterministic .*outcomes=.*samples="):
+    found = r"steps must be deterministic .*outcomes=.*samples="
+    if where == "nobody's":  # by chance repeated steps may agree, and a later comparison finds it
+        found += "|led elsewhere in"
+    with pytest.raises(TaskError, match=found):
         cr.tabulate(lambda: Slippery(where), discount=0.5)
 
 
