@@ -98,7 +98,7 @@ def fitted_unmapped_value(
     found = 0.0
     for _ in range(SWEEPS):
         last = found
-        found = _residuals(phi, unmapped, found, tasks).constant(EXPECTILE)
+        found = _residuals(phi, unmapped, found, rewards, tasks).constant(EXPECTILE)
         found = min(0.0, max(lowest, found))
         if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
             break
@@ -116,15 +116,19 @@ def _leads_to(mapped: BoolArray, tasks: TaskPair) -> bool:
     return bool(reaches[tasks.judged].all())
 
 
-def _residuals(phi: FloatArray, unmapped: BoolArray, constant: float, tasks: TaskPair) -> Residuals:
-    """Return the residuals for what is greedy at this constant, before and after a step."""
+def _residuals(
+    phi: FloatArray, unmapped: BoolArray, constant: float, rewards: FloatArray, tasks: TaskPair
+) -> Residuals:
+    """Return the residuals for what is greedy at this constant, before and after a step.
+
+    `rewards` are the expected ones of the target's outcome rows.
+    """
     mdp, states = tasks.target_mdp, np.arange(len(phi))
     action = np.where(unmapped, constant, phi).argmax(axis=1)
     live = ~mdp.terminal
     at_constant = unmapped[states, action] & live
     best = np.where(live & ~at_constant, phi[states, action], 0.0)
-    reward = (mdp.probability * mdp.reward).sum(axis=1)
-    after = reward + mdp.discount * (mdp.probability * best[mdp.next_state]).sum(axis=1)
+    after = rewards + mdp.discount * (mdp.probability * best[mdp.next_state]).sum(axis=1)
     share = mdp.discount * (mdp.probability * at_constant[mdp.next_state]).sum(axis=1)
     row = np.take_along_axis(
         mdp.outcome_row, (after + constant * share)[mdp.outcome_row].argmax(axis=1)[:, None], axis=1
