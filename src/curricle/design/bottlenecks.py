@@ -24,6 +24,7 @@ from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
+from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import Task, tables
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping
 
@@ -104,10 +105,13 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
     found = (each > 0) & (each >= strongest * (1 - ROUNDING)) & ~mdp.terminal & ~target.goal
     # Stable, and without differences by rounding, so that of equal ones the first state is first.
     order = np.argsort(-each.round(9), kind="stable")
+    way = goal_distance(mdp, target.goal)
+    far = max(1, int(way[mdp.start_states].max(initial=1)))
     for state in order[found[order]][:MOST_BOTTLENECKS].tolist():
         name = mdp.states.label(state)
         words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
-        yield Draft("bottleneck", _short(f"to {name}"), words, partial(_ending_in, target, state))
+        build, part = partial(_ending_in, target, state), float(way[state]) / far
+        yield Draft("bottleneck", _short(f"to {name}"), words, build, "", part)
 
 
 def _short(name: str) -> str:

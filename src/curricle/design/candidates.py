@@ -11,13 +11,9 @@ import numpy as np
 
 from curricle.array_types import BoolArray
 from curricle.checks import one_of, whole_number
-from curricle.design.bottlenecks import bottlenecks
-from curricle.design.coarser_tables import coarser_tables
-from curricle.design.crops import crops
-from curricle.design.family_members import family_members
 from curricle.design.judging import LARGEST, Judged, judged, same_up_to_homomorphism
 from curricle.design.ledger import Ledger
-from curricle.design.likeliest_outcomes import likeliest_outcomes
+from curricle.design.makers import KINDS, MAKERS
 from curricle.design.proposals import (
     PROPOSED,
     DesignTarget,
@@ -26,22 +22,10 @@ from curricle.design.proposals import (
     SourceCandidate,
     design_target,
 )
-from curricle.design.removals import removals
-from curricle.design.start_rings import start_rings
+from curricle.design.relations import relation_of
 from curricle.errors import CurricleError, CurriculumError
 from curricle.tasks.task import generative_model, same_task, tables
 
-MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
-    "member": family_members,
-    "crop": crops,
-    "removed": removals,
-    "deterministic": likeliest_outcomes,
-    "starts": start_rings,
-    "bottleneck": bottlenecks,
-    "coarser": coarser_tables,
-}
-KINDS = tuple(MAKERS)
-"""What candidates are made by, in the order of their turns."""
 MOST = 20
 """Candidates, unless told otherwise."""
 NOT_MADE = "cannot be made"
@@ -199,7 +183,10 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
         name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
         try:
             task, mappings = draft.build()
-            candidate = SourceCandidate(name, task, mappings, draft.kind, draft.words)
+            words = draft.kind, draft.words
+            candidate = SourceCandidate(
+                name, task, mappings, *words, relation_of(draft), draft.member
+            )
             found = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
             dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))

@@ -45,7 +45,8 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
     for group in groups:
         name = f"{', '.join(group)} by 2"
         words = f"a coarser table: each two values of {' and '.join(group)} are one"
-        yield Draft("coarser", name[:90], words, partial(_merged, target.task, target.mdp, group))
+        build = partial(_merged, target.task, target.mdp, group)
+        yield Draft("coarser", name[:90], words, build, name)
 
 
 def ordered_components(states: Space) -> tuple[str, ...]:

@@ -39,7 +39,8 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
             build = partial(_bottom, task, rows)
-            yield Draft("crop", f"lowest {rows} rows", f"the lowest {rows} rows alone", build)
+            words = f"the lowest {rows} rows alone"
+            yield Draft("crop", f"lowest {rows} rows", words, build, "", rows / task.size)
         return
     extents = _extents(task)
     if not extents:
@@ -51,7 +52,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
                 words = f"the part around the goal: {name}"
-                yield Draft("crop", name, words, partial(_part, task, part))
+                yield Draft("crop", name, words, partial(_part, task, part), "", side / longest)
 
 
 def _extents(task: Any) -> dict[str, Range]:

@@ -50,11 +50,11 @@ def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
     switch = SWITCHES.get(type(target.task))
     if switch and getattr(target.task, switch[0]) != switch[1]:
         build = partial(_switched, target.task, *switch)
-        yield Draft("deterministic", "no slipping", "moves do what they are meant to", build)
+        yield Draft("deterministic", "no slipping", "moves do what they are meant to", build, "")
         return
     words = "every action has its likeliest outcome"
     build = partial(_likeliest, target.task, target.mdp)
-    yield Draft("deterministic", "likeliest outcomes", words, build)
+    yield Draft("deterministic", "likeliest outcomes", words, build, "")
 
 
 def _switched(task: Any, name: str, value: Any) -> Made:

@@ -15,9 +15,11 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
 from curricle.tasks.task import tables
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
+from curricle.transfer.observation_mapping import ObservationMapping
 
 Item = TypeVar("Item")
 PROPOSED = "proposed"
+MAPPINGS = (StateActionMapping, ObservationMapping)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +32,18 @@ class SourceCandidate(Frozen):
         What a curriculum can call it; different for each candidate of a target.
     task : Task
         With tables.
-    mappings : StateActionMapping or sequence of them
+    mappings : StateActionMapping, ObservationMapping or sequence of them
         From the target to the task; several where the target reads it in several ways, as each of
         two predators reads the only one of a smaller hunt.
     kind : str
         What it was made by, one of :data:`KINDS`; "proposed" for a user's own.
     words : str
         What it is, for a person.
+    relation : Relation, optional
+        How it relates to its target, in terms that hold for other targets too; None where they do
+        not, as for a pit in one place.
+    member : FamilyMember, optional
+        Its address, if it is a member of the target's family.
     optimum, random_return : float
         Expected discounted return from its start, of an optimal policy and of the uniformly random
         one; NaN before it was judged.
@@ -60,6 +67,8 @@ class SourceCandidate(Frozen):
     mappings: Any
     kind: str = PROPOSED
     words: str = ""
+    relation: Any = None
+    member: FamilyMember | None = None
     optimum: float = float("nan")
     random_return: float = float("nan")
 
@@ -68,7 +77,7 @@ class SourceCandidate(Frozen):
         text(f"the kind of {self.name!r}", self.kind, CurriculumError)
         several = isinstance(self.mappings, Sequence)
         mappings = tuple(self.mappings) if several else (self.mappings,)
-        if not mappings or not all(isinstance(one, StateActionMapping) for one in mappings):
+        if not mappings or not all(isinstance(one, MAPPINGS) for one in mappings):
             raise CurriculumError(
                 f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
             )
@@ -79,10 +88,9 @@ class SourceCandidate(Frozen):
         object.__setattr__(self, "mappings", mappings)
 
     @property
-    def mapping(self) -> StateActionMapping:
+    def mapping(self) -> Any:
         """The first of its mappings."""
-        first: StateActionMapping = self.mappings[0]
-        return first
+        return self.mappings[0]
 
     def __repr__(self) -> str:
         return f"SourceCandidate({self.name!r}, {self.kind}, {self.task.states.size:,} states)"
@@ -108,6 +116,14 @@ class Draft(NamedTuple):
     words: str
     build: Callable[[], Made]
     """Returns the task and its mappings; raises a CurricleError where there is no such task."""
+    which: str | None = None
+    """What tells it from others of its kind in any target; None where only this target has it."""
+    share: float | None = None
+    """Of the target, where candidates of a kind differ by size or distance."""
+    changes: Any = ()
+    """Of a member: its parameters by those of the target."""
+    member: FamilyMember | None = None
+    """Its address, if it is a member of the target's family."""
 
 
 def design_target(target: Any) -> DesignTarget:

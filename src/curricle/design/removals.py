@@ -42,7 +42,13 @@ def removals(target: DesignTarget) -> Iterator[Draft]:
     usual = usual_reward(target.mdp)
     if usual is not None and _has_less(target.mdp, usual):
         build = partial(_without_penalties, task, target.mdp, usual)
-        yield Draft("removed", "no penalties", "no reward is below that of most steps", build)
+        yield Draft(
+            "removed",
+            "no penalties",
+            "no reward is below that of most steps",
+            build,
+            "no penalties",
+        )
 
 
 # -- hazards on a map ----------------------------------------------------------------------------
@@ -69,7 +75,9 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         groups.append((f"no {kind} at {at}", ((row, column),)))
     for name, places in groups:
         count = f"{len(places)} hazard{'s' * (len(places) > 1)} removed"
-        yield Draft("removed", name, f"the same map, {count}", partial(_cleared, task, places))
+        anywhere = None if " at (" in name else name
+        build = partial(_cleared, task, places)
+        yield Draft("removed", name, f"the same map, {count}", build, anywhere)
 
 
 def _hazards(task: Any) -> dict[str, str]:
@@ -105,7 +113,7 @@ def _fewer_predators(task: Pursuit) -> Iterator[Draft]:
     for n in range(1, task.predators):
         name = f"{n} predator{'s' * (n > 1)}"
         words = f"the same grid with {n} of {task.predators} predators"
-        yield Draft("removed", name, words, partial(_with_predators, task, n))
+        yield Draft("removed", name, words, partial(_with_predators, task, n), name)
 
 
 def _with_predators(task: Pursuit, n: int) -> Made:

@@ -25,12 +25,12 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
     >>> [draft.name for draft in start_rings(design_target(GridWorld("S...T")))]
     ['starts 1..2 from the goal', 'starts 1 from the goal', 'starts 1..3 from the goal']
     """
-    far = goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0)
-    for most in spread(range(1, int(far))):
+    far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
+    for most in spread(range(1, far)):
         ring = "1" if most == 1 else f"1..{most}"
         words = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
         build = partial(_ring, target, most)
-        yield Draft("starts", f"starts {ring} from the goal", words, build)
+        yield Draft("starts", f"starts {ring} from the goal", words, build, "", most / far)
 
 
 def _ring(target: DesignTarget, most: int) -> Made:

@@ -1,0 +1,192 @@
+"""A target of a design: how it is learnt, what counts as learnt, and what a curriculum costs."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
+from curricle.checks import fit_name, number, whole_number
+from curricle.comparison.comparing import FRACTION
+from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
+from curricle.comparison.levels import VisitedPairs
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.curriculum.result import CurriculumResult
+from curricle.design.assembly import TARGET
+from curricle.design.ledger import Ledger
+from curricle.design.recipe import Recipe
+from curricle.design.spending import ledger_of
+from curricle.errors import CurriculumError
+from curricle.frozen_arrays import Frozen
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.result import LearningResult
+from curricle.learning.stopping import StoppingRule
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import Target
+from curricle.tasks.families.family import FamilyMember
+
+CHECKPOINTS = 100
+"""Evaluations in the steps of a training, unless told otherwise."""
+PATIENCE = 3
+"""Evaluations in a row that must reach the return that counts as learnt."""
+
+
+class Training(NamedTuple):
+    """What one curriculum cost, for K seeds."""
+
+    steps: IntArray  # (K,) until the target was learnt, sources included; all where it never was
+    learnt: BoolArray  # (K,) whether it was
+    source_steps: IntArray  # (K,) of them
+
+
+@dataclass(frozen=True, eq=False)
+class Problem(Frozen):
+    """A target, how it is learnt in each training of a design, and when it counts as learnt.
+
+    Parameters
+    ----------
+    target : Task or FamilyMember
+        A task with tables, unless `threshold` is given.
+    steps : int
+        Of a training at most, its sources included.
+    learner : Learner
+        Of target and sources.
+    fraction : float
+        Of the way from the random policy's return to the optimum: learnt is what reaches it in
+        three evaluations in a row.
+    threshold : float, optional
+        The return itself instead.
+    evaluation : GreedyEvaluation, optional
+        By default exact where tables allow it, as rollouts cost steps.
+    eval_freq : int, optional
+        Steps between evaluations; a hundredth of `steps` by default.
+    miniature : bool
+        Whether it stands for something larger: its steps are booked as ``miniatures``.
+    name : str, optional
+        By default that of the member, or "target".
+
+    Raises
+    ------
+    CurriculumError, SettingError
+        When a number is out of range.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> problem = Problem(GridWorld("S..T"), steps=2000)
+    >>> problem.train(problem.scratch, seeds=range(2))[0].learnt
+    array([ True,  True])
+    """
+
+    target: Any
+    steps: int = DEFAULT_STEPS
+    learner: Learner = field(default_factory=QLearning)
+    fraction: float = FRACTION
+    threshold: float | None = None
+    evaluation: GreedyEvaluation | None = None
+    eval_freq: int | None = None
+    miniature: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        whole_number("steps of a training", self.steps, 1, CurriculumError)
+        number("the fraction that counts as learnt", self.fraction, CurriculumError, 0, 1)
+        if self.threshold is not None:
+            number("the threshold of a problem", self.threshold, CurriculumError)
+        name = self.name or (str(self.target) if isinstance(self.target, FamilyMember) else TARGET)
+        fit_name("a problem", name, CurriculumError)
+        object.__setattr__(self, "name", name)
+        if self.evaluation is None:
+            object.__setattr__(self, "evaluation", Target.of(self.task).evaluation)
+        if self.eval_freq is None:
+            object.__setattr__(self, "eval_freq", max(1, self.steps // CHECKPOINTS))
+
+    @property
+    def task(self) -> Any:
+        """The target as a task."""
+        return self.target.task if isinstance(self.target, FamilyMember) else self.target
+
+    @cached_property
+    def level(self) -> float:
+        """The return that counts as learnt."""
+        if self.threshold is not None:
+            return float(self.threshold)
+        return Target.of(self.task, self.evaluation).level(self.fraction)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the curricula of the problem share, as :meth:`Recipe.curriculum` takes it."""
+        return {
+            "budget": self.steps,
+            "learner": self.learner,
+            "evaluation": self.evaluation,
+            "eval_freq": self.eval_freq,
+        }
+
+    @property
+    def scratch(self) -> Curriculum:
+        """The curriculum without sources."""
+        return Recipe().curriculum(self.task, **self.settings)
+
+    def within(self, steps: int) -> "Problem":
+        """Return the problem with trainings of so many steps at most, evaluated as often."""
+        return replace(self, steps=steps, threshold=self.level)
+
+    def train(
+        self,
+        curriculum: Curriculum,
+        seeds: Any,
+        *,
+        placebo: bool = False,
+        workers: int | None = None,
+    ) -> tuple[Training, Ledger]:
+        """Return what a curriculum cost, and the ledger of its training.
+
+        It ends where the target is learnt. A curriculum whose sources may take all steps of a
+        training is not trained: each seed counts with all steps, and nothing is booked.
+
+        Parameters
+        ----------
+        curriculum : Curriculum
+            Whose target is the problem's.
+        seeds : sequence of K int
+        placebo : bool
+            Whether the values that the target reads are shuffled over its pairs: a control.
+        """
+        numbers = [int(seed) for seed in seeds]
+        name = curriculum.target
+        if self._sources_at_most(curriculum) >= self.steps:
+            full = np.full(len(numbers), self.steps)
+            return Training(full, np.zeros(len(numbers), bool), full), Ledger()
+        rule = StoppingRule(self.steps, threshold=self.level, patience=PATIENCE)
+        ends = curriculum.replace(name, budget=rule)
+        result = ends.train(numbers, charge=True, workers=workers)
+        spent = result.source_steps(name) if len(ends.order) > 1 else np.zeros(len(numbers), int)
+        last = result[name]
+        ledger = ledger_of(result, miniature=self.miniature)
+        if placebo:
+            last = self._placebo(ends, result, workers)
+            ledger += ledger_of(last, miniature=self.miniature)
+        return Training(spent + last.steps_used, self._learnt(last), spent), ledger
+
+    def _sources_at_most(self, curriculum: Curriculum) -> int:
+        names = curriculum.ancestors(curriculum.target)
+        return sum(curriculum.node(one).most_steps for one in names)
+
+    def _placebo(
+        self, curriculum: Curriculum, result: CurriculumResult, workers: int | None
+    ) -> LearningResult:
+        pairs = VisitedPairs.of(curriculum)
+        ((_, change),) = value_controls(["placebo"], pairs)
+        return learn_changed(result, changed_potentials(result, change), workers)
+
+    def _learnt(self, result: LearningResult) -> BoolArray:
+        """Return whether each seed's last evaluations reached the level, (K,)."""
+        found = []
+        for greedy, used in zip(result.greedy_return, result.steps_used, strict=True):
+            end = int(used) // (self.eval_freq or 1)
+            last = greedy[: end + 1][-PATIENCE:]
+            found.append(len(last) == PATIENCE and bool((last >= self.level).all()))
+        return np.array(found)

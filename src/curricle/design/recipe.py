@@ -1,0 +1,218 @@
+"""Recipes: curricula in relative terms, which fit any task like those they were found on."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+from curricle.checks import instance, one_of
+from curricle.curriculum.curriculum import Curriculum
+from curricle.design.assembly import TARGET, transfers_of
+from curricle.design.proposals import SourceCandidate
+from curricle.design.relations import Relation
+from curricle.design.trends import Trend
+from curricle.errors import CurriculumError
+from curricle.frozen_arrays import Frozen
+from curricle.learning.guard import Guard
+from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
+from curricle.learning.stopping import SETTLED, StoppingRule
+from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model, same_task
+from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
+from curricle.transfer.edges import Calibrate, Transfer
+
+AGGREGATES: Mapping[str, Aggregate] = MappingProxyType(
+    {"mean": mean, "minimum": minimum, "maximum": maximum, "total": total}
+)
+SHAPINGS: Mapping[str, Callable[[], Shaping]] = MappingProxyType(
+    {
+        "initialise": QInitialisation,
+        "guarded": partial(QInitialisation, guard=Guard()),
+        "look-ahead": LookAheadAdvice,
+        "state": StateShaping,
+    }
+)
+"""Ways in which the sources' values enter the learning of the target."""
+
+
+@dataclass(frozen=True)
+class Stage(Frozen):
+    """One source of a recipe, and how long it is trained.
+
+    Parameters
+    ----------
+    relation : Relation
+    steps : Trend or float
+        Steps per state of the source, over the number of its states.
+    settled : bool
+        Whether it ends before where its return has settled; else it takes all of them.
+
+    Examples
+    --------
+    >>> print(Stage(Relation("crop", 0.5), steps=40))
+    crop 0.5: 40 steps a state
+    """
+
+    relation: Relation
+    steps: Any
+    settled: bool = False
+
+    def __post_init__(self) -> None:
+        instance("the relation of a stage", self.relation, Relation, CurriculumError)
+        if not isinstance(self.steps, Trend):
+            object.__setattr__(self, "steps", Trend.constant(self.steps))
+
+    def budget(self, states: int) -> StoppingRule:
+        """Return the budget of a source of so many states."""
+        steps = max(1, round(states * self.steps.at(states)))
+        return StoppingRule(steps, settled=SETTLED if self.settled else None)
+
+    def __str__(self) -> str:
+        until = ", until settled" if self.settled else ""
+        return f"{self.relation}: {self.steps} steps a state{until}"
+
+
+@dataclass(frozen=True)
+class Recipe(Frozen):
+    """A curriculum in relative terms.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        In order, the first one first. Without any the recipe is to learn the target alone.
+    chain : bool
+        Whether each source builds on the one before, and the target on the last; else the target
+        reads all of them.
+    aggregate : {"mean", "minimum", "maximum", "total"}
+        Of what the target reads, where that is several potentials.
+    scale : Trend, float or "calibrated"
+        Of the values that the target reads, over the states of the target.
+    shaping : {"initialise", "guarded", "look-ahead", "state"}
+        How they enter: as the start of Q, the same with a :class:`Guard`, as
+        :class:`LookAheadAdvice`, or as :class:`StateShaping`.
+
+    Raises
+    ------
+    CurriculumError
+        When a part is of the wrong kind.
+
+    Examples
+    --------
+    >>> from curricle.tasks import maze_family
+    >>> recipe = Recipe([Stage(Relation("crop", 0.35), 60), Stage(Relation("crop", 0.7), 60)])
+    >>> print(recipe)
+    crop 0.35: 60 steps a state
+    crop 0.7: 60 steps a state
+    each builds on the one before; scale 1; initialise
+    >>> plan = recipe.curriculum(maze_family(size=8, seed=1), budget=50_000)
+    >>> plan.order, plan.setting("budget", "rows 0..2, columns -2..0").max_steps
+    (('rows 0..2, columns -2..0', 'rows 0..5, columns -5..0', 'target'), 480)
+    """
+
+    stages: Any = ()
+    chain: bool = True
+    aggregate: str = "mean"
+    scale: Any = 1.0
+    shaping: str = "initialise"
+
+    def __post_init__(self) -> None:
+        stages = tuple(self.stages)
+        for one in stages:
+            instance("each stage of a recipe", one, Stage, CurriculumError)
+        object.__setattr__(self, "stages", stages)
+        instance("chain of a recipe", self.chain, bool, CurriculumError)
+        one_of("the aggregate of a recipe", self.aggregate, AGGREGATES, CurriculumError)
+        one_of("the shaping of a recipe", self.shaping, SHAPINGS, CurriculumError)
+        if self.scale != "calibrated" and not isinstance(self.scale, Trend):
+            object.__setattr__(self, "scale", Trend.constant(self.scale))
+
+    def __str__(self) -> str:
+        if not self.stages:
+            return "no curriculum: the target is learnt alone"
+        lines = [str(stage) for stage in self.stages]
+        how = []
+        if len(self.stages) > 1:
+            how.append("each builds on the one before" if self.chain else "the target reads all")
+        if self.aggregate != "mean":
+            how.append(self.aggregate)
+        how += [self.scale if isinstance(self.scale, str) else f"scale {self.scale}", self.shaping]
+        return "\n".join([*lines, "; ".join(how)])
+
+    def sources(self, target: Any) -> list[tuple[Stage, SourceCandidate]]:
+        """Return the stages with their sources of a target, a task or a member of a family.
+
+        A source that is the target, or the same as another one, is left out: small targets have
+        fewer of them.
+
+        Raises
+        ------
+        CurriculumError
+            When a stage has no source of this target.
+        """
+        task = target.task if isinstance(target, FamilyMember) else target
+        found = list[tuple[Stage, SourceCandidate]]()
+        for stage in self.stages:
+            source = stage.relation.source_of(target)
+            others = [task, *(one.task for _, one in found)]
+            if not any(_same(source.task, one) for one in others):
+                found.append((stage, source))
+        return found
+
+    def curriculum(self, target: Any, **settings: Any) -> Curriculum:
+        """Return the curriculum of a target.
+
+        Parameters
+        ----------
+        target : Task or FamilyMember
+        **settings
+            Of :class:`Curriculum`, for the target where it has its own: ``budget``, ``learner``,
+            ``evaluation``, ``eval_freq``, ``storage``. A learner and an evaluation are those of
+            the sources too, unless they are dicts.
+
+        Raises
+        ------
+        CurriculumError
+            When a stage has no source of this target.
+        """
+        task = target.task if isinstance(target, FamilyMember) else target
+        stages = self.sources(target)
+        for_target = {"budget", "eval_freq", "storage"}
+        given: dict[str, Any] = {
+            k: {TARGET: v} if k in for_target else v for k, v in settings.items()
+        }
+        if not stages:
+            return Curriculum({TARGET: task}, **given)
+        budgets = {one.name: stage.budget(one.task.states.size) for stage, one in stages}
+        return Curriculum(
+            {**{one.name: one.task for _, one in stages}, TARGET: task},
+            list(self._transfers(task, [one for _, one in stages])),
+            aggregate={TARGET: AGGREGATES[self.aggregate]},
+            shaping={TARGET: SHAPINGS[self.shaping](), **self._shaping_of_sources(stages)},
+            **{**given, "budget": {**budgets, **given.get("budget", {})}},
+        )
+
+    def _shaping_of_sources(self, stages: list[tuple[Stage, SourceCandidate]]) -> dict[str, Any]:
+        """Return how sources read those before them: as the start of Q, without a guard."""
+        return {one.name: QInitialisation() for _, one in stages[1:]} if self.chain else {}
+
+    def _transfers(self, task: Any, sources: list[SourceCandidate]) -> Iterator[Transfer]:
+        names = [one.name for one in sources]
+        if self.chain:
+            edges = list(pairwise([*names, TARGET]))
+        else:
+            edges = [(name, TARGET) for name in names]
+        if self.scale == "calibrated":
+            return transfers_of(task, sources, edges, calibrate=Calibrate(cautious=False))
+        return transfers_of(task, sources, edges, scale=self.scale.at(_states(task)))
+
+
+def _same(one: Any, other: Any) -> bool:
+    return not is_observation_task(one) and not is_observation_task(other) and same_task(one, other)
+
+
+def _states(task: Any) -> int:
+    """Return the states of a target; of one with observations 1, as its scale has no trend."""
+    return 1 if is_observation_task(task) else generative_model(task).states.size

@@ -1,0 +1,109 @@
+"""Numbers of a recipe that grow with the size of a task: a power of its number of states."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import FloatArray
+from curricle.checks import number
+from curricle.errors import CurriculumError
+from curricle.frozen_arrays import Frozen, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Trend(Frozen):
+    """A number by the states of a task: at(S) = level (S / around)^slope.
+
+    Parameters
+    ----------
+    level : float
+        At the middle of the sizes that it was fitted to; above 0.
+    slope : float
+        Of its logarithm over that of S; 0 is a constant.
+    around : float
+        States at which it is `level`.
+    draws : (n, 2) float64
+        Level and slope of n resamples of what it was fitted to, for intervals; may be empty.
+
+    Raises
+    ------
+    CurriculumError
+        When a number is not finite, or the level or `around` not above 0.
+
+    Examples
+    --------
+    >>> steps = Trend(50.0, slope=0.5, around=100.0)
+    >>> float(steps.at(100)), float(steps.at(400))
+    (50.0, 100.0)
+    >>> print(Trend.constant(40))
+    40
+    """
+
+    level: float
+    slope: float = 0.0
+    around: float = 1.0
+    draws: npt.ArrayLike = ()
+
+    def __post_init__(self) -> None:
+        number("the slope of a trend", self.slope, CurriculumError)
+        for name in ("level", "around"):
+            given = number(f"{name} of a trend", getattr(self, name), CurriculumError)
+            if given <= 0:
+                raise CurriculumError(f"{name} of a trend must be above 0: got {given:g}")
+        draws = np.asarray(self.draws, dtype=np.float64).reshape(-1, 2)
+        if not np.isfinite(draws).all():
+            raise CurriculumError("draws of a trend must be finite")
+        object.__setattr__(self, "draws", frozen(draws.copy()))
+
+    @classmethod
+    def constant(cls, value: float) -> "Trend":
+        """Return a number that is the same at all sizes."""
+        return cls(float(number("a number of a recipe", value, CurriculumError)))
+
+    def at(self, states: float) -> float:
+        """Return the number for a task of so many states."""
+        return float(self.level * (states / self.around) ** self.slope)
+
+    def interval(self, states: float, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the percentiles of the number over the resamples; NaN where there are none.
+
+        Examples
+        --------
+        >>> two = Trend(2.0, draws=[(1.0, 0.0), (3.0, 0.0)])
+        >>> two.interval(10, confidence=1.0)
+        (1.0, 3.0)
+        """
+        draws: FloatArray = np.asarray(self.draws)
+        if not len(draws):
+            return math.nan, math.nan
+        found = draws[:, 0] * (states / self.around) ** draws[:, 1]
+        tail = 50 * (1 - confidence)
+        low, high = np.percentile(found, [tail, 100 - tail])
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        if self.slope == 0:
+            return f"{self.level:.3g}"
+        return f"{self.level:.3g} x (S / {self.around:,.0f})^{self.slope:.2g}"
+
+
+def fitted_trend(states: npt.ArrayLike, values: npt.ArrayLike) -> Trend:
+    """Return the trend through numbers at several sizes, by least squares of logarithms.
+
+    Parameters
+    ----------
+    states, values : (n,) float64
+        At one size alone the trend is a constant.
+
+    Examples
+    --------
+    >>> print(fitted_trend([100, 400], [50, 100]))
+    70.7 x (S / 200)^0.5
+    """
+    x, y = np.log(np.asarray(states, np.float64)), np.log(np.asarray(values, np.float64))
+    middle, level = float(x.mean()), float(y.mean())
+    spread = float(((x - middle) ** 2).sum())
+    slope = float(((x - middle) * (y - level)).sum() / spread) if spread > 0 else 0.0
+    return Trend(math.exp(level), slope, math.exp(middle))
