@@ -1,0 +1,43 @@
+"""Who plays: designers that search on the target, and such as search on other maps.
+
+A designer of curricula is ``designer(problem, candidates, budget, seed=...) -> Curriculum``; it
+searches on the target itself. A designer of recipes is ``designer(problems, budget, seed=...) ->
+Recipe``; it searches on the maps of development, and its recipe is applied to the target.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from curricle.curriculum.curriculum import Curriculum
+from curricle.design import Problem, Recipe, Relation, SearchBudget, SourceCandidates, Stage
+
+SCRATCH, FIXED, RACING = "none", "fixed_recipe", "race"
+"""Against the first two all are judged; the third is to beat the second."""
+
+
+class Player(NamedTuple):
+    """A designer."""
+
+    name: str
+    design: Callable[..., Any]
+    on_target: bool = True
+    """Whether it searches on the target; else on other maps, for a recipe."""
+
+
+def none(
+    problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
+) -> Curriculum:
+    """Return the target alone."""
+    return problem.scratch
+
+
+def fixed_recipe(
+    problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
+) -> Curriculum:
+    """Return a corner of half the size first, 30 steps a state."""
+    recipe = Recipe([Stage(Relation("crop", 0.5), 30)])
+    return recipe.curriculum(problem.target, **problem.settings)
+
+
+PLAYERS = {one.name: one for one in (Player(SCRATCH, none), Player(FIXED, fixed_recipe))}
+"""Name -> player, those that all are judged against first."""
