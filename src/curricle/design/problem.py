@@ -1,5 +1,6 @@
 """A target of a design: how it is learnt, what counts as learnt, and what a curriculum costs."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -128,7 +129,11 @@ class Problem(Frozen):
     @property
     def scratch(self) -> Curriculum:
         """The curriculum without sources."""
-        return Recipe().curriculum(self.task, **self.settings)
+        return self.curriculum(Recipe())
+
+    def curriculum(self, recipe: Recipe) -> Curriculum:
+        """Return the curriculum of a recipe for the target, with the settings of the problem."""
+        return recipe.curriculum(self.target, **self.settings)
 
     def within(self, steps: int) -> "Problem":
         """Return the problem with trainings of so many steps at most, evaluated as often."""
@@ -162,7 +167,10 @@ class Problem(Frozen):
             return Training(full, np.zeros(len(numbers), bool), full), Ledger()
         rule = StoppingRule(self.steps, threshold=self.level, patience=PATIENCE)
         ends = curriculum.replace(name, budget=rule)
-        result = ends.train(numbers, charge=True, workers=workers)
+        with warnings.catch_warnings():
+            # That a calibration is refused is what this curriculum does, not something to mend.
+            warnings.simplefilter("ignore", UserWarning)
+            result = ends.train(numbers, charge=True, workers=workers)
         spent = result.source_steps(name) if len(ends.order) > 1 else np.zeros(len(numbers), int)
         last = result[name]
         ledger = ledger_of(result, miniature=self.miniature)

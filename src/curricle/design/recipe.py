@@ -46,7 +46,7 @@ class Stage(Frozen):
     ----------
     relation : Relation
     steps : Trend or float
-        Steps per state of the source, over the number of its states.
+        Steps per state of the source. A trend is over the states of the recipe's last source.
     settled : bool
         Whether it ends before where its return has settled; else it takes all of them.
 
@@ -65,9 +65,9 @@ class Stage(Frozen):
         if not isinstance(self.steps, Trend):
             object.__setattr__(self, "steps", Trend.constant(self.steps))
 
-    def budget(self, states: int) -> StoppingRule:
-        """Return the budget of a source of so many states."""
-        steps = max(1, round(states * self.steps.at(states)))
+    def budget(self, states: int, last: int) -> StoppingRule:
+        """Return the budget of a source of so many states; the last source has `last`."""
+        steps = max(1, round(states * self.steps.at(last)))
         return StoppingRule(steps, settled=SETTLED if self.settled else None)
 
     def __str__(self) -> str:
@@ -185,7 +185,8 @@ class Recipe(Frozen):
         }
         if not stages:
             return Curriculum({TARGET: task}, **given)
-        budgets = {one.name: stage.budget(one.task.states.size) for stage, one in stages}
+        last = stages[-1][1].task.states.size
+        budgets = {one.name: stage.budget(one.task.states.size, last) for stage, one in stages}
         return Curriculum(
             {**{one.name: one.task for _, one in stages}, TARGET: task},
             list(self._transfers(task, [one for _, one in stages])),

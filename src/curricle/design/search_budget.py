@@ -2,7 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -61,17 +63,36 @@ class SearchBudget:
         workers: int | None = None,
         journal: str | Path | None = None,
     ) -> None:
-        if cost != float("inf"):
+        if cost != math.inf:
             cost = number("the budget of a design", cost, CurriculumError, 0)
-        self.cost = float(cost)
+        self.cost = self._limit = float(cost)
         self.ledger = Ledger(prices={} if prices is None else prices)
         self.workers = workers
         self._journal = None if journal is None else Journal(journal)
 
     @property
     def left(self) -> float:
-        """What has not been spent, in steps whose price is 1."""
-        return self.cost - self.ledger.cost
+        """What may still be spent, in steps whose price is 1."""
+        return self._limit - self.ledger.cost
+
+    @contextmanager
+    def share(self, share: float, *, aside: float = 0.0) -> Iterator[None]:
+        """Keep what is trained in this context to a share of what is left, less what is set aside.
+
+        Examples
+        --------
+        >>> budget = SearchBudget(1000)
+        >>> with budget.share(0.25):
+        ...     print(budget.left)
+        250.0
+        """
+        before = self._limit
+        if math.isfinite(self.left):
+            self._limit = self.ledger.cost + share * max(0.0, self.left - aside)
+        try:
+            yield
+        finally:
+            self._limit = before
 
     def most(self, problem: Problem, seeds: int, *, placebo: bool = False) -> float:
         """Return the most that a training of a problem can cost for so many seeds."""

@@ -87,23 +87,3 @@ class Trend(Frozen):
         if self.slope == 0:
             return f"{self.level:.3g}"
         return f"{self.level:.3g} x (S / {self.around:,.0f})^{self.slope:.2g}"
-
-
-def fitted_trend(states: npt.ArrayLike, values: npt.ArrayLike) -> Trend:
-    """Return the trend through numbers at several sizes, by least squares of logarithms.
-
-    Parameters
-    ----------
-    states, values : (n,) float64
-        At one size alone the trend is a constant.
-
-    Examples
-    --------
-    >>> print(fitted_trend([100, 400], [50, 100]))
-    70.7 x (S / 200)^0.5
-    """
-    x, y = np.log(np.asarray(states, np.float64)), np.log(np.asarray(values, np.float64))
-    middle, level = float(x.mean()), float(y.mean())
-    spread = float(((x - middle) ** 2).sum())
-    slope = float(((x - middle) * (y - level)).sum() / spread) if spread > 0 else 0.0
-    return Trend(math.exp(level), slope, math.exp(middle))

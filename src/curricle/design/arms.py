@@ -1,0 +1,170 @@
+"""The recipes that race: what sources a target may have, and how their numbers may differ."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+from curricle.design.makers import MAKERS
+from curricle.design.problem import Problem
+from curricle.design.proposals import design_target
+from curricle.design.recipe import AGGREGATES, SHAPINGS, Recipe, Stage
+from curricle.design.relations import Relation, relation_of
+from curricle.design.trends import Trend
+from curricle.errors import CurricleError
+from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.task import has_tables
+
+SHARES = (0.5, 0.7, 0.3)
+"""Of a target, for one source."""
+CHAINS = ((0.35, 0.7), (0.25, 0.5), (0.3, 0.5, 0.8), (0.2, 0.4, 0.6, 0.8))
+"""The same for sources that build on each other."""
+STEPS, SCALES = (30.0, 100.0, 10.0), (1.0, 3.0)
+"""Steps a state, and scales, with which sources race first."""
+FEW = 4
+"""Below it a parameter of a target is a count, of which sources have one less, or one."""
+BY_SHARE = ("crop", "starts")
+"""Kinds of which a source is any part of the target."""
+FACTORS = (1 / 3, 3.0)
+"""By which steps and scales differ from those of the leader."""
+
+
+def first_arms(problems: Sequence[Problem]) -> dict[str, Recipe]:
+    """Return recipes by name for a first race, so that the first few differ the most.
+
+    Every source and chain of sources with each of :data:`STEPS` and :data:`SCALES`, and the
+    minimum beside the mean where a target reads several potentials.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> arms = first_arms([Problem(GridWorld(["S...", "....", "...T"]), steps=5000)])
+    >>> next(iter(arms))
+    'crop 0.5: 30 steps a state; scale 1; initialise'
+    """
+    single = relations(problems)
+    alone = [one for one in single if len(one.changes) < 2]
+    plans: list[tuple[Relation, ...]] = [*((one,) for one in alone), *_chains(problems, alone)]
+    plans += [(one,) for one in single if len(one.changes) > 1]
+    several = any(_several(problems[0], plan) for plan in plans)
+    aggregates = ("mean", "minimum") if several else ("mean",)
+    found = dict[str, Recipe]()
+    for steps, scale, aggregate in product(STEPS, SCALES, aggregates):
+        for plan in plans:
+            if aggregate == "mean" or _several(problems[0], plan):
+                stages = [Stage(one, steps) for one in plan]
+                recipe = Recipe(stages, aggregate=aggregate, scale=scale)
+                found[name_of(recipe)] = recipe
+    return found
+
+
+def name_of(recipe: Recipe) -> str:
+    """Return a recipe in one line."""
+    return str(recipe).replace("\n", "; ")
+
+
+def relations(problems: Sequence[Problem]) -> list[Relation]:
+    """Return what sources the first of some problems has, in terms that others may have too."""
+    target, found = problems[0].target, list[Relation]()
+    if has_tables(problems[0].task):
+        made = design_target(target)
+        for kind, maker in MAKERS.items():
+            drafts = [] if kind in ("member", "bottleneck") else list(maker(made))
+            if kind in BY_SHARE and drafts:
+                found += [Relation(kind, share) for share in SHARES]
+            elif drafts:
+                known = (relation_of(draft) for draft in drafts)
+                found += [one for one in known if one is not None]
+    if isinstance(target, FamilyMember):
+        found += [Relation("member", changes=one) for one in _changes(target)]
+    return found
+
+
+def _changes(target: FamilyMember) -> Iterator[dict[str, Any]]:
+    """Yield changes of parameters that make a member easier: of each alone, and of two."""
+    single = [
+        {one.name: term}
+        for one in target.family.parameters
+        for term in _terms(one, target[one.name])
+    ]
+    yield from single
+    for first, other in product(single, single):
+        names = (*first, *other)
+        if names == tuple(sorted(set(names))):
+            yield {**first, **other}
+
+
+def _terms(parameter: Parameter, value: Any) -> list[Any]:
+    """Return terms for easier values of a parameter that is ordered."""
+    easier = parameter.easier_than(value)
+    if parameter.difficulty(value) is None or value is None:
+        return []
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if number and parameter.harder == "larger" and parameter.values is None:
+        if isinstance(value, float):
+            return ["0.5 n", 0.0] if value > 0 else []
+        if value >= FEW:
+            return [f"{share} n" for share in SHARES]
+        return [easier[0], *(["n - 1"] if value - 1 in easier else [])] if easier else []
+    return list(easier[-1:])
+
+
+def _chains(
+    problems: Sequence[Problem], known: Sequence[Relation]
+) -> Iterator[tuple[Relation, ...]]:
+    """Yield chains of growing parts, and of members of growing size."""
+    for kind in BY_SHARE:
+        if any(one.kind == kind for one in known):
+            yield from (tuple(Relation(kind, share) for share in chain) for chain in CHAINS)
+    grows = [
+        name
+        for one in known
+        if len(one.changes) == 1
+        for name, term in one.changes
+        if term == f"{SHARES[0]} n" and isinstance(problems[0].target[name], int)
+    ]
+    for name in grows:
+        for chain in CHAINS:
+            yield tuple(Relation("member", changes={name: f"{share} n"}) for share in chain)
+
+
+def _several(problem: Problem, plan: Sequence[Relation]) -> bool:
+    """Return whether the target reads several potentials of the last source."""
+    try:
+        return len(plan[-1].source_of(problem.target).mappings) > 1
+    except CurricleError:
+        return False
+
+
+def variations(recipe: Recipe, *, several: bool) -> dict[str, Recipe]:
+    """Return the recipes that differ from one in one setting, by name.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    several : bool
+        Whether the target reads several potentials, so that the aggregate matters.
+    """
+    found = [
+        replace(
+            recipe,
+            stages=[
+                replace(one, steps=replace(one.steps, level=one.steps.level * factor))
+                for one in recipe.stages
+            ],
+        )
+        for factor in FACTORS
+    ]
+    if isinstance(recipe.scale, Trend):
+        levels = [recipe.scale.level * factor for factor in (0.5, 1.5, 2.0, *FACTORS)]
+        found += [replace(recipe, scale=Trend.constant(level)) for level in levels]
+    found.append(replace(recipe, scale="calibrated" if recipe.scale != "calibrated" else 1.0))
+    found += [replace(recipe, shaping=one) for one in SHAPINGS if one != recipe.shaping]
+    found.append(replace(recipe, stages=[replace(one, settled=True) for one in recipe.stages]))
+    if several:
+        found += [replace(recipe, aggregate=one) for one in AGGREGATES if one != recipe.aggregate]
+    if len(recipe.stages) > 1:
+        found.append(replace(recipe, chain=not recipe.chain))
+        found += [replace(recipe, stages=recipe.stages[1:])]
+    return {name_of(one): one for one in found}
