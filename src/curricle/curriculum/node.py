@@ -18,7 +18,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_level
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
-from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
@@ -96,6 +96,17 @@ class Node:
         """A bound of the steps that training takes."""
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
         return longest_run(limit, self.budget, self.eval_freq)
+
+    @property
+    def most_evaluation_steps(self) -> int:
+        """A bound of the steps that a seed's greedy evaluations take; 0 where they take none."""
+        off = self.evaluation.method == "off"
+        if off or not (
+            self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)
+        ):
+            return 0
+        episodes = (self.most_steps // self.eval_freq + 1) * self.evaluation.rollouts(self.task)
+        return episodes * self.evaluation.horizon(self.task)
 
     @property
     def deep(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import fit_name, number, whole_number
+from curricle.checks import brief, fit_name, number, whole_number
 from curricle.comparison.comparing import FRACTION
 from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
 from curricle.comparison.levels import VisitedPairs
@@ -27,9 +27,12 @@ from curricle.learning.stopping import StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
 from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.task import has_tables
 
 CHECKPOINTS = 100
 """Evaluations in the steps of a training, unless told otherwise."""
+CONDITIONS = "threshold", "fraction", "plateau", "drop", "settled"
+"""Of a stopping rule, those that read evaluations."""
 PATIENCE = 3
 """Evaluations in a row that must reach the return that counts as learnt."""
 
@@ -60,7 +63,8 @@ class Problem(Frozen):
     threshold : float, optional
         The return itself instead.
     evaluation : GreedyEvaluation, optional
-        By default exact where tables allow it, as rollouts cost steps.
+        By default exact where tables allow it, as rollouts cost steps; of a live task and of one
+        with observations a few rollouts.
     eval_freq : int, optional
         Steps between evaluations; a hundredth of `steps` by default.
     miniature : bool
@@ -99,8 +103,13 @@ class Problem(Frozen):
         name = self.name or (str(self.target) if isinstance(self.target, FamilyMember) else TARGET)
         fit_name("a problem", name, CurriculumError)
         object.__setattr__(self, "name", name)
+        if self.threshold is None and not has_tables(self.task):
+            raise CurriculumError(
+                "a fraction of the way to the optimum needs a target with tables; give the "
+                f"threshold of {name}: got {brief(self.task)}"
+            )
         if self.evaluation is None:
-            object.__setattr__(self, "evaluation", Target.of(self.task).evaluation)
+            object.__setattr__(self, "evaluation", _default_evaluation(self.task))
         if self.eval_freq is None:
             object.__setattr__(self, "eval_freq", max(1, self.steps // CHECKPOINTS))
 
@@ -149,7 +158,8 @@ class Problem(Frozen):
     ) -> tuple[Training, Ledger]:
         """Return what a curriculum cost, and the ledger of its training.
 
-        It ends where the target is learnt. A curriculum whose sources may take all steps of a
+        It ends where the target is learnt. Sources whose budget reads no evaluations are not
+        evaluated where that would take rollouts. A curriculum whose sources may take all steps of a
         training is not trained: each seed counts with all steps, and nothing is booked.
 
         Parameters
@@ -158,15 +168,26 @@ class Problem(Frozen):
             Whose target is the problem's.
         seeds : sequence of K int
         placebo : bool
-            Whether the values that the target reads are shuffled over its pairs: a control.
+            Whether the values that the target reads are shuffled over its pairs: a control, for
+            targets with tables.
+
+        Raises
+        ------
+        CurriculumError
+            When a placebo is asked of a target without tables.
         """
+        if placebo and not has_tables(self.task):
+            raise CurriculumError(
+                "a placebo shuffles values over the pairs of a target with tables: got "
+                f"{brief(self.task)}"
+            )
         numbers = [int(seed) for seed in seeds]
         name = curriculum.target
         if self._sources_at_most(curriculum) >= self.steps:
             full = np.full(len(numbers), self.steps)
             return Training(full, np.zeros(len(numbers), bool), full), Ledger()
         rule = StoppingRule(self.steps, threshold=self.level, patience=PATIENCE)
-        ends = curriculum.replace(name, budget=rule)
+        ends = _without_unread_rollouts(curriculum).replace(name, budget=rule)
         with warnings.catch_warnings():
             # That a calibration is refused is what this curriculum does, not something to mend.
             warnings.simplefilter("ignore", UserWarning)
@@ -178,6 +199,21 @@ class Problem(Frozen):
             last = self._placebo(ends, result, workers)
             ledger += ledger_of(last, miniature=self.miniature)
         return Training(spent + last.steps_used, self._learnt(last), spent), ledger
+
+    def evaluated_at_most(self, curriculum: Curriculum) -> int:
+        """Return the most steps that a seed's evaluations can take in a training; 0 if exact.
+
+        Examples
+        --------
+        >>> from curricle import GridWorld
+        >>> rollouts = GreedyEvaluation("rollouts", episodes=10)
+        >>> maze = GridWorld("S..T", time_limit=20)
+        >>> problem = Problem(maze, steps=2000, evaluation=rollouts, eval_freq=500)
+        >>> problem.evaluated_at_most(problem.scratch)    # 5 times 10 episodes
+        1000
+        """
+        plan = _without_unread_rollouts(curriculum).replace(curriculum.target, budget=self.steps)
+        return sum(plan.node(name).most_evaluation_steps for name in plan.order)
 
     def _sources_at_most(self, curriculum: Curriculum) -> int:
         names = curriculum.ancestors(curriculum.target)
@@ -198,3 +234,17 @@ class Problem(Frozen):
             last = greedy[: end + 1][-PATIENCE:]
             found.append(len(last) == PATIENCE and bool((last >= self.level).all()))
         return np.array(found)
+
+
+def _default_evaluation(task: Any) -> GreedyEvaluation:
+    return Target.of(task).evaluation if has_tables(task) else GreedyEvaluation("rollouts")
+
+
+def _without_unread_rollouts(curriculum: Curriculum) -> Curriculum:
+    """Return a curriculum whose sources are not evaluated where nothing depends on the rollouts."""
+    for name in curriculum.ancestors(curriculum.target):
+        node = curriculum.node(name)
+        read = any(getattr(node.budget, one, None) is not None for one in CONDITIONS)
+        if node.most_evaluation_steps and not read:
+            curriculum = curriculum.replace(name, evaluation=GreedyEvaluation("off"))
+    return curriculum

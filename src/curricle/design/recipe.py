@@ -145,19 +145,22 @@ class Recipe(Frozen):
         """Return the stages with their sources of a target, a task or a member of a family.
 
         A source that is the target, or the same as another one, is left out: small targets have
-        fewer of them.
+        fewer of them. Members of a family are the same by their parameters, as two live tasks of
+        one environment are not equal.
 
         Raises
         ------
         CurriculumError
             When a stage has no source of this target.
         """
-        task = target.task if isinstance(target, FamilyMember) else target
+        member = target if isinstance(target, FamilyMember) else None
+        known = [(target if member is None else member.task, member)]
         found = list[tuple[Stage, SourceCandidate]]()
         for stage in self.stages:
             source = stage.relation.source_of(target)
-            others = [task, *(one.task for _, one in found)]
-            if not any(_same(source.task, one) for one in others):
+            own = source.task, source.member
+            if not any(_same(own, other) for other in known):
+                known.append(own)
                 found.append((stage, source))
         return found
 
@@ -210,8 +213,12 @@ class Recipe(Frozen):
         return transfers_of(task, sources, edges, scale=self.scale.at(_states(task)))
 
 
-def _same(one: Any, other: Any) -> bool:
-    return not is_observation_task(one) and not is_observation_task(other) and same_task(one, other)
+def _same(one: tuple[Any, FamilyMember | None], other: tuple[Any, FamilyMember | None]) -> bool:
+    """Return whether two tasks, each with its address if it has one, are the same."""
+    if one[1] is not None and one[1] == other[1]:
+        return True
+    observed = is_observation_task(one[0]) or is_observation_task(other[0])
+    return not observed and same_task(one[0], other[0])
 
 
 def _states(task: Any) -> int:

@@ -27,7 +27,7 @@ class SearchBudget:
     """What a design may spend on trainings, and what it has spent.
 
     A training is made only if the most that it can cost is left, so that a design never spends
-    more than its budget.
+    more than its budget. Where evaluations are rollouts, their steps are part of it.
 
     Parameters
     ----------
@@ -94,15 +94,44 @@ class SearchBudget:
         finally:
             self._limit = before
 
-    def most(self, problem: Problem, seeds: int, *, placebo: bool = False) -> float:
-        """Return the most that a training of a problem can cost for so many seeds."""
-        kinds = ("miniatures",) if problem.miniature else ("target", "sources")
-        price: float = max(self.ledger.prices[kind] for kind in kinds)
-        return price * problem.steps * seeds * (2 if placebo else 1)
+    def most(
+        self,
+        problem: Problem,
+        seeds: int,
+        *,
+        placebo: bool = False,
+        curriculum: Curriculum | None = None,
+    ) -> float:
+        """Return the most that a training of a problem can cost for so many seeds.
 
-    def affords(self, problem: Problem, seeds: int, *, placebo: bool = False) -> bool:
+        Parameters
+        ----------
+        problem : Problem
+        seeds : int
+        placebo : bool
+            As in :meth:`Problem.train`.
+        curriculum : Curriculum, optional
+            What is trained, whose sources may be evaluated by rollouts too; by default the target
+            alone.
+        """
+        prices = self.ledger.prices
+        kinds = ("miniatures",) if problem.miniature else ("target", "sources")
+        plan = problem.scratch if curriculum is None else curriculum
+        trained = max(prices[kind] for kind in kinds) * problem.steps
+        evaluated = prices["miniatures" if problem.miniature else "evaluation"]
+        each: float = trained + evaluated * problem.evaluated_at_most(plan)
+        return each * seeds * (2 if placebo else 1)
+
+    def affords(
+        self,
+        problem: Problem,
+        seeds: int,
+        *,
+        placebo: bool = False,
+        curriculum: Curriculum | None = None,
+    ) -> bool:
         """Return whether that is left."""
-        return self.most(problem, seeds, placebo=placebo) <= self.left
+        return self.most(problem, seeds, placebo=placebo, curriculum=curriculum) <= self.left
 
     def train(
         self,
@@ -129,11 +158,11 @@ class SearchBudget:
         BudgetSpent
             When what is left does not pay for the most that it can cost.
         """
-        if not self.affords(problem, len(seeds), placebo=placebo):
+        most = self.most(problem, len(seeds), placebo=placebo, curriculum=curriculum)
+        if most > self.left:
             raise BudgetSpent(
-                f"a training of {problem.name} for {len(seeds)} seeds may cost "
-                f"{self.most(problem, len(seeds), placebo=placebo):,.0f} steps: {self.left:,.0f} "
-                "of the budget are left"
+                f"a training of {problem.name} for {len(seeds)} seeds may cost {most:,.0f} steps: "
+                f"{self.left:,.0f} of the budget are left"
             )
         given = [int(seed) for seed in seeds]
         key = _key(problem, curriculum, given, placebo)

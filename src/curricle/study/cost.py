@@ -66,7 +66,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
         learning, acting = (
             (random + NETWORK, random + FORWARD) if node.deep else (SLOWER * random, random)
         )
-        steps, evaluation = node.most_steps, _evaluation_steps(node)
+        steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
         each.append(
             Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node), acting)
@@ -97,18 +97,6 @@ def _observed_pace(task: ObservationTask) -> float:
     taken = (time.perf_counter() - started) / STEPS
     environment.close()
     return taken
-
-
-def _evaluation_steps(node: Node) -> int:
-    """Return a bound on the steps that a seed's greedy evaluations take."""
-    checkpoints = node.most_steps // node.eval_freq + 1
-    if node.deep:
-        off = node.evaluation.method == "off"
-        episodes = 0 if off else node.evaluation.rollouts(node.task)
-    else:
-        episodes = getattr(node.evaluation.kernel(node.task), "episodes", 0)
-    horizon = node.evaluation.horizon(node.task)
-    return int(checkpoints * episodes * min(horizon, node.most_steps))
 
 
 def _exact_seconds(node: Node) -> float:
