@@ -25,9 +25,12 @@ TYPE = ":type: "
 
 
 def public_names(package: ModuleType) -> list[str]:
-    """Return the names that a package offers; of one without a list, the classes it defines."""
+    """Return the names that a package offers; of one without a list, the classes it defines.
+
+    Packages inside it are left out: they have pages of their own.
+    """
     if hasattr(package, "__all__"):
-        return list(package.__all__)
+        return [name for name in package.__all__ if not inspect.ismodule(getattr(package, name))]
     return [
         name
         for name, found in vars(package).items()

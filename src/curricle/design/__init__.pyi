@@ -1,3 +1,4 @@
+from . import designers as designers
 from .arms import first_arms as first_arms, variations as variations
 from .assembly import TARGET as TARGET, transfers_of as transfers_of
 from .bottlenecks import betweenness as betweenness
