@@ -183,8 +183,8 @@ def four_rooms() -> Domain:
     too large for larger ones.
     """
     small = _members(four_rooms_family, "size", {11: 75_000, 13: 100_000})
-    large = _members(four_rooms_family, "size", {15: 220_000, 16: 300_000, 17: 400_000})
-    return Domain("four rooms", small, large)
+    large = _members(four_rooms_family, "size", {14: 150_000, 15: 220_000})
+    return Domain("four rooms", small, large, checkpoints=100)
 
 
 def door_key() -> Domain:

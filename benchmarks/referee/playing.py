@@ -55,7 +55,7 @@ class Settings:
 
     seeds: int = 30
     tuning_seeds: int = 10
-    search: int = 60
+    search: int = 100
     candidates: int = 12
     development: int = 3
     held_out: int = 30

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.referee.lines import Record
+from benchmarks.referee.players import FIXED, SCRATCH
 from curricle.array_types import BoolArray, FloatArray
 from curricle.design.break_even import BreakEven, break_even
 from curricle.statistics import Interval, mean_interval
@@ -140,16 +141,34 @@ class Match:
 
     @cached_property
     def designers(self) -> list[str]:
-        """Return all who played anywhere."""
+        """All who played anywhere."""
         return list(dict.fromkeys(one for units in self.units.values() for one in units))
 
-    def beaten(self, designer: str, base: str, *, search: bool = False) -> dict[str, bool]:
-        """Return the domains in which a designer and another played, and whether it beat it."""
-        return {
-            name: against(units[designer], units[base], search=search).beats
-            for name, units in self.units.items()
-            if designer in units and base in units
-        }
+    def best_fixed(self, name: str) -> str | None:
+        """Return the fixed recipe that saves most in a domain; None where none has played.
+
+        It is chosen by the targets that it is judged on, which favours it.
+        """
+        units = self.units[name]
+        there = [one for one in FIXED if one in units]
+        if not there:
+            return None
+        return max(there, key=lambda one: against(units[one], units[SCRATCH]).share.estimate)
+
+    def base(self, name: str, *, fixed: bool) -> str | None:
+        """Return whom all are compared with in a domain: scratch, or the best fixed recipe."""
+        return self.best_fixed(name) if fixed else SCRATCH
+
+    def beaten(
+        self, designer: str, *, fixed: bool = False, search: bool = False
+    ) -> dict[str, bool]:
+        """Return the domains in which a designer met scratch, or a fixed recipe: did it beat it?"""
+        found = dict[str, bool]()
+        for name, units in self.units.items():
+            base = self.base(name, fixed=fixed)
+            if designer in units and base is not None:
+                found[name] = against(units[designer], units[base], search=search).beats
+        return found
 
 
 def count(beaten: Mapping[str, Any]) -> str:

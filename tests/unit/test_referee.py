@@ -11,7 +11,7 @@ from benchmarks.referee import claim, playing
 from benchmarks.referee.__main__ import main
 from benchmarks.referee.domains import LEAST_OPTIMUM, MAKERS, Domain, domain, random_mazes
 from benchmarks.referee.lines import Lines, held
-from benchmarks.referee.players import FIXED, PLAYERS, SCRATCH, Player
+from benchmarks.referee.players import FIXED, PLAYERS, RACING, SCRATCH, Player
 from benchmarks.referee.playing import QUICK, best_rate, path_of, play
 from benchmarks.referee.tables import on_racing, read
 from benchmarks.referee.verdicts import Match, Unit, against, paid_after
@@ -91,13 +91,27 @@ def test_racing_needs_six_domains_and_three_of_them():
 
     def sentence(wins, domains):
         units = {
-            f"domain {k}": {FIXED: slow, "race": fast if k < wins else slow} for k in range(domains)
+            f"domain {k}": {SCRATCH: slow, FIXED[0]: slow, RACING: fast if k < wins else slow}
+            for k in range(domains)
         }
         return on_racing(Match(units))
 
     assert "a verdict needs 6" in sentence(5, 5)
     assert sentence(2, 6).endswith("the fixed recipe is the default")
     assert "default" not in sentence(3, 6)
+
+
+def test_the_best_fixed_recipe_is_that_with_the_fewest_steps_in_a_domain():
+    units = {
+        SCRATCH: unit([[100, 101, 102]]),
+        FIXED[0]: unit([[80, 81, 83]]),
+        FIXED[1]: unit([[60, 61, 64]]),
+    }
+    found = Match({"a": units, "b": {SCRATCH: units[SCRATCH]}})
+    assert found.best_fixed("a") == FIXED[1]
+    assert found.best_fixed("b") is None
+    assert found.beaten(FIXED[0]) == {"a": True}
+    assert found.beaten(FIXED[0], fixed=True) == {"a": False}
 
 
 # -- domains -------------------------------------------------------------------------------------
