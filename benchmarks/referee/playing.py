@@ -45,8 +45,10 @@ class Settings:
     seeds, tuning_seeds : int
         Of each judged training, and of each trial of a learning rate.
     search : int
-        The budget of a design, in full trainings of its target; of a recipe for a domain, as many
-        of each map of development.
+        The budget of a design for one target, in full trainings of it.
+    recipe_search : int
+        That of a recipe for a domain, in full trainings of each map of development. It is larger,
+        as it is spent once for all targets.
     candidates : int
         Sources that a designer may choose from, at most.
     development, held_out : int
@@ -56,13 +58,16 @@ class Settings:
     seeds: int = 30
     tuning_seeds: int = 10
     search: int = 100
+    recipe_search: int = 400
     candidates: int = 12
     development: int = 3
     held_out: int = 30
 
 
 FULL = Settings()
-QUICK = Settings(seeds=3, tuning_seeds=2, search=6, candidates=4, development=1, held_out=1)
+QUICK = Settings(
+    seeds=3, tuning_seeds=2, search=6, recipe_search=60, candidates=4, development=1, held_out=1
+)
 
 
 def path_of(folder: Path, player: str, name: str) -> Path:
@@ -118,7 +123,7 @@ def best_rate(tuning: dict[float, list[Record]]) -> float:
     return min(tuning, key=share)
 
 
-Recipes = Callable[[float], tuple[Recipe, float, float]]
+Recipes = Callable[[float], tuple[Recipe, float]]
 
 
 def _trial(
@@ -139,8 +144,8 @@ def _trial(
             if player.on_target:
                 plan, cost = _design(player, problem, settings)
             else:
-                found, cost, _ = recipe(rate)
-                plan = found.curriculum(case.target, **problem.settings)
+                found, cost = recipe(rate)
+                plan = problem.curriculum(found)
         except CurricleError as error:  # it has no design for this target: learning alone is left
             plan, cost, facts["refused"] = problem.scratch, 0.0, str(error)
         trained, _ = problem.train(plan, seeds, workers=1)
@@ -165,15 +170,13 @@ def _design(player: Player, problem: Problem, settings: Settings) -> tuple[Curri
     return plan, budget.ledger.cost
 
 
-def _search(
-    player: Player, place: Domain, settings: Settings, rate: float
-) -> tuple[Recipe, float, float]:
+def _search(player: Player, place: Domain, settings: Settings, rate: float) -> tuple[Recipe, float]:
     """Return the recipe that a designer found on the maps of development, and its steps."""
     problems = [place.problem(case, rate) for case in place.development]
-    most = settings.search * sum(problem.steps for problem in problems)
+    most = settings.recipe_search * sum(problem.steps for problem in problems)
     budget = SearchBudget(most, prices=FREE, workers=1)
     found = player.design(problems, budget, seed=DESIGN_SEED)
-    return found, budget.ledger.cost, most
+    return found, budget.ledger.cost
 
 
 @cache
