@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.referee import claim
-from benchmarks.referee.domains import domain, domain_names, spare_mazes
+from benchmarks.referee.domains import domain, domain_names
 from benchmarks.referee.pictures import draw_claim, draw_match
 from benchmarks.referee.players import PLAYERS
 from benchmarks.referee.playing import FULL, QUICK, RATES, Settings, play
@@ -45,8 +45,7 @@ def lengths() -> Iterator[str]:
     rows = [("map", "length", *(f"at {rate:g}" for rate in RATES))]
     for name in domain_names():
         place = domain(name)
-        held_out = spare_mazes() if name == "random mazes" else place.held_out
-        for case in (*place.development, *held_out):
+        for case in (*place.development, *place.held_out):
             medians = []
             for rate in RATES:
                 problem = place.problem(case, rate)

@@ -1,8 +1,8 @@
 """Domains: maps on which designs are made and tuned, and others on which they are judged.
 
-A length of training is about three times what learning the target alone takes at its best learning
-rate (of random mazes, on maps that are not judged): `python -m benchmarks.referee lengths`. In
-pursuit, learning alone arrives at no length that could be played here.
+A training is about three times as long as learning the target alone takes at its best learning
+rate: `python -m benchmarks.referee lengths` shows it. In pursuit, learning alone arrives at no
+length that could be played here.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,8 +26,11 @@ from curricle.tasks import (
 )
 from curricle.tasks.families.family import FamilyMember
 
-DEVELOPMENT_SEEDS, PAPER_SEEDS, SPARE_SEEDS = 10_000, 20_000, 30_000
-"""The first seed of the maps that designs are made on, for each of two domains, and of none."""
+DEVELOPMENT_SEEDS, PAPER_SEEDS = 10_000, 20_000
+"""The first seed of the random mazes that designs are made on, for each of two domains."""
+MAZE_FRACTION = 0.975
+LONGEST, LENGTH_RATE, LENGTH_SEEDS = 500_000, 0.9, range(3_000_000, 3_000_005)
+"""The steps, the learning rate and the seeds by which the length of a maze is measured."""
 LEAST_OPTIMUM, LEAST_WAY = -300.0, 2
 """Of a random maze that is kept: its optimal return, and its way in units of the side."""
 MAPS = 30
@@ -121,14 +124,28 @@ def _way(task: Any, solution: Any) -> int:
     return moves
 
 
-def spare_mazes() -> tuple[Case, ...]:
-    """Return random mazes like those that are judged, by which their length was chosen."""
-    return _mazes(15, SPARE_SEEDS, 5, 100_000)
+def _mazes(size: int, first: int, maps: int) -> tuple[Case, ...]:
+    """Return random mazes, each with a length of its own: they differ by a factor of ten."""
+    return tuple(
+        Case(f"{size}x{size}, seed {one['seed']}", one, maze_length(one.task))
+        for one in islice(random_mazes(size, first), maps)
+    )
 
 
-def _mazes(size: int, first: int, maps: int, steps: int) -> tuple[Case, ...]:
-    found = islice(random_mazes(size, first), maps)
-    return tuple(Case(f"{size}x{size}, seed {one['seed']}", one, steps) for one in found)
+def maze_length(task: Any) -> int:
+    """Return three times what learning a maze alone takes, in whole thousands.
+
+    At the largest learning rate, with seeds that are used for nothing else.
+    """
+    problem = Problem(
+        task,
+        steps=LONGEST,
+        learner=cr.QLearning(learning_rate=LENGTH_RATE),
+        fraction=MAZE_FRACTION,
+        eval_freq=LONGEST // 1000,
+    )
+    found, _ = problem.train(problem.scratch, LENGTH_SEEDS, workers=1)
+    return int(1000 * np.ceil(3 * found.steps.mean() / 1000))
 
 
 def _members(family: Any, name: str, lengths: dict[Any, int], **given: Any) -> tuple[Case, ...]:
@@ -140,14 +157,14 @@ def _members(family: Any, name: str, lengths: dict[Any, int], **given: Any) -> t
 
 def paper_maze() -> Domain:
     """Return the paper's maze; designs are made on random mazes of its size."""
-    own = (Case("the paper's maze", maze(-5.0), 25_000),)
-    return Domain("paper maze", _mazes(10, PAPER_SEEDS, 3, 25_000), own, 0.975)
+    own = (Case("the paper's maze", maze(-5.0), maze_length(maze(-5.0))),)
+    return Domain("paper maze", _mazes(10, PAPER_SEEDS, 6), own, MAZE_FRACTION)
 
 
 def thirty_mazes() -> Domain:
     """Return random mazes; designs are made on smaller ones."""
-    small = _mazes(10, DEVELOPMENT_SEEDS, 3, 25_000)
-    return Domain("random mazes", small, _mazes(15, 0, MAPS, 100_000), 0.975)
+    small = _mazes(10, DEVELOPMENT_SEEDS, 6)
+    return Domain("random mazes", small, _mazes(15, 0, MAPS), MAZE_FRACTION)
 
 
 def pursuit() -> Domain:
@@ -184,7 +201,7 @@ def four_rooms() -> Domain:
     """
     small = _members(four_rooms_family, "size", {11: 75_000, 13: 100_000})
     large = _members(four_rooms_family, "size", {14: 150_000, 15: 220_000})
-    return Domain("four rooms", small, large, checkpoints=100)
+    return Domain("four rooms", small, large, checkpoints=60)
 
 
 def door_key() -> Domain:

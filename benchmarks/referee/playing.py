@@ -47,7 +47,7 @@ class Settings:
     search : int
         The budget of a design for one target, in full trainings of it.
     recipe_search : int
-        That of a recipe for a domain, in full trainings of each map of development. It is larger,
+        That of a recipe for a domain, in full trainings of its maps of development. It is larger,
         as it is spent once for all targets.
     candidates : int
         Sources that a designer may choose from, at most.
@@ -58,9 +58,9 @@ class Settings:
     seeds: int = 30
     tuning_seeds: int = 10
     search: int = 100
-    recipe_search: int = 400
+    recipe_search: int = 1500
     candidates: int = 12
-    development: int = 3
+    development: int = 6
     held_out: int = 30
 
 
@@ -173,7 +173,7 @@ def _design(player: Player, problem: Problem, settings: Settings) -> tuple[Curri
 def _search(player: Player, place: Domain, settings: Settings, rate: float) -> tuple[Recipe, float]:
     """Return the recipe that a designer found on the maps of development, and its steps."""
     problems = [place.problem(case, rate) for case in place.development]
-    most = settings.recipe_search * sum(problem.steps for problem in problems)
+    most = settings.recipe_search * float(np.mean([problem.steps for problem in problems]))
     budget = SearchBudget(most, prices=FREE, workers=1)
     found = player.design(problems, budget, seed=DESIGN_SEED)
     return found, budget.ledger.cost
