@@ -9,17 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.design import (
-    Problem,
-    Recipe,
-    Relation,
-    SearchBudget,
-    SourceCandidates,
-    Stage,
-    design_recipe,
-)
+from curricle.design import Problem, Recipe, SearchBudget, SourceCandidates, design_recipe
+from curricle.design.designers import DESIGNERS
+from curricle.design.recipe_design import half_the_size
 
-SCRATCH, FIXED, RACING = "none", ("fixed_recipe", "growing_chain"), "race"
+SCRATCH, FIXED, RACING = "none", ("fixed_recipe", "growing_chain", "half_size"), "race"
 """Learning alone; recipes that are the same for every target, without a search; racing."""
 
 
@@ -32,19 +26,11 @@ class Player(NamedTuple):
     """Whether it searches on the target; else on other maps, for a recipe."""
 
 
-def none(
+def half_size(
     problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
 ) -> Curriculum:
-    """Return the target alone."""
-    return problem.scratch
-
-
-def fixed_recipe(
-    problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
-) -> Curriculum:
-    """Return a corner of half the size first, 30 steps a state."""
-    recipe = Recipe([Stage(Relation("crop", 0.5), 30)])
-    return recipe.curriculum(problem.target, **problem.settings)
+    """Return one source of half the size, 50 steps a state: the recipe that racing begins with."""
+    return problem.curriculum(half_the_size([problem]) or Recipe())
 
 
 def race(problems: Sequence[Problem], budget: SearchBudget, *, seed: int = 0) -> Recipe:
@@ -60,12 +46,9 @@ def race_on_target(
 
 
 PLAYERS = {
-    one.name: one
-    for one in (
-        Player(SCRATCH, none),
-        Player(FIXED[0], fixed_recipe),
-        Player("race_on_target", race_on_target),
-        Player(RACING, race, on_target=False),
-    )
+    **{name: Player(name, design) for name, design in DESIGNERS.items()},
+    "half_size": Player("half_size", half_size),
+    "race_on_target": Player("race_on_target", race_on_target),
+    RACING: Player(RACING, race, on_target=False),
 }
-"""Name -> player, those that all are judged against first."""
+"""Name -> player."""
