@@ -34,7 +34,7 @@ class Benchmark:
         given.add_argument("--seeds", type=int, default=5)
         given.add_argument("--workers", type=int, default=2)
         given.add_argument("--arms", nargs="*", default=list(self.arms), choices=list(self.arms))
-        given.add_argument("--out", type=Path, default=Path("evidence") / module)
+        given.add_argument("--out", type=Path, default=folder(module))
         options = given.parse_args()
         options.out.mkdir(parents=True, exist_ok=True)
         jobs = [(arm, seed) for seed in range(options.seeds) for arm in options.arms]
@@ -95,12 +95,22 @@ class Benchmark:
         print(f"\n{path}")
 
 
+def folder(module: str) -> Path:
+    """Return where the curves of a benchmark are by default."""
+    return Path("evidence") / module.rpartition(".")[2]
+
+
 def train(module: str, arm: str, seed: int, out: Path) -> dict:
     """Return one arm's curve for one seed, from its file if it is there."""
+    return trained(importlib.import_module(module).BENCHMARK.arms[arm], arm, seed, out)
+
+
+def trained(make: Callable[[], cr.Curriculum], arm: str, seed: int, out: Path) -> dict:
+    """Return the curve of a curriculum for one seed, from its file if it is there."""
     path = place(arm, seed, out)
     if path.exists():
         return json.loads(path.read_text())
-    plan = importlib.import_module(module).BENCHMARK.arms[arm]()
+    plan = make()
     result = plan.train([seed], saves=out / "checkpoints" / path.stem)
     learnt, target = result[plan.target], plan.target
     found = {

@@ -1,0 +1,195 @@
+"""MiniGrid's DoorKey rooms as a family: of any size, seen in three ways.
+
+What is seen of a room is a vector: offsets from the agent to key, door and goal, its direction,
+what is ahead, what it carries. A network learns from the vector itself. A table of cells has a
+state for every place of agent, key and door; a table of errands only for the current errand (fetch
+the key, open the door, reach the goal), the offset to it, and what is ahead. The tables of errands
+of all rooms have the same states, and every other room is read through them.
+
+    pip install "minigrid>=3,<4"
+"""
+
+from functools import partial
+from typing import Literal
+
+import gymnasium as gym
+import numpy as np
+from minigrid.envs import DoorKeyEnv
+
+import curricle as cr
+from curricle.tasks import Parameter, task_family
+from curricle.transfer.mapping import pair_mapping
+
+DISCOUNT = 0.97
+SCALE = 20  # of rewards: 20 for the goal, less with each step taken
+REACH = 2  # cells; larger offsets are clipped
+ACTIONS = 0, 1, 2, 3, 5  # left, right, forward, pick up, toggle
+SMALLEST, LARGEST = 5, 16  # sides, walls included
+
+
+class Room(gym.Wrapper):
+    """A DoorKey room observed as a vector, with the actions that have an effect."""
+
+    def __init__(self, size):
+        room = DoorKeyEnv(size=size)
+        super().__init__(room)
+        room.gen_obs = dict  # the picture is not needed
+        self.observation_space = gym.spaces.Box(-2, 2, (16,), np.float32)
+        self.action_space = gym.spaces.Discrete(len(ACTIONS))
+        self.places = {}
+
+    def reset(self, *, seed=None, options=None):
+        self.env.reset(seed=seed, options=options)
+        for place in np.ndindex(self.env.width, self.env.height):
+            thing = self.env.grid.get(*place)
+            if thing is not None and thing.type in ("key", "door", "goal"):
+                self.places[thing.type] = place
+        return self.seen(), {}
+
+    def step(self, action):
+        _, reward, terminated, truncated, _ = self.env.step(ACTIONS[int(action)])
+        return self.seen(), SCALE * float(reward), terminated, truncated, {}
+
+    def seen(self):
+        room = self.env
+        x, y = (int(each) for each in room.agent_pos)
+        carrying, ahead = room.carrying is not None, room.grid.get(*room.front_pos)
+        if carrying:
+            self.places["key"] = (x, y)
+        seen = np.zeros(16, np.float32)
+        for k, thing in enumerate(("key", "door", "goal")):
+            seen[2 * k : 2 * k + 2] = np.subtract(self.places[thing], (x, y)) / 8
+        seen[6 + room.agent_dir] = 1
+        seen[10] = ahead is None or ahead.can_overlap()
+        seen[11] = ahead is not None and ahead.type == "key"
+        seen[12] = ahead is not None and ahead.type == "door"
+        seen[13:] = (
+            carrying,
+            room.grid.get(*self.places["door"]).is_open,
+            x > self.places["door"][0],
+        )
+        return seen
+
+
+FACING = cr.Component("facing", 4, labels=("east", "south", "west", "north"))
+AHEAD = cr.Component("ahead", 3, labels=("blocked", "free", "thing"))
+ERRANDS = cr.Space([
+    cr.Component("errand", 3, labels=("key", "door", "goal")),
+    cr.Component("right", 2 * REACH + 1, low=-REACH),
+    cr.Component("down", 2 * REACH + 1, low=-REACH),
+    FACING,
+    AHEAD,
+])  # fmt: skip
+
+
+def errands(seen, size):
+    """Return the states that n observations fall into, of the table of errands of a room."""
+    seen = np.atleast_2d(seen)
+    errand = np.where(seen[:, 14] > 0, 2, np.where(seen[:, 13] > 0, 1, 0))
+    right, down = offsets(seen)[np.arange(len(seen)), errand].T
+    return ERRANDS.encode(
+        errand=errand, facing=seen[:, 6:10].argmax(axis=1), ahead=ahead(seen),
+        **within(size, errand, right, down),
+    )  # fmt: skip
+
+
+def within(size, errand, right, down):
+    """Return the offset of an errand as the table of a room has it.
+
+    It is clipped to what can be in the room: no key is two columns away in that of side 6.
+    """
+    columns = np.minimum(REACH, size - np.array([5, 4, 3]))[errand]
+    return {"right": np.clip(right, -columns, columns), "down": np.clip(down, -REACH, REACH)}
+
+
+def offsets(seen):
+    """Return the cells from the agent to key, door and goal, (n, 3, 2) int."""
+    return np.rint(8 * seen[:, :6]).astype(int).reshape(-1, 3, 2)
+
+
+def ahead(seen):
+    return np.where(seen[:, 11] + seen[:, 12] > 0, 2, (seen[:, 10] > 0).astype(int))
+
+
+def cells(size):
+    """Return the states of the table of cells of a room."""
+    inner = size - 2
+    return cr.Space([
+        cr.Component("x", inner, low=1),
+        cr.Component("y", inner, low=1),
+        cr.Component("key", inner * inner + 1),  # its cell; the last one is the agent's hand
+        cr.Component("door_x", inner - 2, low=2),
+        cr.Component("door_y", inner, low=1),
+        cr.Component("open", 2),
+        FACING,
+        AHEAD,
+    ])  # fmt: skip
+
+
+def cell(seen, size, states):
+    """Return the state that one observation falls into, of the table of cells of a room."""
+    seen = np.atleast_2d(seen)
+    inner, (key, door, goal) = size - 2, offsets(seen)[0]
+    agent = inner - goal  # the goal is in the corner
+    key, door = agent + key, agent + door
+    held = seen[0, 13] > 0
+    return int(states.encode(
+        x=agent[0], y=agent[1], key=inner * inner if held else (key[1] - 1) * inner + key[0] - 1,
+        door_x=door[0], door_y=door[1], open=int(seen[0, 14] > 0),
+        facing=int(seen[0, 6:10].argmax()), ahead=int(ahead(seen)[0]),
+    ))  # fmt: skip
+
+
+def errands_of_cells(size, source_size):
+    """Return the state of the table of errands of a room for each state of that of cells."""
+    inner, states = size - 2, cells(size)
+    at = states.decode(np.arange(states.size))
+    held = at["key"] == inner * inner
+    errand = np.where(at["open"] == 1, 2, np.where(held, 1, 0))
+    key_x, key_y = at["key"] % inner + 1, at["key"] // inner + 1
+    right = np.choose(errand, [key_x, at["door_x"], inner]) - at["x"]
+    down = np.choose(errand, [key_y, at["door_y"], inner]) - at["y"]
+    return ERRANDS.encode(
+        errand=errand, facing=at["facing"], ahead=at["ahead"],
+        **within(source_size, errand, right, down),
+    )  # fmt: skip
+
+
+def read_as(target, source):
+    """Return how a room reads another one: each errand as the same errand, offsets clipped."""
+    if source["seen"] != "errands":
+        raise cr.errors.MappingError(f"a room reads tables of errands: {source} has none")
+    size = source["size"]
+    if target["seen"] == "vector":
+        counterparts = partial(errands, size=size)
+        return cr.transfer.ObservationMapping(target.task, source.task, counterparts)
+    if target["seen"] == "cells":
+        states = errands_of_cells(target["size"], size)
+    else:
+        at = ERRANDS.decode(np.arange(ERRANDS.size))
+        states = ERRANDS.encode(**at | within(size, at["errand"], at["right"], at["down"]))
+    return pair_mapping(target.task, source.task, states[:, None], np.arange(len(ACTIONS)))
+
+
+@task_family(
+    Parameter("size", low=SMALLEST, high=LARGEST, harder="larger"),
+    Parameter("seen", harder="later"),
+    mapping=read_as,
+)
+def door_room(size: int, seen: Literal["errands", "cells", "vector"] = "vector"):
+    """Return the task of a room: a network's for the vector, else a table's."""
+    limit = 10 * size**2
+    if seen == "vector":
+        return cr.tasks.ObservationTask(partial(Room, size), DISCOUNT, limit)
+    if seen == "errands":
+        states, encode = ERRANDS, partial(errand, size=size)
+    else:
+        states = cells(size)
+        encode = partial(cell, size=size, states=states)
+    return cr.from_gymnasium(
+        partial(Room, size), encode=encode, states=states, discount=DISCOUNT, time_limit=limit
+    )
+
+
+def errand(seen, size):
+    return int(errands(seen, size)[0])
