@@ -23,23 +23,20 @@ Changes = Annotated[
 
 def new(
     kind: Annotated[
-        Literal["maze", "pursuit", "gymnasium", "deep"], typer.Argument(help="What the tasks are.")
+        Literal["maze", "pursuit", "gymnasium", "deep", "design"],
+        typer.Argument(help="What the tasks are; or design, for a recipe."),
     ],
     file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
-    """Write a commented study to start from, which runs as it is."""
-    from curricle.errors import StoreError
-    from curricle.study.config.templates import template
+    """Write a commented study to start from, or a design, which runs as it is."""
+    from curricle.study.config.templates import DESIGN, template
 
     path = file or Path(f"{kind}.toml")
-    try:
-        with path.open("x", encoding="utf-8") as file_:
-            file_.write(template(kind))
-    except FileExistsError:
-        raise StoreError(f"a new study needs a new file: {path} is there already") from None
-    except OSError as error:
-        raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
-    typer.echo(f"Wrote {path}: curricle check {path}, then curricle run {path}")
+    _write_new(path, template(kind), kind if kind == DESIGN else "study")
+    first = f"curricle check {path}, then curricle run {path}"
+    if kind == DESIGN:
+        first = f"curricle design {path} --on miniatures --budget 3_000_000"
+    typer.echo(f"Wrote {path}: {first}")
 
 
 def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
@@ -205,7 +202,68 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
-COMMANDS = (new, check, run, merge, schema, show, report, compare, paper)
+def design(
+    file: Annotated[
+        Path, typer.Argument(help="A family and its miniatures, a TOML file.", show_default=False)
+    ],
+    budget: Annotated[int, typer.Option(min=0, help="Steps of all trainings together, at most.")],
+    on: Annotated[str, typer.Option(help="The table of the file with the members.")] = "miniatures",
+    out: Annotated[Path, typer.Option(help="The recipe.")] = Path("recipe.toml"),
+    seed: Annotated[int, typer.Option(min=0, help="The same seed, the same recipe.")] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Threads; all processors by default.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with a design that was interrupted.")] = False,
+    changes: Changes = None,
+) -> None:
+    """Design a recipe on small members of a family: which sources, and how long each.
+
+    Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
+    """
+    from curricle.study.recipes.designing import design_file
+
+    _announce_imports()
+    found = design_file(
+        file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
+    )
+    typer.echo(str(found))
+    typer.echo(f'Wrote {out}: curricle apply {out} --to "PARAMETER=VALUE, ..."')
+
+
+def apply(
+    recipe: Annotated[Path, typer.Argument(help="The recipe, a TOML file.", show_default=False)],
+    to: Annotated[str, typer.Option(help="The member by its parameters: size=10, predators=3.")],
+    budget: Annotated[int, typer.Option(min=1, help="Steps of the target.")] = 200_000,
+    seeds: Annotated[int, typer.Option(min=1, help="How many.")] = 30,
+    out: Annotated[Path, typer.Option(help="The study.")] = Path("study.toml"),
+) -> None:
+    """Write the study of one member of a recipe's family, to be read, changed and run."""
+    from curricle.study.recipes import read_recipe, study_text
+    from curricle.study.recipes.designing import parameters_of
+
+    _announce_imports()
+    stored = read_recipe(recipe)
+    text = study_text(stored, parameters_of(to), budget=budget, seeds=seeds, file=out)
+    _write_new(out, text, "study")
+    if not stored.recipe.stages:
+        typer.echo("The recipe has no sources: the study learns the target alone.")
+    typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
+
+
+COMMANDS = (new, check, run, merge, schema, show, report, compare, design, apply, paper)
+
+
+def _write_new(path: Path, text: str, what: str) -> None:
+    """Write a file that was not there; StoreError if it was, or cannot be written."""
+    from curricle.errors import StoreError
+
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise StoreError(f"a new {what} needs a new file: {path} is there already") from None
+    except OSError as error:
+        raise StoreError(f"a {what} cannot be written to {path}: {error.strerror}") from None
 
 
 def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":

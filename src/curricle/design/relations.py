@@ -6,7 +6,6 @@
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -180,18 +179,3 @@ def relation_of(draft: Draft) -> Relation | None:
         return None
     share = draft.share if draft.share is not None and draft.share < 1 else None
     return Relation(draft.kind, share, draft.which, draft.changes)
-
-
-def relation_from(given: Mapping[str, Any]) -> Relation:
-    """Return a relation from plain data; what is no key of a relation is a parameter's change.
-
-    Examples
-    --------
-    >>> relation_from({"kind": "member", "size": "0.5 n"})
-    Relation(kind='member', share=None, which='', changes=(('size', '0.5 n'),))
-    """
-    own = {name: given[name] for name in ("kind", "share", "which") if name in given}
-    changes = {name: value for name, value in given.items() if name not in own}
-    if "kind" not in own:
-        raise CurriculumError(f"a source of a recipe needs a kind, one of {', '.join(KINDS)}")
-    return Relation(**own, changes=changes)

@@ -109,14 +109,21 @@ def all_parameters(family: str, given: Mapping[str, Any]) -> dict[str, Any]:
 def member_of(family: str, given: Mapping[str, Any], folder: Path) -> FamilyMember:
     """Return the member with these parameters of a family, which may be the user's own."""
     found = BUILT_IN.get(family) or _own(family, folder)
-    values = _checked_by(found, given)
-    optional = {one.name for one in found.parameters if one.optional}
-    return found(
-        **{
-            name: None if value == NONE and name in optional else value
-            for name, value in values.items()
-        }
-    )
+    return found(**_plain(found, _checked_by(found, given)))
+
+
+def family_of(family: str, folder: Path, defaults: Mapping[str, Any]) -> TaskFamily:
+    """Return a family, which may be the user's own, with defaults as a file writes them."""
+    found = BUILT_IN.get(family) or _own(family, folder)
+    return found.with_defaults(**_plain(found, defaults))
+
+
+def _plain(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with None where a file writes "none" for it."""
+    optional = {one.name for one in family.parameters if one.optional}
+    return {
+        name: None if value == NONE and name in optional else value for name, value in given.items()
+    }
 
 
 def _own(reference: str, folder: Path) -> TaskFamily:
