@@ -16,6 +16,8 @@ from curricle.design.journal import Journal
 from curricle.design.ledger import Ledger
 from curricle.design.problem import Problem, Training
 from curricle.errors import CurriculumError
+from curricle.tasks.families.family import FamilyMember
+from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.mapping import StateActionMapping
 
 
@@ -190,7 +192,7 @@ def _plain(found: Training) -> dict[str, Any]:
 def _key(problem: Problem, curriculum: Curriculum, seeds: list[int], placebo: bool) -> str:
     """Return a digest of all that a training depends on, but for code."""
     parts = [
-        problem.name,
+        repr(problem.target) if isinstance(problem.target, FamilyMember) else problem.name,
         problem.level,
         problem.steps,
         problem.eval_freq,
@@ -202,6 +204,8 @@ def _key(problem: Problem, curriculum: Curriculum, seeds: list[int], placebo: bo
         parts += [getattr(node.aggregate, "__name__", repr(node.aggregate)), node.unknown_value]
         for edge in curriculum.in_edges(name):
             parts += [edge.source, edge.scale, edge.shift, repr(edge.calibration)]
-            if isinstance(edge.mapping, StateActionMapping) and "index" in vars(edge.mapping):
+            if isinstance(edge.mapping, ComponentMapping):  # which has an index once it was read
+                parts += [repr(edge.mapping), edge.mapping.unmapped_value]
+            elif isinstance(edge.mapping, StateActionMapping):
                 parts.append(hashlib.sha256(np.asarray(edge.mapping.index).tobytes()).hexdigest())
     return hashlib.sha256(json.dumps([*parts, seeds, placebo]).encode()).hexdigest()[:32]

@@ -229,7 +229,8 @@ def read_data(path: Path, changes: Sequence[str]) -> tuple[dict[str, Any], Posit
     for change in changes:
         keys, value = assignment(change)
         given.append(keys)
-        data = merged(data, value)
+        # Another family in a study's task has other keys; here all of them stay.
+        data = {**data, **value} if keys == ("family",) else merged(data, value)
     return data, Positions(str(path), data, line_numbers(text), given)
 
 
@@ -246,11 +247,11 @@ def validated(kind: type[Kind], data: dict[str, Any], positions: Positions) -> K
 
 def learner_of(table: OfFamily, positions: Positions) -> Learner:
     """Return the learner of a file; ConfigError names its key."""
-    found = Problems(positions)
+    found, learner = Problems(positions), None
     with found.at("", ("learner",)):
         learner = built(table.learner, Path(positions.file).parent)
-        if isinstance(learner, Learner):
-            return learner
-    found.add([(("learner",), "must be tabular: a design trains tables")])
     found.raise_any()
-    raise AssertionError
+    if not isinstance(learner, Learner):
+        text = "must be tabular: a design trains tables"
+        raise ConfigError(positions.sentence(("learner",), text))
+    return learner
