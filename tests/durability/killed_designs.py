@@ -12,13 +12,13 @@ import sys
 import time
 from pathlib import Path
 
-from curricle.study.recipes.designing import design_file
+from curricle.study.recipes.designing import run_design
 
 BUDGET = 100_000
 
 
 def design(file, out):
-    design_file(file, "miniatures", out, budget=BUDGET, workers=2, resume=True)
+    run_design(file, "miniatures", out, budget=BUDGET, workers=2, resume=True)
 
 
 def killed(file, out, delay):

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from curricle.design import KINDS, Recipe, Relation, Stage, Trend
 from curricle.design.recipe import AGGREGATES, SHAPINGS
-from curricle.study.recipes import StoredRecipe, read_recipe, recipe_text
+from curricle.study import StoredRecipe, read_recipe, recipe_text
 from curricle.study.recipes.recipe_tables import recipe_data
 from curricle.study.recipes.toml_text import toml_value
 

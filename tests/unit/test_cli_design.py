@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from curricle.errors import ConfigError, CurricleError
+from curricle.study import read_design, read_recipe, study_text
 from curricle.study.config.templates import DESIGN, template
-from curricle.study.recipes import read_design, read_recipe, study_text
-from curricle.study.recipes.designing import design_file, parameters_of
+from curricle.study.recipes.designing import parameters_of, run_design
 
 SMALL = """
 family = "maze"
@@ -145,7 +145,7 @@ def test_a_design_that_is_refused_is_a_sentence(folder, arguments, text):
 
 def test_a_budget_too_small_for_one_race(folder):
     with pytest.raises(ConfigError) as error:
-        design_file(folder / "small.toml", "miniatures", folder / "new.toml", budget=45_000)
+        run_design(folder / "small.toml", "miniatures", folder / "new.toml", budget=45_000)
     assert "small.toml: miniatures: a design for these problems needs a budget" in str(error.value)
     assert not (folder / "new.trainings.jsonl").exists()
 
@@ -160,7 +160,7 @@ def test_a_family_without_sources(folder):
     file = folder / "short.toml"
     file.write_text('family = "own:short"\nminiatures = { length = 2 }')
     with pytest.raises(ConfigError, match=r"short\.toml: miniatures: a race needs a problem"):
-        design_file(file, "miniatures", folder / "new.toml", budget=90_000_000)
+        run_design(file, "miniatures", folder / "new.toml", budget=90_000_000)
 
 
 @pytest.mark.parametrize(

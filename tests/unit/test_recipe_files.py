@@ -7,7 +7,7 @@ import pytest
 
 from curricle.design import Ledger, Recipe, Relation, Stage, Trend
 from curricle.errors import ConfigError
-from curricle.study.recipes import StoredRecipe, read_recipe, recipe_text
+from curricle.study import StoredRecipe, read_recipe, recipe_text
 from curricle.study.recipes.recipe_tables import compact, recipe_data
 
 DRAWS = [(40.0, 0.5), (60.0, 0.4), (55.0, 0.6)]

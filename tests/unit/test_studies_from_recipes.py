@@ -6,9 +6,8 @@ import pytest
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design import Recipe, Relation, Stage, Trend
 from curricle.errors import ConfigError, CurricleError
-from curricle.study import read_study
+from curricle.study import StoredRecipe, read_study, study_text
 from curricle.study.arms import Arms
-from curricle.study.recipes import StoredRecipe, study_text
 
 MAZE = ("maze", {"pits": 0.2, "walls": 0.1}, {"size": 6, "seed": 1})
 HUNT = ("pursuit", {"torus": True}, {"size": 4, "predators": 2})

@@ -220,10 +220,10 @@ def design(
 
     Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
     """
-    from curricle.study.recipes.designing import design_file
+    from curricle.study.recipes.designing import run_design
 
     _announce_imports()
-    found = design_file(
+    found = run_design(
         file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
     )
     typer.echo(str(found))
@@ -238,7 +238,7 @@ def apply(
     out: Annotated[Path, typer.Option(help="The study.")] = Path("study.toml"),
 ) -> None:
     """Write the study of one member of a recipe's family, to be read, changed and run."""
-    from curricle.study.recipes import read_recipe, study_text
+    from curricle.study import read_recipe, study_text
     from curricle.study.recipes.designing import parameters_of
 
     _announce_imports()

@@ -1,6 +1,14 @@
 from .config.reading import read_study as read_study
 from .config.study_config import StudyConfig as StudyConfig
 from .config.study_tables import json_schema as json_schema
+from .recipes.design_file import DesignPlan as DesignPlan, read_design as read_design
+from .recipes.designing import run_design as run_design
+from .recipes.from_recipe import study_text as study_text
+from .recipes.recipe_file import (
+    StoredRecipe as StoredRecipe,
+    read_recipe as read_recipe,
+    recipe_text as recipe_text,
+)
 from .results import StudyResults as StudyResults, compare_studies as compare_studies
 from .running import Progress as Progress, merge as merge, run_study as run_study
 from .store import StudyStore as StudyStore

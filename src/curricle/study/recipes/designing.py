@@ -17,7 +17,7 @@ TRAININGS = ".trainings.jsonl"
 """Ending of the file beside a recipe to which its trainings are written."""
 
 
-def design_file(
+def run_design(
     file: Path,
     on: str,
     out: Path,
