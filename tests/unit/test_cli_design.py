@@ -226,6 +226,11 @@ def test_steps_may_be_by_a_parameter(folder):
     ]
 
 
+def test_a_threshold_may_be_given(folder):
+    plan = read_design(folder / "small.toml", set=["training.threshold=90"])
+    assert [one.level for one in plan.problems] == [90.0, 90.0]
+
+
 def test_values_in_lists_are_combined_once(folder):
     twice = "miniatures.seed=[2, 1, 2]"
     plan = read_design(Path(folder) / "small.toml", set=[twice])

@@ -39,6 +39,8 @@ from curricle.study.recipes.recipe_file import (
 )
 from curricle.study.recipes.recipe_tables import OfFamily, compact
 from curricle.tasks.families.family import FamilyMember, TaskFamily
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model
 
 MOST_MEMBERS = 1000
 """On which a recipe is designed: each is solved, and trained several times."""
@@ -71,6 +73,9 @@ class TrainingTable(Table):
     )
     fraction: Annotated[Number, AfterValidator(_share)] = Field(
         default=FRACTION, description="Of the way from the random return to the optimum: learnt."
+    )
+    threshold: Number | None = Field(
+        default=None, description="The return itself instead, which members without tables need."
     )
     eval_freq: Whole | None = Field(default=None, description="Steps between evaluations.")
 
@@ -191,10 +196,14 @@ def read_design(
     members = _members(family, chosen, positions, on)
     learner = learner_of(file, positions)
     problems = [_problem(one, chosen, file.training, learner, positions) for one in members]
-    problems.sort(key=lambda one: int(one.task.states.size))  # stable
+    problems.sort(key=lambda one: _states(one.task))  # stable
     return DesignPlan(
         tuple(problems), file.family, file.defaults, data.get("learner", {}), path, on
     )
+
+
+def _states(task: Any) -> int:
+    return 0 if is_observation_task(task) else int(generative_model(task).states.size)
 
 
 def _no_tables(tables: Mapping[str, Any], on: str) -> Iterator[tuple[KeyPath, str]]:
@@ -287,6 +296,7 @@ def _problem(
         steps,
         learner=learner,
         fraction=training.fraction,
+        threshold=training.threshold,
         eval_freq=training.eval_freq,
         miniature=True,
         name=", ".join(f"{name}={member[name]}" for name in values)[:100],
