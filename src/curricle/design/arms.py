@@ -20,7 +20,7 @@ SHARES = (0.5, 0.7, 0.3)
 """Of a target, for one source."""
 CHAINS = ((0.35, 0.7), (0.25, 0.5), (0.3, 0.5, 0.8), (0.2, 0.4, 0.6, 0.8))
 """The same for sources that build on each other."""
-STEPS, SCALES = (30.0, 100.0, 10.0), (1.0, 3.0)
+NUMBERS = ((30.0, 1.0), (100.0, 3.0), (100.0, 1.0), (30.0, 3.0), (10.0, 1.0), (10.0, 3.0))
 """Steps a state, and scales, with which sources race first."""
 FEW = 4
 """Below it a parameter of a target is a count, of which sources have one less, or one."""
@@ -33,8 +33,8 @@ FACTORS = (1 / 3, 3.0)
 def first_arms(problems: Sequence[Problem]) -> dict[str, Recipe]:
     """Return recipes by name for a first race, so that the first few differ the most.
 
-    Every source and chain of sources with each of :data:`STEPS` and :data:`SCALES`, and the
-    minimum beside the mean where a target reads several potentials.
+    Every source and chain of sources with each of :data:`NUMBERS`, and with the minimum beside the
+    mean where a target reads several potentials.
 
     Examples
     --------
@@ -47,15 +47,15 @@ def first_arms(problems: Sequence[Problem]) -> dict[str, Recipe]:
     alone = [one for one in single if len(one.changes) < 2]
     plans: list[tuple[Relation, ...]] = [*((one,) for one in alone), *_chains(problems, alone)]
     plans += [(one,) for one in single if len(one.changes) > 1]
-    several = any(_several(problems[0], plan) for plan in plans)
-    aggregates = ("mean", "minimum") if several else ("mean",)
     found = dict[str, Recipe]()
-    for steps, scale, aggregate in product(STEPS, SCALES, aggregates):
-        for plan in plans:
-            if aggregate == "mean" or _several(problems[0], plan):
-                stages = [Stage(one, steps) for one in plan]
-                recipe = Recipe(stages, aggregate=aggregate, scale=scale)
-                found[name_of(recipe)] = recipe
+    several = {plan for plan in plans if _several(problems[0], plan)}
+    for steps, scale in NUMBERS:
+        for aggregate in ("minimum", "mean") if several else ("mean",):
+            for plan in plans:
+                if aggregate == "mean" or plan in several:
+                    stages = [Stage(one, steps) for one in plan]
+                    recipe = Recipe(stages, aggregate=aggregate, scale=scale)
+                    found[name_of(recipe)] = recipe
     return found
 
 
@@ -65,7 +65,7 @@ def name_of(recipe: Recipe) -> str:
 
 
 def relations(problems: Sequence[Problem]) -> list[Relation]:
-    """Return what sources the first of some problems has, in terms that others may have too."""
+    """Return what sources some problems may have; those of kinds but members as the first has."""
     target, found = problems[0].target, list[Relation]()
     if has_tables(problems[0].task):
         made = design_target(target)
@@ -76,18 +76,22 @@ def relations(problems: Sequence[Problem]) -> list[Relation]:
             elif drafts:
                 known = (relation_of(draft) for draft in drafts)
                 found += [one for one in known if one is not None]
-    if isinstance(target, FamilyMember):
-        found += [Relation("member", changes=one) for one in _changes(target)]
+    members = [one.target for one in problems if isinstance(one.target, FamilyMember)]
+    if len(members) == len(problems):
+        found += [Relation("member", changes=one) for one in _changes(members)]
     return found
 
 
-def _changes(target: FamilyMember) -> Iterator[dict[str, Any]]:
-    """Yield changes of parameters that make a member easier: of each alone, and of two."""
-    single = [
-        {one.name: term}
-        for one in target.family.parameters
-        for term in _terms(one, target[one.name])
-    ]
+def _changes(members: Sequence[FamilyMember]) -> Iterator[dict[str, Any]]:
+    """Yield changes of parameters that make members easier: of each alone, and of two.
+
+    Terms suit the hardest value that any of them has.
+    """
+    single = []
+    for one in members[0].family.parameters:
+        values = [member[one.name] for member in members]
+        hardest = max(values, key=lambda value: one.difficulty(value) or 0.0)
+        single += [{one.name: term} for term in _terms(one, hardest)]
     yield from single
     for first, other in product(single, single):
         names = (*first, *other)
@@ -122,7 +126,7 @@ def _chains(
         for one in known
         if len(one.changes) == 1
         for name, term in one.changes
-        if term == f"{SHARES[0]} n" and isinstance(problems[0].target[name], int)
+        if term == f"{SHARES[0]} n" and all(isinstance(one.target[name], int) for one in problems)
     ]
     for name in grows:
         for chain in CHAINS:

@@ -3,12 +3,12 @@
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import brief, fit_name, number, whole_number
+from curricle.checks import brief, fit_name, number, one_of, whole_number
 from curricle.comparison.comparing import FRACTION
 from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
 from curricle.comparison.levels import VisitedPairs
@@ -33,6 +33,7 @@ CHECKPOINTS = 100
 """Evaluations in the steps of a training, unless told otherwise."""
 CONDITIONS = "threshold", "fraction", "plateau", "drop", "settled"
 """Of a stopping rule, those that read evaluations."""
+MEASURES = ("time", "area")
 PATIENCE = 3
 """Evaluations in a row that must reach the return that counts as learnt."""
 
@@ -40,7 +41,7 @@ PATIENCE = 3
 class Training(NamedTuple):
     """What one curriculum cost, for K seeds."""
 
-    steps: IntArray  # (K,) until the target was learnt, sources included; all where it never was
+    steps: IntArray  # (K,) as the problem measures it, sources included
     learnt: BoolArray  # (K,) whether it was
     source_steps: IntArray  # (K,) of them
 
@@ -67,6 +68,10 @@ class Problem(Frozen):
         with observations a few rollouts.
     eval_freq : int, optional
         Steps between evaluations; a hundredth of `steps` by default.
+    measure : {"time", "area"}
+        Of a training's cost: the steps until the target is learnt, or these steps weighted by what
+        is missing, 1 - (return - random) / (level - random), kept from 0 to 1; those of sources
+        count in full. Take the area where scratch does not learn the target in `steps`.
     miniature : bool
         Whether it stands for something larger: its steps are booked as ``miniatures``.
     name : str, optional
@@ -92,12 +97,14 @@ class Problem(Frozen):
     threshold: float | None = None
     evaluation: GreedyEvaluation | None = None
     eval_freq: int | None = None
+    measure: Literal["time", "area"] = "time"
     miniature: bool = False
     name: str = ""
 
     def __post_init__(self) -> None:
         whole_number("steps of a training", self.steps, 1, CurriculumError)
         number("the fraction that counts as learnt", self.fraction, CurriculumError, 0, 1)
+        one_of("the measure of a problem", self.measure, MEASURES, CurriculumError)
         if self.threshold is not None:
             number("the threshold of a problem", self.threshold, CurriculumError)
         name = self.name or (str(self.target) if isinstance(self.target, FamilyMember) else TARGET)
@@ -125,6 +132,11 @@ class Problem(Frozen):
             return float(self.threshold)
         return Target.of(self.task, self.evaluation).level(self.fraction)
 
+    @cached_property
+    def random_return(self) -> float:
+        """The return of the uniformly random policy."""
+        return Target.of(self.task, self.evaluation).random_return
+
     @property
     def settings(self) -> dict[str, Any]:
         """What the curricula of the problem share, as :meth:`Recipe.curriculum` takes it."""
@@ -146,7 +158,7 @@ class Problem(Frozen):
 
     def within(self, steps: int) -> "Problem":
         """Return the problem with trainings of so many steps at most, evaluated as often."""
-        return replace(self, steps=steps, threshold=self.level)
+        return replace(self, steps=min(self.steps, steps), threshold=self.level)
 
     def train(
         self,
@@ -198,7 +210,7 @@ class Problem(Frozen):
         if placebo:
             last = self._placebo(ends, result, workers)
             ledger += ledger_of(last, miniature=self.miniature)
-        return Training(spent + last.steps_used, self._learnt(last), spent), ledger
+        return Training(spent + self._cost(last), self._learnt(last), spent), ledger
 
     def evaluated_at_most(self, curriculum: Curriculum) -> int:
         """Return the most steps that a seed's evaluations can take in a training; 0 if exact.
@@ -225,6 +237,16 @@ class Problem(Frozen):
         pairs = VisitedPairs.of(curriculum)
         ((_, change),) = value_controls(["placebo"], pairs)
         return learn_changed(result, changed_potentials(result, change), workers)
+
+    def _cost(self, result: LearningResult) -> IntArray:
+        """Return the steps in the target by the problem's measure, (K,)."""
+        if self.measure == "time":
+            return result.steps_used
+        worst, freq = self.random_return, self.eval_freq or 1
+        missing = (self.level - result.greedy_return) / (self.level - worst)
+        share = np.clip(missing, 0.0, 1.0)
+        left = np.clip(result.steps_used[:, None] - result.steps, 0, freq)
+        return np.asarray(np.rint((share * left).sum(axis=1)), np.int64)
 
     def _learnt(self, result: LearningResult) -> BoolArray:
         """Return whether each seed's last evaluations reached the level, (K,)."""

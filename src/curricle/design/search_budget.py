@@ -120,8 +120,7 @@ class SearchBudget:
         kinds = ("miniatures",) if problem.miniature else ("target", "sources")
         plan = problem.scratch if curriculum is None else curriculum
         trained = max(prices[kind] for kind in kinds) * problem.steps
-        evaluated = prices["miniatures" if problem.miniature else "evaluation"]
-        each: float = trained + evaluated * problem.evaluated_at_most(plan)
+        each: float = trained + prices["evaluation"] * problem.evaluated_at_most(plan)
         return each * seeds * (2 if placebo else 1)
 
     def affords(

@@ -37,7 +37,8 @@ def ledger_of(
           relative;
         - of a :class:`Forecast` its sources, the rollouts that calibrate its rows, and its trial.
     miniature : bool
-        Whether it stands for something larger: all its steps are then ``miniatures``.
+        Whether it stands for something larger: all its steps are then ``miniatures``, but for those
+        of rollouts.
     prices : dict of str to float, optional
         Of a step of each class, as in :class:`Ledger`.
 
@@ -61,7 +62,8 @@ def ledger_of(
     steps = _steps(spent)
     ledger = Ledger(prices={} if prices is None else prices)
     if miniature or (isinstance(spent, Trial) and spent.relative):
-        return ledger.book(miniatures=sum(steps.values()))
+        rollouts = steps.pop("evaluation", 0)
+        return ledger.book(miniatures=sum(steps.values()), evaluation=rollouts)
     found = ledger.book(**steps)
     if isinstance(spent, Forecast) and spent.trial is not None:
         found += ledger_of(spent.trial, prices=prices)
