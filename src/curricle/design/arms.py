@@ -20,7 +20,7 @@ SHARES = (0.5, 0.7, 0.3)
 """Of a target, for one source."""
 CHAINS = ((0.35, 0.7), (0.25, 0.5), (0.3, 0.5, 0.8), (0.2, 0.4, 0.6, 0.8))
 """The same for sources that build on each other."""
-NUMBERS = ((30.0, 1.0), (100.0, 3.0), (100.0, 1.0), (30.0, 3.0), (10.0, 1.0), (10.0, 3.0))
+NUMBERS = ((30.0, 1.0), (100.0, 2.0), (300.0, 2.0), (100.0, 1.0), (10.0, 1.0), (30.0, 3.0))
 """Steps a state, and scales, with which sources race first."""
 FEW = 4
 """Below it a parameter of a target is a count, of which sources have one less, or one."""
