@@ -20,8 +20,17 @@ SHARES = (0.5, 0.7, 0.3)
 """Of a target, for one source."""
 CHAINS = ((0.35, 0.7), (0.25, 0.5), (0.3, 0.5, 0.8), (0.2, 0.4, 0.6, 0.8))
 """The same for sources that build on each other."""
-NUMBERS = ((30.0, 1.0), (100.0, 2.0), (300.0, 2.0), (100.0, 1.0), (10.0, 1.0), (30.0, 3.0))
-"""Steps a state, and scales, with which sources race first."""
+NUMBERS = (
+    (30.0, 1.0, False),
+    (100.0, 1.5, True),
+    (100.0, 2.0, False),
+    (30.0, 1.0, True),
+    (300.0, 2.0, True),
+    (100.0, 1.0, False),
+    (10.0, 1.0, False),
+    (30.0, 3.0, False),
+)
+"""Steps a state, scales, and whether sources are annealed, with which sources race first."""
 FEW = 4
 """Below it a parameter of a target is a count, of which sources have one less, or one."""
 BY_SHARE = ("crop", "starts")
@@ -49,12 +58,12 @@ def first_arms(problems: Sequence[Problem]) -> dict[str, Recipe]:
     plans += [(one,) for one in single if len(one.changes) > 1]
     found = dict[str, Recipe]()
     several = {plan for plan in plans if _several(problems[0], plan)}
-    for steps, scale in NUMBERS:
+    for steps, scale, annealed in NUMBERS:
         for aggregate in ("minimum", "mean") if several else ("mean",):
             for plan in plans:
                 if aggregate == "mean" or plan in several:
                     stages = [Stage(one, steps) for one in plan]
-                    recipe = Recipe(stages, aggregate=aggregate, scale=scale)
+                    recipe = Recipe(stages, True, aggregate, scale, annealed=annealed)
                     found[name_of(recipe)] = recipe
     return found
 
@@ -150,16 +159,8 @@ def variations(recipe: Recipe, *, several: bool) -> dict[str, Recipe]:
     several : bool
         Whether the target reads several potentials, so that the aggregate matters.
     """
-    found = [
-        replace(
-            recipe,
-            stages=[
-                replace(one, steps=replace(one.steps, level=one.steps.level * factor))
-                for one in recipe.stages
-            ],
-        )
-        for factor in FACTORS
-    ]
+    found = [replace(recipe, annealed=not recipe.annealed)]
+    found += [with_steps(recipe, factor) for factor in FACTORS]
     if isinstance(recipe.scale, Trend):
         levels = [recipe.scale.level * factor for factor in (0.5, 1.5, 2.0, *FACTORS)]
         found += [replace(recipe, scale=Trend.constant(level)) for level in levels]
@@ -172,3 +173,12 @@ def variations(recipe: Recipe, *, several: bool) -> dict[str, Recipe]:
         found.append(replace(recipe, chain=not recipe.chain))
         found += [replace(recipe, stages=recipe.stages[1:])]
     return {name_of(one): one for one in found}
+
+
+def with_steps(recipe: Recipe, factor: float) -> Recipe:
+    """Return a recipe with its steps a state multiplied by a factor."""
+    stages = [
+        replace(one, steps=replace(one.steps, level=one.steps.level * factor))
+        for one in recipe.stages
+    ]
+    return replace(recipe, stages=stages)

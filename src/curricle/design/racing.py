@@ -108,6 +108,8 @@ class Race:
             self.steps[name], self.steps[other], self.steps[SCRATCH], strict=True
         ):
             n = min(len(own), len(others))
+            if n == 0:
+                continue
             found.append((own[len(own) - n :] - others[len(others) - n :]) / scratch.mean())
         return np.concatenate(found)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from curricle.checks import instance, one_of
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import SETTINGS
 from curricle.design.assembly import TARGET, transfers_of
 from curricle.design.proposals import SourceCandidate
 from curricle.design.relations import Relation
@@ -16,6 +17,8 @@ from curricle.design.trends import Trend
 from curricle.errors import CurriculumError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.guard import Guard
+from curricle.learning.learners import QLearning
+from curricle.learning.schedules import linear
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import SETTLED, StoppingRule
 from curricle.tasks.families.family import FamilyMember
@@ -93,6 +96,10 @@ class Recipe(Frozen):
     shaping : {"initialise", "guarded", "look-ahead", "state"}
         How they enter: as the start of Q, the same with a :class:`Guard`, as
         :class:`LookAheadAdvice`, or as :class:`StateShaping`.
+    annealed : bool
+        Whether sources are learnt by Q-learning with a learning rate that falls from 0.5 to 0.01
+        and half of the actions random: values of more states, and more accurate ones. Else they are
+        learnt as the target is.
 
     Raises
     ------
@@ -117,6 +124,7 @@ class Recipe(Frozen):
     aggregate: str = "mean"
     scale: Any = 1.0
     shaping: str = "initialise"
+    annealed: bool = False
 
     def __post_init__(self) -> None:
         stages = tuple(self.stages)
@@ -124,6 +132,7 @@ class Recipe(Frozen):
             instance("each stage of a recipe", one, Stage, CurriculumError)
         object.__setattr__(self, "stages", stages)
         instance("chain of a recipe", self.chain, bool, CurriculumError)
+        instance("annealed of a recipe", self.annealed, bool, CurriculumError)
         one_of("the aggregate of a recipe", self.aggregate, AGGREGATES, CurriculumError)
         one_of("the shaping of a recipe", self.shaping, SHAPINGS, CurriculumError)
         if self.scale != "calibrated" and not isinstance(self.scale, Trend):
@@ -138,6 +147,7 @@ class Recipe(Frozen):
             how.append("each builds on the one before" if self.chain else "the target reads all")
         if self.aggregate != "mean":
             how.append(self.aggregate)
+        how += ["annealed sources"] if self.annealed else []
         how += [self.scale if isinstance(self.scale, str) else f"scale {self.scale}", self.shaping]
         return "\n".join([*lines, "; ".join(how)])
 
@@ -190,6 +200,11 @@ class Recipe(Frozen):
             return Curriculum({TARGET: task}, **given)
         last = stages[-1][1].task.states.size
         budgets = {one.name: stage.budget(one.task.states.size, last) for stage, one in stages}
+        if self.annealed:
+            given["learner"] = {
+                TARGET: given.get("learner", SETTINGS["learner"]),
+                **{name: annealed_learner(one.max_steps) for name, one in budgets.items()},
+            }
         return Curriculum(
             {**{one.name: one.task for _, one in stages}, TARGET: task},
             list(self._transfers(task, [one for _, one in stages])),
@@ -211,6 +226,17 @@ class Recipe(Frozen):
         if self.scale == "calibrated":
             return transfers_of(task, sources, edges, calibrate=Calibrate(cautious=False))
         return transfers_of(task, sources, edges, scale=self.scale.at(_states(task)))
+
+
+def annealed_learner(steps: int) -> QLearning:
+    """Return the learner of a source of so many steps, where sources are annealed.
+
+    Examples
+    --------
+    >>> annealed_learner(1000).epsilon
+    0.5
+    """
+    return QLearning(learning_rate=linear(0.5, 0.01, steps=max(1, steps * 4 // 5)), epsilon=0.5)
 
 
 def _same(one: tuple[Any, FamilyMember | None], other: tuple[Any, FamilyMember | None]) -> bool:

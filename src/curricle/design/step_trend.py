@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.design.arms import with_steps
 from curricle.design.problem import Problem
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import SearchBudget
@@ -59,7 +60,7 @@ def with_step_trend(
     for p, problem in enumerate(problems):
         scratch = budget.train(problem, problem.scratch, numbers).steps.mean()
         for f, factor in enumerate(FACTORS):
-            plan = problem.curriculum(_times(recipe, factor))
+            plan = problem.curriculum(with_steps(recipe, factor))
             costs[p, f] = budget.train(problem, plan, numbers).steps / scratch
     sizes = np.log([_last_states(recipe, one) for one in problems])
     random = np.random.default_rng([first_seed, len(problems)])
@@ -139,14 +140,6 @@ def _resampled(
     problems = draws.integers(len(sizes), size=len(sizes))
     seeds = draws.integers(costs.shape[2], size=costs.shape[2])
     return sizes[problems], costs[problems][:, :, seeds].mean(axis=2)
-
-
-def _times(recipe: Recipe, factor: float) -> Recipe:
-    stages = [
-        replace(one, steps=replace(one.steps, level=one.steps.level * factor))
-        for one in recipe.stages
-    ]
-    return replace(recipe, stages=stages)
 
 
 def _last_states(recipe: Recipe, problem: Problem) -> int:
