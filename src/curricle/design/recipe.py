@@ -49,7 +49,7 @@ class Stage(Frozen):
     ----------
     relation : Relation
     steps : Trend or float
-        Steps per state of the source. A trend is over the states of the recipe's last source.
+        Steps per state of the source. A trend is over the states of the target.
     settled : bool
         Whether it ends before where its return has settled; else it takes all of them.
 
@@ -68,9 +68,9 @@ class Stage(Frozen):
         if not isinstance(self.steps, Trend):
             object.__setattr__(self, "steps", Trend.constant(self.steps))
 
-    def budget(self, states: int, last: int) -> StoppingRule:
-        """Return the budget of a source of so many states; the last source has `last`."""
-        steps = max(1, round(states * self.steps.at(last)))
+    def budget(self, states: int, target: Any) -> StoppingRule:
+        """Return the budget of a source of so many states, for this target."""
+        steps = max(1, round(states * at_target(self.steps, target)))
         return StoppingRule(steps, settled=SETTLED if self.settled else None)
 
     def __str__(self) -> str:
@@ -198,8 +198,7 @@ class Recipe(Frozen):
         }
         if not stages:
             return Curriculum({TARGET: task}, **given)
-        last = stages[-1][1].task.states.size
-        budgets = {one.name: stage.budget(one.task.states.size, last) for stage, one in stages}
+        budgets = {one.name: stage.budget(one.task.states.size, task) for stage, one in stages}
         if self.annealed:
             given["learner"] = {
                 TARGET: given.get("learner", SETTINGS["learner"]),
@@ -225,7 +224,7 @@ class Recipe(Frozen):
             edges = [(name, TARGET) for name in names]
         if self.scale == "calibrated":
             return transfers_of(task, sources, edges, calibrate=Calibrate(cautious=False))
-        return transfers_of(task, sources, edges, scale=self.scale.at(_states(task)))
+        return transfers_of(task, sources, edges, scale=at_target(self.scale, task))
 
 
 def annealed_learner(steps: int) -> QLearning:
@@ -247,6 +246,16 @@ def _same(one: tuple[Any, FamilyMember | None], other: tuple[Any, FamilyMember |
     return not observed and same_task(one[0], other[0])
 
 
-def _states(task: Any) -> int:
-    """Return the states of a target; of one with observations 1, as its scale has no trend."""
-    return 1 if is_observation_task(task) else generative_model(task).states.size
+def at_target(trend: Trend, target: Any) -> float:
+    """Return the number that a trend gives for a target, by its states.
+
+    CurriculumError if they are not numbered and the number is no constant.
+    """
+    if trend.slope == 0:
+        return trend.level
+    if is_observation_task(target):
+        raise CurriculumError(
+            f"a number of a recipe grows with the states of the target, {trend}: a target with "
+            "observations has none; give a constant"
+        )
+    return trend.at(generative_model(target).states.size)

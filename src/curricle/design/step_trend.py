@@ -43,7 +43,7 @@ def with_step_trend(
     """Return a recipe whose steps a state are those that cost the least, by size.
 
     Each problem is trained with several times the recipe's steps. Where the lowest cost moves with
-    the size of the last source in nine of ten resamples (of problems, and of their seeds), each
+    the size of the target in nine of ten resamples (of problems, and of their seeds), each
     stage gets a trend, with the resamples for its interval; else a constant.
 
     Returns
@@ -62,7 +62,7 @@ def with_step_trend(
         for f, factor in enumerate(FACTORS):
             plan = problem.curriculum(with_steps(recipe, factor))
             costs[p, f] = budget.train(problem, plan, numbers).steps / scratch
-    sizes = np.log([_last_states(recipe, one) for one in problems])
+    sizes = np.log([one.task.states.size for one in problems])
     random = np.random.default_rng([first_seed, len(problems)])
     level, slope = lowest(sizes, costs.mean(axis=2))
     resampled = np.array([lowest(*_resampled(sizes, costs, random)) for _ in range(RESAMPLES)])
@@ -140,8 +140,3 @@ def _resampled(
     problems = draws.integers(len(sizes), size=len(sizes))
     seeds = draws.integers(costs.shape[2], size=costs.shape[2])
     return sizes[problems], costs[problems][:, :, seeds].mean(axis=2)
-
-
-def _last_states(recipe: Recipe, problem: Problem) -> int:
-    """Return the states of the last source of a recipe."""
-    return int(recipe.sources(problem.target)[-1][1].task.states.size)
