@@ -18,4 +18,6 @@ from .recipe_design import RecipeDesign as RecipeDesign, design_recipe as design
 from .relations import Relation as Relation
 from .search_budget import BudgetSpent as BudgetSpent, SearchBudget as SearchBudget
 from .spending import ledger_of as ledger_of
+from .standing import STANDING as STANDING, standing_recipe as standing_recipe
+from .target_design import TargetDesign as TargetDesign, design_curriculum as design_curriculum
 from .trends import Trend as Trend
