@@ -124,9 +124,7 @@ def compare_hunts(member, found, total, args):
     plans = {
         "designed": found.best.curriculum(member, **settings),
         "by hand x 1.5": by_hand(member, settings, scale=1.5),
-        "by hand, calibrated": by_hand(
-            member, settings, calibrate=cr.transfer.Calibrate(cautious=False)
-        ),
+        "by hand, calibrated": by_hand(member, settings, calibrate=calibrate),
         "scratch": Recipe().curriculum(member, **settings),
     }
     for name, plan in plans.items():

@@ -32,7 +32,7 @@ PLACEBO = "placebo"
 """The control of the leader: its values shuffled over the target's pairs."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Round:
     """One round of a race.
 

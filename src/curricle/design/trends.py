@@ -83,6 +83,15 @@ class Trend(Frozen):
         low, high = np.percentile(found, [tail, 100 - tail])
         return float(low), float(high)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trend):
+            return NotImplemented
+        same = (self.level, self.slope, self.around) == (other.level, other.slope, other.around)
+        return same and np.array_equal(self.draws, other.draws)
+
+    def __hash__(self) -> int:
+        return hash((self.level, self.slope, self.around))
+
     def __str__(self) -> str:
         if self.slope == 0:
             return f"{self.level:.3g}"
