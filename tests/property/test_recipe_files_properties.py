@@ -42,6 +42,7 @@ recipes = st.builds(
     st.sampled_from(list(AGGREGATES)),
     trends | st.just("calibrated"),
     st.sampled_from(list(SHAPINGS)),
+    st.booleans(),
 )
 
 

@@ -90,6 +90,10 @@ MAPPINGS = {
         lambda: from_function(LINE, LINE, lambda s, a: ({"row": s["row"]}, a)),
         "state components row, column: got row",
     ),
+    "function of a large target": (
+        lambda: from_function(cr.Pursuit(10, predators=3), LINE, lambda s, a: (s, a)),
+        "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
+    ),
     "function of other actions": (
         lambda: from_function(LINE, LINE, lambda s, a: (s, {"jump": a["move"]})),
         "action components move: got jump",

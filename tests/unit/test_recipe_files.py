@@ -86,16 +86,16 @@ def test_the_interval_survives_in_few_draws():
         ("chain = false", "chain = 1", 4, "chain must be true or false: got 1"),
         ('"minimum"', '"minimal"', 5, "aggregate must be one of mean, minimum, maximum, total"),
         ('"guarded"', '"guarde"', 6, "shaping must be one of initialise, guarded"),
-        ("level = 2.0", "level = '2'", 9, "scale.level must be a number: got '2'"),
-        ("level = 2.0", "level = -2", 8, "scale is refused: level of a trend must be above 0"),
-        ('kind = "crop"', 'kind = "crap"', 19, "stages[1] is refused: the kind of a relation"),
-        ("steps = 30.0", "steps = 0", 17, "stages[0].steps must be above 0: got 0"),
-        ("steps = 30.0", "steps = 'n'", 17, "stages[0].steps must be a number, or a table"),
-        ("steps = 30.0", "", 13, "stages[0].steps is missing"),
-        ("share = 0.7", "share = 1.5", 19, "stages[1] is refused: the share of a relation"),
-        ("size = ", "sise = ", 15, "stages[0].sise is unknown, did you mean 'size'?"),
+        ("level = 2.0", "level = '2'", 10, "scale.level must be a number: got '2'"),
+        ("level = 2.0", "level = -2", 9, "scale is refused: level of a trend must be above 0"),
+        ('kind = "crop"', 'kind = "crap"', 20, "stages[1] is refused: the kind of a relation"),
+        ("steps = 30.0", "steps = 0", 18, "stages[0].steps must be above 0: got 0"),
+        ("steps = 30.0", "steps = 'n'", 18, "stages[0].steps must be a number, or a table"),
+        ("steps = 30.0", "", 14, "stages[0].steps is missing"),
+        ("share = 0.7", "share = 1.5", 20, "stages[1] is refused: the share of a relation"),
+        ("size = ", "sise = ", 16, "stages[0].sise is unknown, did you mean 'size'?"),
         ('family = "maze"', 'family = "mace"', 3, "family must be one of maze, pursuit"),
-        ("settled = true", "settled = 'yes'", 22, "stages[1].settled must be true or false"),
+        ("settled = true", "settled = 'yes'", 23, "stages[1].settled must be true or false"),
     ],
 )
 def test_a_mistake_is_named_by_its_key(read, old, new, line, text):
@@ -137,7 +137,7 @@ def test_a_truncated_file_is_refused_or_a_recipe_that_was_begun(read):
             assert len(found.recipe.stages) <= 2
             read_whole += 1
     assert refused + read_whole == len(range(0, len(whole), 7))
-    assert refused > read_whole
+    assert min(refused, read_whole) > 50
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -24,6 +24,10 @@ APPLIED = {
             [Stage(Relation("crop", 0.35), 30), CORNER], chain=False, aggregate="maximum", scale=3
         ),
     ),
+    "annealed": (
+        MAZE,
+        Recipe([Stage(Relation("crop", one), 30) for one in (0.35, 0.7)], annealed=True),
+    ),
     "starts": (MAZE, Recipe([Stage(Relation("starts", 0.5), 30)])),
     "chain of starts": (MAZE, Recipe([Stage(Relation("starts", one), 30) for one in (0.3, 0.7)])),
     "members": (HUNT, Recipe([CHASE], aggregate="minimum", scale=Trend(2.0, 0.1, 100.0))),

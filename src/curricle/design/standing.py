@@ -15,12 +15,12 @@ CROPS = Recipe(
 HUNTS = Recipe(
     [
         Stage(
-            Relation("member", changes={"predators": 1, "size": "0.7 n"}),
-            Trend(68.8, slope=0.3, around=470.0),
+            Relation("member", changes={"predators": 1}),
+            Trend(74.7, slope=0.2, around=470.0),
         )
     ],
     aggregate="minimum",
-    scale=2.25,
+    scale=1.5,
     annealed=True,
 )
 """Found on hunts of up to 4,096 states (``python -m benchmarks.recipes_travel pursuit``)."""

@@ -19,6 +19,8 @@ PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
 """Entry of a mapping for a target pair without a source pair: of it the source knows nothing."""
+MOST_LISTED = 1_000_000_000
+"""Pairs of a target that a mapping by a function may list: its array takes 8 GB."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 
@@ -292,7 +294,8 @@ def from_function(
     Raises
     ------
     MappingError
-        When the function does not return all of the source's components.
+        When the function does not return all of the source's components, or the target has more
+        than 1,000,000,000 pairs, which would all be listed.
 
     Examples
     --------
@@ -304,6 +307,12 @@ def from_function(
     """
     for task in (target, source):
         generative_model(task)
+    pairs = target.states.size * target.actions.size
+    if pairs > MOST_LISTED:
+        raise MappingError(
+            f"a mapping by a function lists all pairs of the target, at most {MOST_LISTED:,}: it "
+            f"has {pairs:,}; map it by components"
+        )
     states = {k: v[:, None] for k, v in target.states.decode().items()}
     actions = {k: v[None, :] for k, v in target.actions.decode().items()}
     returned = function(states, actions)

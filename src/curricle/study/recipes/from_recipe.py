@@ -10,7 +10,7 @@ import numpy as np
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design.assembly import TARGET
 from curricle.design.proposals import SourceCandidate
-from curricle.design.recipe import Recipe, Stage
+from curricle.design.recipe import Recipe, Stage, annealed_learner, at_target
 from curricle.design.trends import Trend
 from curricle.errors import ConfigError, CurricleError
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
@@ -193,13 +193,25 @@ def _source(applied: _Application, stage: Stage, source: SourceCandidate) -> Ite
         yield pair("start_states", {"distance": [1, most]}, "steps from the goal")
     else:
         raise _unsaid(f"a source that is a {stage.relation}")
-    states, last = source.task.states.size, applied.stages[-1][1].task.states.size
-    budget = stage.budget(states, last)
+    states, target = source.task.states.size, applied.member.task
+    budget = stage.budget(states, target)
     rule: dict[str, Any] = {"max_steps": budget.max_steps}
     if budget.settled is not None:
         rule["settled"] = budget.settled
-    each = f"{stage.steps.at(last):.4g} steps a state x {states:,} states"
-    yield pair("budget", rule, each + _interval(stage.steps, last, states, "steps"))
+    each = f"{at_target(stage.steps, target):.4g} steps a state x {states:,} states"
+    whole = _states(applied.member)
+    yield pair("budget", rule, each + _interval(stage.steps, whole, states, "steps"))
+    if applied.recipe.annealed:
+        learner = annealed_learner(budget.max_steps)
+        falls: Any = learner.learning_rate
+        rate = {
+            "type": "linear",
+            "first": falls.first,
+            "last": falls.last,
+            "steps": round(falls.span),
+        }
+        own = {"type": "QLearning", "learning_rate": rate, "epsilon": learner.epsilon}
+        yield pair("learner", own, "annealed, as the recipe has it")
     if applied.plan.in_edges(source.name):
         yield pair("shaping", IN_FILES["initialise"], "it builds on the one before")
 

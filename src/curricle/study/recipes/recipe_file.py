@@ -37,6 +37,7 @@ MEANINGS = {
     "aggregate": "of the values that the target reads: mean, minimum, maximum, total",
     "scale": 'of these values; or "calibrated"',
     "shaping": "how they enter: initialise, guarded, look-ahead, state",
+    "annealed": "sources are learnt with a falling learning rate",
     "share": "of the target",
     "steps": "a state of the source",
 }
@@ -97,6 +98,7 @@ def recipe_text(stored: StoredRecipe, words: Sequence[str] = ()) -> str:
     aggregate = "mean"          # of the values that the target reads: mean, minimum, maximum, total
     scale = 2.0                 # of these values; or "calibrated"
     shaping = "initialise"      # how they enter: initialise, guarded, look-ahead, state
+    annealed = false            # sources are learnt with a falling learning rate
     <BLANKLINE>
     [[stages]]
     kind = "crop"

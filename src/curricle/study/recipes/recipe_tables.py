@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -59,6 +60,7 @@ def recipe_data(recipe: Recipe) -> dict[str, Any]:
         "aggregate": recipe.aggregate,
         "scale": scale,
         "shaping": recipe.shaping,
+        "annealed": recipe.annealed,
         "stages": [_stage(one) for one in recipe.stages],
     }
 
@@ -99,7 +101,7 @@ def compact(recipe: Recipe) -> Recipe:
     """
     stages = [Stage(one.relation, _compact(one.steps), one.settled) for one in recipe.stages]
     scale = recipe.scale if recipe.scale == CALIBRATED else _compact(recipe.scale)
-    return Recipe(stages, recipe.chain, recipe.aggregate, scale, recipe.shaping)
+    return replace(recipe, stages=stages, scale=scale)
 
 
 def _compact(trend: Trend) -> Trend:
@@ -279,6 +281,7 @@ class RecipeTable(OfFamily):
     aggregate: Annotated[str, word(f"be one of {', '.join(AGGREGATES)}", AGGREGATES)] = "mean"
     scale: Annotated[Any, _trend_or(_scale)] = 1.0
     shaping: Annotated[str, word(f"be one of {', '.join(SHAPINGS)}", SHAPINGS)] = "initialise"
+    annealed: Flag = False
     stages: tuple[StageTable, ...] = ()
     judgement: JudgementTable | None = None
     ledger: LedgerTable | None = None
@@ -301,4 +304,5 @@ class RecipeTable(OfFamily):
             self.aggregate,
             _by_size(self.scale),
             self.shaping,
+            self.annealed,
         )
