@@ -41,8 +41,8 @@ def draw_match(played: Match, path: Path) -> None:
         for panel in shown:
             panel.set_xlim(low, high)
         figure.supxlabel(
-            "steps until learnt, sources charged, as a share of scratch's (log scale). "
-            "Filled: the training alone. Hollow: with the whole search for it",
+            "steps until learnt, sources charged and searches not, as a share of scratch's "
+            "(log scale), with 95 % intervals. Green: fewer than scratch",
             fontsize=8,
         )
         save(figure, path)
@@ -59,9 +59,6 @@ def _domain(panel: Axes, units: Mapping[str, Unit], designers: list[str]) -> Non
         left, middle, right = _shares(own.share)
         panel.plot([left, right], [row, row], color=colour)
         panel.plot(middle, row, "o", color=colour, markersize=4.5)
-        if unit.search.any():
-            total = _shares(against(unit, base, search=True).share)[1]
-            panel.plot(total, row, "o", markersize=4.5, markerfacecolor="none", color=colour)
     panel.set_xscale("log")
     panel.set_ylim(len(designers) - 0.5, -0.5)
     panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))

@@ -12,6 +12,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.design import Problem, Recipe, SearchBudget, SourceCandidates, design_recipe
 from curricle.design.designers import DESIGNERS
 from curricle.design.recipe_design import half_the_size
+from curricle.design.standing import standing_recipe
 
 SCRATCH, FIXED, RACING = "none", ("fixed_recipe", "growing_chain", "half_size"), "race"
 """Learning alone; recipes that are the same for every target, without a search; racing."""
@@ -33,6 +34,18 @@ def half_size(
     return problem.curriculum(half_the_size([problem]) or Recipe())
 
 
+def standing(
+    problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
+) -> Curriculum:
+    """Return the library's standing recipe for such a target; where it has none, no curriculum.
+
+    Earlier races found it, on other mazes, and on hunts of which one is judged here: it is no
+    recipe that a verdict on racing can rest on.
+    """
+    found = standing_recipe(problem.target)
+    return problem.scratch if found is None else problem.curriculum(found[1])
+
+
 def race(problems: Sequence[Problem], budget: SearchBudget, *, seed: int = 0) -> Recipe:
     """Return the recipe that races on the maps of development find; none if none pays there."""
     return design_recipe(problems, budget, seed=seed).recipe
@@ -48,6 +61,7 @@ def race_on_target(
 PLAYERS = {
     **{name: Player(name, design) for name, design in DESIGNERS.items()},
     "half_size": Player("half_size", half_size),
+    "standing": Player("standing", standing),
     "race_on_target": Player("race_on_target", race_on_target),
     RACING: Player(RACING, race, on_target=False),
 }

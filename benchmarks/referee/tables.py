@@ -13,15 +13,18 @@ from benchmarks.referee.verdicts import MANY_TARGETS, Match, Unit, against, coun
 
 HEAD = (
     "designer",
-    "learning rate",
+    "rate",
     "learnt",
     "steps",
-    "saved of scratch's",
-    "of scratch's, search charged",
-    "saved of the best fixed recipe's",
-    "search has paid after",
-    "tuning, steps",
+    "saved of scratch",
+    "with search",
+    "saved of the best fixed",
+    "paid after",
+    "tuning",
 )
+"""Learning rate; trainings that learnt; mean steps; saved as a share of scratch's; steps with the
+search for them as a multiple of scratch's; saved as a share of the best fixed recipe's; trainings
+of each target after which the search has paid; steps of tuning."""
 LEAST_DOMAINS, LEAST_BEATEN = 6, 3
 """Domains that a table needs, and of them such in which racing must beat the fixed recipe."""
 
@@ -111,8 +114,8 @@ def of_all(played: Match) -> Iterator[str]:
     """Yield the table of all domains: where each designer beats scratch and the fixed recipe."""
     yield "Domains in which a designer takes fewer steps, shown by the interval"
     yield ""
-    search = "search charged too"
-    head = ("designer", "than scratch", search, "than the best fixed recipe", search)
+    search = "with search"
+    head = ("designer", "than scratch", search, "than the best fixed", search)
     yield from markdown([head, *(_beaten(played, one) for one in played.designers)])
 
 

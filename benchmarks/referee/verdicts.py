@@ -16,6 +16,9 @@ from curricle.statistics import Interval, mean_interval
 MANY_TARGETS = 10
 """From so many targets on, an interval is over targets; below it is over seeds."""
 
+SMALL = 0.01
+"""A share below it is printed with a decimal: an interval may show it, and it be no use."""
+
 
 @dataclass(frozen=True, eq=False)
 class Unit:
@@ -94,7 +97,9 @@ class Verdict:
         middle, low, high = self.share.estimate, self.share.low, self.share.high
         if np.isnan(low):
             return f"{middle:+.0%}"
-        return f"{middle:+.0%} [{low:+.0%}, {high:+.0%}]"
+        digits = 0 if abs(float(middle)) >= SMALL else 1
+        bounds = f"[{low:+.{digits}%}, {high:+.{digits}%}]"
+        return f"{middle:+.{digits}%} {bounds}"
 
 
 def against(unit: Unit, base: Unit, *, search: bool = False) -> Verdict:
