@@ -70,7 +70,7 @@ def run_mazes(args):
     }
     for seed in range(args.seeds):
         begin = time.perf_counter()
-        found = design_recipe(small, SearchBudget(args.budget, workers=2), seed=seed)
+        found = design_recipe(small, SearchBudget(args.budget, workers=2), standing={}, seed=seed)
         print(f"\n-- design {seed}, {time.perf_counter() - begin:.0f} s\n{found}")
         for size, problems in held_out.items():
             free = SearchBudget(FREE, workers=2)

@@ -98,6 +98,10 @@ class Race:
         """The best of the last round: an arm, or "scratch" where none is better."""
         return self.rounds[-1].kept[0]
 
+    def score(self, name: str) -> float:
+        """Return the score of an arm in the last round that it was in."""
+        return next(one.scores[name] for one in reversed(self.rounds) if name in one.scores)
+
     def differences(self, name: str, other: str) -> FloatArray:
         """Return by how much an arm costs more than another one, run by run, over scratch's mean.
 

@@ -16,6 +16,7 @@ from curricle.design.racing import PLACEBO, Race, fewest_runs, race, race_cost, 
 from curricle.design.recipe import Recipe, Stage
 from curricle.design.relations import Relation
 from curricle.design.search_budget import SearchBudget
+from curricle.design.standing import STANDING
 from curricle.design.step_trend import with_step_trend
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
@@ -49,6 +50,9 @@ class RecipeDesign:
     ledger : Ledger
     fixed : Recipe or None
         The fixed recipe that always stayed in the race.
+    standing : str
+        The name of the standing recipe that is recommended, as the best was not shown to be better;
+        empty where the best is.
     """
 
     recipe: Recipe
@@ -57,6 +61,7 @@ class RecipeDesign:
     judgement: Judgement
     ledger: Ledger = field(repr=False)
     fixed: Recipe | None = None
+    standing: str = ""
 
     def break_even(self, scratch_steps: float) -> BreakEven:
         """Return after how many trainings of a target the search has paid.
@@ -68,7 +73,7 @@ class RecipeDesign:
             share of it as in the judgement.
         """
         steps = number("the steps of scratch", scratch_steps, CurriculumError, 0)
-        saving = self.judgement.saving()
+        saving = self.judgement.saving(self.standing or RECIPE)
         scaled = replace(
             saving,
             estimate=saving.estimate * steps,
@@ -86,6 +91,12 @@ class RecipeDesign:
             return "No curriculum: nothing in the race was better than learning the target alone."
         if not self.recipe.stages:
             return f"No curriculum: on new seeds the best in the race {saves}, which may be none."
+        if self.standing:
+            own = _percent(self.judgement.saving(self.standing))
+            return (
+                f"The standing recipe of {self.standing} saves {own} of the steps from scratch on "
+                f"new seeds. The best in the race {saves}, which is not shown to be more."
+            )
         text = f"On new seeds the recipe {saves}, in {paid} of {problems} problems."
         if PLACEBO in self.judgement.steps:
             over = self.judgement.saving(than=PLACEBO)
@@ -114,6 +125,7 @@ def design_recipe(
     *,
     arms: Mapping[str, Recipe] | None = None,
     fixed: Recipe | None = None,
+    standing: Mapping[str, Recipe] | None = None,
     seed: int = 0,
 ) -> RecipeDesign:
     """Return a recipe designed on some problems, such as miniatures of a large task.
@@ -132,6 +144,10 @@ def design_recipe(
         Of the first race; by default :func:`first_arms` of the problems.
     fixed : Recipe, optional
         By default half the size: the first of :func:`half_the_size` that all problems have.
+    standing : dict of str to Recipe, optional
+        Recipes that earlier designs found on other tasks, which race too. One of them is
+        recommended where the best is not shown to be better: it was not chosen on these problems.
+        By default :data:`STANDING`, and none where `arms` are given.
     seed : int
         The same seed gives the same design, bit for bit.
 
@@ -155,24 +171,32 @@ def design_recipe(
     for one in problems:
         instance("each problem of a design", one, Problem, CurriculumError)
     seed = whole_number("the seed of a design", seed, 0, CurriculumError)
-    own = first_arms(problems) if arms is None else dict(arms)
+    known = dict((STANDING if arms is None else {}) if standing is None else standing)
+    own = {**known, **(first_arms(problems) if arms is None else arms)}
     fixed = half_the_size(problems) if fixed is None else fixed
     stays = {} if fixed is None else {FIXED: fixed}
     seeds = count(seed * SEEDS_APART * 10, SEEDS_APART)
     short = timed(problems, budget, next(seeds))
-    aside = _set_aside(short, budget, len(stays))
+    aside = _set_aside(short, budget, len(stays), len(known))
     races, best = _raced(short, own, stays, budget, aside, seeds)
     if best.stages:
         with budget.share(SHARES["numbers"], aside=aside):
             best = with_step_trend(short, best, budget, first_seed=next(seeds))
-    judged = judge(short, best, budget, others=stays, first_seed=next(seeds))
+    ran = [name for name in known if name in races[0].arms]
+    stands = {name: known[name] for name in sorted(ran, key=races[0].score)[:1]}
+    judged = judge(short, best, budget, others={**stays, **stands}, first_seed=next(seeds))
     pays = bool(best.stages) and judged.saving().low > 0
-    return RecipeDesign(best if pays else Recipe(), best, races, judged, budget.ledger, fixed)
+    recipe, stood = (best if pays else Recipe()), ""
+    for name, other in stands.items():
+        beaten = pays and judged.saving(than=name).low > 0
+        if judged.saving(name).low > 0 and not beaten:
+            recipe, stood = other, name
+    return RecipeDesign(recipe, best, races, judged, budget.ledger, fixed, stood)
 
 
-def _set_aside(problems: Sequence[Problem], budget: SearchBudget, others: int) -> float:
+def _set_aside(problems: Sequence[Problem], budget: SearchBudget, others: int, known: int) -> float:
     """Return what the judgement costs at least; CurriculumError if the rest pays for no race."""
-    judgement = judgement_cost(problems, budget, others)
+    judgement = judgement_cost(problems, budget, others + min(1, known))
     least = race_cost(problems, budget) * fewest_runs(others) / SHARES["first"]
     if judgement + least > budget.left:
         spent = budget.ledger.cost

@@ -24,7 +24,15 @@ HUNTS = Recipe(
     annealed=True,
 )
 """Found on hunts of up to 4,096 states (``python -m benchmarks.recipes_travel pursuit``)."""
-STANDING = {"parts around the goal": CROPS, "one predator": HUNTS}
+MEMBERS = Recipe(
+    [
+        Stage(Relation("member", changes={"size": f"{share} n"}), Trend(23.5, 0.9, 48.0))
+        for share in (0.35, 0.7)
+    ],
+    annealed=True,
+)
+"""As :data:`CROPS`, of a family with a size."""
+STANDING = {"parts around the goal": CROPS, "one predator": HUNTS, "smaller members": MEMBERS}
 
 
 def standing_recipe(target: Any) -> tuple[str, Recipe] | None:
