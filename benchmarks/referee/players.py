@@ -48,14 +48,14 @@ def standing(
 
 def race(problems: Sequence[Problem], budget: SearchBudget, *, seed: int = 0) -> Recipe:
     """Return the recipe that races on the maps of development find; none if none pays there."""
-    return design_recipe(problems, budget, seed=seed).recipe
+    return design_recipe(problems, budget, standing={}, seed=seed).recipe
 
 
 def race_on_target(
     problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
 ) -> Curriculum:
     """Return the curriculum that the same races find on the target itself."""
-    return problem.curriculum(design_recipe([problem], budget, seed=seed).recipe)
+    return problem.curriculum(design_recipe([problem], budget, standing={}, seed=seed).recipe)
 
 
 PLAYERS = {

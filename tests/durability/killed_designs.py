@@ -14,7 +14,7 @@ from pathlib import Path
 
 from curricle.study.recipes.designing import run_design
 
-BUDGET = 100_000
+BUDGET = 150_000
 
 
 def design(file, out):

@@ -59,6 +59,6 @@ def test_trainings_of_another_design_are_refused(file):
     out = file.with_name("recipe.toml")
     out.with_suffix(".trainings.jsonl").write_text(json.dumps({"key": "a", "found": {}}) + "\n")
     with pytest.raises(ConfigError, match="holds another design: its training 1 is not that of"):
-        run_design(file, "miniatures", out, budget=100_000, resume=True)
+        run_design(file, "miniatures", out, budget=150_000, resume=True)
     assert not out.exists()
     assert out.with_suffix(".trainings.jsonl").exists()

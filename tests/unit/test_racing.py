@@ -270,7 +270,7 @@ def test_the_same_seed_is_the_same_design_whatever_the_workers():
 
 def test_a_design_never_costs_more_than_its_budget_and_pays():
     for cost in (300_000, 600_000):
-        found = design_recipe(small(), SearchBudget(cost))
+        found = design_recipe(small(), SearchBudget(cost), standing={})
         assert found.ledger.cost <= cost
     assert found.recipe.stages
     assert found.judgement.saving().low > 0
@@ -332,6 +332,25 @@ def test_without_parts_or_members_there_is_no_curriculum():
     assert "No curriculum" in found.why
 
 
+def test_a_fast_learner_gets_no_standing_recipe():
+    found = design_curriculum(maze(6, learner=cr.QLearning(learning_rate=0.9)))
+    assert found.recipe == Recipe()
+    assert "no standing recipe for such a target and learner" in found.why
+
+
+def test_a_standing_recipe_stays_unless_it_is_beaten():
+    standing = {"corner": crop(0.5, 30)}
+    budget = SearchBudget(BUDGET)
+    found = design_recipe(small(), budget, arms={"alike": crop(0.5, 29)}, standing=standing)
+    assert found.standing == "corner"
+    assert found.recipe == standing["corner"]
+    assert "not shown to be more" in found.why
+    worse = {"bad": crop(0.5, 900)}
+    again = design_recipe(small(), SearchBudget(BUDGET), arms={"good": GOOD}, standing=worse)
+    assert not again.standing
+    assert again.recipe == again.best
+
+
 @pytest.mark.parametrize(
     ("error", "call", "says"),
     cases({
@@ -342,7 +361,7 @@ def test_without_parts_or_members_there_is_no_curriculum():
                 r"a design for these problems needs a budget of [\d,]+ steps at least: got 150,000",
             ),
             "no arm": (
-                lambda: race([maze(6)], {}, SearchBudget(1)), "a race needs a problem and an arm"
+                lambda: race([maze(6)], {}, SearchBudget(1)), "a race needs a recipe that has"
             ),
             "no source": (
                 lambda: race(
@@ -350,7 +369,7 @@ def test_without_parts_or_members_there_is_no_curriculum():
                     {"a": Recipe([Stage(Relation("removed", which="ice"), 1)])},
                     SearchBudget(BUDGET),
                 ),
-                "an arm that has a curriculum in every problem",
+                "a recipe that has sources in every problem",
             ),
             "no miniatures": (
                 lambda: design_curriculum(

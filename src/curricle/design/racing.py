@@ -185,8 +185,8 @@ def race(
     >>> race([maze], near, SearchBudget(400_000)).leader
     '10'
     """
-    if not problems or not arms:
-        raise CurriculumError("a race needs a problem and an arm: got none")
+    if not problems:
+        raise CurriculumError("a race needs a problem: got none")
     if SCRATCH in arms or PLACEBO in arms:
         raise CurriculumError(f"the names {SCRATCH!r} and {PLACEBO!r} are those of controls")
     state = _Running(problems, budget, first_seed)
@@ -239,7 +239,10 @@ class _Running:
         stay = [name for name in always if name in curricula]
         names = stay + [name for name in curricula if name not in stay]
         if not names:
-            raise CurriculumError("a race needs an arm that has a curriculum in every problem")
+            raise CurriculumError(
+                "a race needs a recipe that has sources in every problem: an easier member, a part "
+                "around the goal, starts near it"
+            )
         each, left = race_cost(self.problems, self.budget), self.budget.left
         while len(names) > len(stay) + 1 and each * _runs(len(names), len(stay)) > left:
             names.pop()

@@ -137,17 +137,14 @@ def miniatures(problem: Problem) -> list[Problem]:
 
 
 def _standing(problem: Problem, trainings: int, worth: float, ledger: Ledger) -> TargetDesign:
-    known = standing_recipe(problem.target)
+    known = standing_recipe(problem.target, problem.learner)
     plural = "" if trainings == 1 else "s"
     why = (
         f"A search costs more than it is expected to save in {trainings:,} training{plural}: at "
         f"most {worth:,.0f} steps."
     )
     if known is None:
-        why += (
-            " No curriculum: there is no standing recipe for a target without parts around its "
-            "goal."
-        )
+        why += " No curriculum: there is no standing recipe for such a target and learner."
         return TargetDesign(problem, Recipe(), why, None, ledger)
     name, recipe = known
     why += f" The standing recipe of {name} costs nothing to find."
