@@ -159,7 +159,9 @@ def test_a_family_with_one_member(folder):
 def test_a_family_without_sources(folder):
     file = folder / "short.toml"
     file.write_text('family = "own:short"\nminiatures = { length = 2 }')
-    with pytest.raises(ConfigError, match=r"short\.toml: miniatures: a race needs a recipe that has sources"):
+    with pytest.raises(
+        ConfigError, match=r"short\.toml: miniatures: a race needs a recipe that has sources"
+    ):
         run_design(file, "miniatures", folder / "new.toml", budget=90_000_000)
 
 

@@ -143,7 +143,7 @@ def design_recipe(
     arms : dict of str to Recipe, optional
         Of the first race; by default :func:`first_arms` of the problems.
     fixed : Recipe, optional
-        By default half the size: the first of :func:`half_the_size` that all problems have.
+        By default half the size: a crop, a member or starts, whichever all problems have first.
     standing : dict of str to Recipe, optional
         Recipes that earlier designs found on other tasks, which race too. One of them is
         recommended where the best is not shown to be better: it was not chosen on these problems.

@@ -33,6 +33,7 @@ MEMBERS = Recipe(
 )
 """As :data:`CROPS`, of a family with a size."""
 STANDING = {"parts around the goal": CROPS, "one predator": HUNTS, "smaller members": MEMBERS}
+"""The standing recipes by name, in the order in which they are tried."""
 
 
 FASTEST = 0.2
