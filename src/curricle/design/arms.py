@@ -42,8 +42,8 @@ FACTORS = (1 / 3, 3.0)
 def first_arms(problems: Sequence[Problem]) -> dict[str, Recipe]:
     """Return recipes by name for a first race, so that the first few differ the most.
 
-    Every source and chain of sources with several steps a state, scales, and learners, and with the minimum beside the
-    mean where a target reads several potentials.
+    Every source and chain of sources with several steps a state, scales and learners, and with the
+    minimum beside the mean where a target reads several potentials.
 
     Examples
     --------
