@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.design.recipe_design import design_recipe
 from curricle.learning.record import Snapshots
+from curricle.report.design_report import write_design_report
 from curricle.report.page import study_page
+from curricle.tasks import maze_family
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
@@ -109,6 +112,15 @@ def files(tmp_path_factory):
         found[name] = folder / f"{name}.html"
         found[name].write_text(page_of(title, plan), "utf-8")
     return found
+
+
+@pytest.fixture(scope="module")
+def design_file(files):
+    """The page of a design is among the files."""
+    members = [maze_family(size=n, pits=0.2, seed=3) for n in (4, 5)]
+    problems = [cr.design.Problem(one, steps=20_000, miniature=True) for one in members]
+    found = design_recipe(problems, cr.design.SearchBudget(700_000))
+    files["design"] = write_design_report(found, files["maze"].with_name("recipe.html"))
 
 
 @pytest.fixture(scope="module")
@@ -352,6 +364,24 @@ def test_words_on_a_phone_are_large_enough(visit):
         })""",
     )
     assert min(sizes) >= 9.5
+
+
+@pytest.mark.usefixtures("design_file")
+def test_a_design_fits_a_phone_a_desk_and_paper(visit):
+    page = visit("design", PHONE)
+    for size, viewport in (("narrow", PHONE), ("wide", DESK)):
+        page.set_viewport_size(viewport)
+        assert page.evaluate("document.documentElement.scrollWidth") == viewport["width"]
+        assert visible(page, f".scatter .{size}") == [True]
+        assert sorted(visible(page, ".scatter > div")) == [False, True]
+        inside = """all => all.every(e => {
+            const own = e.getBoundingClientRect(), around = e.closest("td").getBoundingClientRect();
+            return own.right <= around.right + 1;
+        })"""
+        assert page.eval_on_selector_all(".bracket td span", inside)
+    page.set_viewport_size(PAPER)
+    page.emulate_media(media="print")
+    assert page.evaluate("document.documentElement.scrollWidth") == PAPER["width"]
 
 
 def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):

@@ -76,12 +76,16 @@ def test_from_a_design_to_a_study_that_is_trained(folder):
     assert stored.ledger.steps["miniatures"] == stored.ledger.total_steps
     assert stored.judgement["problems"] == ("size=4, seed=3", "size=5, seed=3")
     written = (folder / "small_recipe.toml").read_bytes()
+    page = (folder / "small_recipe.html").read_bytes()
+    assert "Open small_recipe.html" in done.stdout
+    assert b"<h1>A recipe for maze</h1>" in page
 
     assert "small_recipe.trainings.jsonl is there already: go on with --resume" in sentence(
         curricle(*small, cwd=folder)
     )
     assert curricle(*small, "--resume", cwd=folder).returncode == 0
     assert (folder / "small_recipe.toml").read_bytes() == written
+    assert (folder / "small_recipe.html").read_bytes() == page
     again = curricle(*small[:-1], "again.toml", cwd=folder)
     assert again.returncode == 0
     assert (folder / "again.toml").read_bytes() == written

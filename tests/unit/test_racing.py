@@ -157,6 +157,27 @@ def test_scores_are_mean_steps_over_those_of_scratch_in_the_same_problems():
     assert found.rounds[-1].scores["good"] == pytest.approx(np.mean(shares))
 
 
+def test_the_share_of_sources_is_their_steps_over_those_of_scratch_in_the_same_runs():
+    problems, budget = [maze(6), maze(6, seed=231)], SearchBudget(BUDGET)
+    found = race(timed(problems, budget), {"good": GOOD, "bad": BAD}, budget)
+    for name, left in {"good": False, "bad": True}.items():
+        shares = []
+        for problem, own, sources, scratch in zip(
+            found.problems,
+            found.steps[name],
+            found.source_steps[name],
+            found.steps["scratch"],
+            strict=True,
+        ):
+            trained, _ = problem.train(problem.curriculum(found.arms[name]), range(2))
+            assert (sources == trained.source_steps[0]).all()  # no stage settles before its end
+            assert (len(own) < len(scratch)) == left
+            shares.append(sources.mean() / scratch[: len(own)].mean())
+        assert found.source_share(name) == pytest.approx(np.mean(shares))
+    assert found.source_share("scratch") == 0
+    assert found.source_share(PLACEBO) > 0
+
+
 def test_no_curriculum_wins_where_every_recipe_is_worse():
     budget = SearchBudget(BUDGET)
     found = race(timed([maze(6)], budget), {"bad": BAD, "worse": crop(0.9, 800)}, budget)

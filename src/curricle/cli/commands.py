@@ -219,7 +219,9 @@ def design(
     """Design a recipe on small members of a family: which sources, and how long each.
 
     Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
+    Beside it is a page too, on how it was found.
     """
+    from curricle.report.design_report import write_design_report
     from curricle.study.recipes.designing import run_design
 
     _announce_imports()
@@ -228,6 +230,8 @@ def design(
     )
     typer.echo(str(found))
     typer.echo(f'Wrote {out}: curricle apply {out} --to "PARAMETER=VALUE, ..."')
+    page = out.with_suffix(".html" if out.suffix != ".html" else ".report.html")
+    typer.echo(f"Open {write_design_report(found, page)}")
 
 
 def apply(

@@ -15,7 +15,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
-from curricle.design.problem import Problem
+from curricle.design.problem import Problem, Training
 from curricle.design.proposals import spread
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import BudgetSpent, SearchBudget
@@ -68,6 +68,8 @@ class Race:
     steps : dict of str to list of (K,) int64
         Of each arm, scratch and the placebo too: steps until learnt of its K runs in each problem.
     rounds : tuple of Round
+    source_steps : dict of str to list of (K,) int64
+        Of each arm, scratch and the placebo too: steps in sources of the same runs.
     dropped : dict of str to str
         Arms that some problem has no curriculum for, and why.
     unaffordable : int
@@ -80,6 +82,7 @@ class Race:
     arms: Mapping[str, Recipe]
     steps: Mapping[str, list[IntArray]]
     rounds: tuple[Round, ...]
+    source_steps: Mapping[str, list[IntArray]]
     dropped: Mapping[str, str] = field(default_factory=dict)
     unaffordable: int = 0
     ended: str = ""
@@ -116,6 +119,18 @@ class Race:
                 continue
             found.append((own[len(own) - n :] - others[len(others) - n :]) / scratch.mean())
         return np.concatenate(found)
+
+    def source_share(self, name: str) -> float:
+        """Return the mean over problems of an arm's source steps over the steps of scratch.
+
+        By all its runs, and the runs of scratch that have the same seeds.
+        """
+        found = []
+        for own, scratch in zip(self.source_steps[name], self.steps[SCRATCH], strict=True):
+            runs = len(scratch) if name == PLACEBO else len(own)  # which has fewer runs a round
+            if len(own):
+                found.append(own.mean() / scratch[:runs].mean())
+        return float(np.mean(found))
 
     def __str__(self) -> str:
         lines = [
@@ -214,7 +229,16 @@ def race(
         rounds.append(Round(runs, scores, tuple(kept), budget.ledger.cost - before))
     ran = {name: arms[name] for name in names}
     missing = len(curricula) - len(names)
-    return Race(tuple(problems), ran, state.steps, tuple(rounds), dropped, missing, ended)
+    return Race(
+        tuple(problems),
+        ran,
+        state.steps,
+        tuple(rounds),
+        state.source_steps,
+        dropped,
+        missing,
+        ended,
+    )
 
 
 class _Running:
@@ -224,10 +248,15 @@ class _Running:
         self.budget, self.next_seed, self.problems = budget, first_seed, problems
         self.order = spread(range(len(problems)))
         self.steps: dict[str, list[IntArray]] = {}
+        self.source_steps: dict[str, list[IntArray]] = {}
 
-    def _keep(self, name: str, p: int, steps: IntArray) -> None:
-        lists = self.steps.setdefault(name, [np.empty(0, np.int64) for _ in self.problems])
-        lists[p] = np.concatenate([lists[p], steps])
+    def _keep(self, name: str, p: int, found: Training) -> None:
+        for kept, steps in (
+            (self.steps, found.steps),
+            (self.source_steps, found.source_steps),
+        ):
+            lists = kept.setdefault(name, [np.empty(0, np.int64) for _ in self.problems])
+            lists[p] = np.concatenate([lists[p], steps])
 
     def score(self, name: str) -> float:
         """Return the mean over problems of an arm's steps over those of scratch."""
@@ -261,7 +290,7 @@ class _Running:
                 problem = self.problems[p]
                 plan = problem.scratch if name == SCRATCH else curricula[name][p]
                 found = self.budget.train(problem, plan, seeds)
-                self._keep(name, p, found.steps)
+                self._keep(name, p, found)
         self.next_seed += -(-runs // len(self.problems))
         return runs
 
@@ -269,7 +298,7 @@ class _Running:
         """Train the placebo of a curriculum in a quarter of the runs of a round."""
         for p, seeds in self._seeds(_runs_of(number) // 4):
             found = self.budget.train(self.problems[p], plans[p], seeds, placebo=True)
-            self._keep(PLACEBO, p, found.steps)
+            self._keep(PLACEBO, p, found)
 
     def _seeds(self, runs: int) -> Iterator[tuple[int, range]]:
         """Yield each problem of a round and its seeds; problems take turns."""

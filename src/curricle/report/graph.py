@@ -1,6 +1,5 @@
 """The curriculum graph of a study: a card for each task, an arrow for each pair that transfers."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.learning.result import LearningResult
 from curricle.plotting.scales import rounded
+from curricle.report.graph_layout import Layout, arrows, layout
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
@@ -20,12 +20,6 @@ Learnt = Mapping[str, Mapping[str, LearningResult]]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 
-CARD, GAP, FALL = 156, 14, 64
-"""Width of a card, and the space between cards, across and down, in CSS pixels."""
-SIDE, LANE = 44, 26
-"""Space at the sides for an arrow that goes round other cards, and for each further one."""
-BADGE = 24
-"""Space between the middles of two arrows' numbers, which are circles 20 wide."""
 CARD_HEIGHT, LINE = 156, 17
 """Height of a card without its returns, and of a line."""
 CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
@@ -119,12 +113,12 @@ def _graph(
         for name in arm.nodes
     }
     heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in curves.items()}
-    corners, width, height = _layout(arm, heights)
+    placed = layout(heights, [(t.source, t.target) for t in arm.transfers])
     cards = tuple(
         Card(
             name,
             curricula.task(arms[0], name).kind,
-            *corners[name],
+            *placed.corners[name],
             heights[name],
             curves[name],
             _steps([learnt[one][name] for one in arms]),
@@ -133,71 +127,15 @@ def _graph(
         for name in arm.nodes
     )
     notes = _notes({one: curricula.arms[one] for one in arms})
-    return Graph(tuple(arms), cards, tuple(_edges(arm, corners, heights)), notes, width, height)
+    edges = tuple(_edges(arm, placed))
+    return Graph(tuple(arms), cards, edges, notes, placed.width, placed.height)
 
 
-def _layout(
-    arm: ArmRecord, heights: Mapping[str, int]
-) -> tuple[dict[str, tuple[int, int]], int, int]:
-    """Return the corner of each card, and the size of the graph: sources above their targets."""
-    depth = dict[str, int]()
-    for name in arm.nodes:
-        depth[name] = max((depth[t.source] + 1 for t in arm.in_edges(name)), default=0)
-    rows: dict[int, list[str]] = {}
-    for name, row in sorted(depth.items(), key=lambda one: one[1]):
-        rows.setdefault(row, []).append(name)
-    around = {(t.source, t.target) for t in arm.transfers if depth[t.target] - depth[t.source] > 1}
-    side = SIDE + (len(around) - 1) * LANE if around else 0
-    width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
-    corners, top = {}, 0
-    for names in rows.values():
-        left = (width - len(names) * (CARD + GAP) + GAP) // 2
-        for place, name in enumerate(names):
-            corners[name] = (left + place * (CARD + GAP), top)
-        top += max(heights[name] for name in names) + FALL
-    return corners, width, top - FALL
-
-
-def _edges(
-    arm: ArmRecord, corners: Mapping[str, tuple[int, int]], heights: Mapping[str, int]
-) -> Iterator[Edge]:
-    """Yield an arrow for each pair of tasks; none on another, and no number on another."""
-    places, around = list[tuple[float, float]](), 0
-    for source, target in dict.fromkeys((t.source, t.target) for t in arm.transfers):
-        left, top = corners[source]
-        start, end = (left, top + heights[source]), corners[target]
-        between = [x + CARD for x, y in corners.values() if start[1] < y < end[1]]
-        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
-        around += bool(between)
-        places.append(_free(curve, places))
-        words = tuple(t.words for t in arm.in_edges(target) if t.source == source)
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
-        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
-        yield Edge(source, target, path, places[-1], words)
-
-
-def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
-    """Return the curve from below one card to above another: the points of a cubic, (4, 2).
-
-    Its middle is at the horizontal position `beside`, right of the cards that it goes round.
-    """
-    (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
-    middle, inner = (y0 + y1) / 2, (x0, x1)
-    if beside is not None:
-        # A cubic's middle is an eighth of each end and three eighths of each inner point.
-        inner = ((beside - (x0 + x1) / 8) * 4 / 3,) * 2
-    return np.array([(x0, y0), (inner[0], middle), (inner[1], middle), (x1, y1)])
-
-
-def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the place of a number on a curve: near its middle, but apart from those taken."""
-    along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
-    rest = 1 - along
-    weights = np.stack([rest**3, 3 * rest**2 * along, 3 * rest * along**2, along**3])
-    spots = [(float(x), float(y)) for x, y in weights.T @ curve]
-    room = [min((math.dist(spot, one) for one in taken), default=math.inf) for spot in spots]
-    first = next((n for n, free in enumerate(room) if free >= BADGE), int(np.argmax(room)))
-    return spots[first]
+def _edges(arm: ArmRecord, placed: Layout) -> Iterator[Edge]:
+    """Yield an arrow for each pair of tasks, with the words of its transfers."""
+    for one in arrows(placed):
+        words = tuple(t.words for t in arm.in_edges(one.target) if t.source == one.source)
+        yield Edge(one.source, one.target, one.path, one.place, words)
 
 
 def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
@@ -235,13 +173,20 @@ def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
         mean, lower, upper = (high - values) / ((high - low) or 1.0) * CURVE_HEIGHT
         outline = [*x, *x[::-1]], [*lower, *upper[::-1]]
         ends = one.greedy_return[:, [0, -1]].mean(axis=0)
-        band_points = _points(*outline) if len(one.seeds) > 1 else ""
+        band_points = points(*outline) if len(one.seeds) > 1 else ""
         words = f"{rounded(ends[0])} → {rounded(ends[1])}"
-        found.append(CardCurve(arms, _points(x, mean), band_points, words))
+        found.append(CardCurve(arms, points(x, mean), band_points, words))
     return tuple(found)
 
 
-def _points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
+def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
+    """Return the points of a polyline.
+
+    Examples
+    --------
+    >>> points([0, 1], [2, 3.5])
+    '0.0,2.0 1.0,3.5'
+    """
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from curricle.errors import StoreError
-from curricle.files import write_whole
 from curricle.report.page import ShownStudy, page_of
+from curricle.report.templates import write_page
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.results import StudyResults
 from curricle.study.units import seed_ranges
@@ -26,12 +25,7 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
     """
     study = StudyResults(folder)
     path = Path(out) if out is not None else study.store.path / "report.html"
-    page = _page(study)
-    try:
-        write_whole(path, page.encode())
-    except OSError as error:
-        raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
-    return path
+    return write_page(_page(study), path)
 
 
 def _page(study: StudyResults) -> str:

@@ -3,11 +3,14 @@
 import re
 from collections.abc import Sequence
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from curricle.errors import StoreError
+from curricle.files import write_whole
 from curricle.plotting.scales import rounded
 from curricle.plotting.styles import shades_of
 
@@ -53,6 +56,15 @@ def _visible(value: Any) -> Any:
 def asset(name: str) -> str:
     """Return the text of a file in ``assets``."""
     return (files("curricle.report") / "assets" / name).read_text("utf-8")
+
+
+def write_page(page: str, path: str | Path) -> Path:
+    """Write a page, whole or not at all, and return its path; StoreError if that fails."""
+    try:
+        write_whole(Path(path), page.encode())
+    except OSError as error:
+        raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
+    return Path(path)
 
 
 def _signs(words: str) -> str:
