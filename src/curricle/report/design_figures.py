@@ -29,7 +29,7 @@ MOST_ROWS = 20
 BEYOND = 4.0
 """A trend is drawn up to so many times the states of the largest miniature."""
 POINTS = 40
-PLAIN_CARD, CURVE_CARD = 100, 170
+PLAIN_CARD, CURVE_CARD = 100, 182
 """Heights of cards without and with the curve of a trend."""
 ENTERS = {
     "initialise": "its values are the start of Q",

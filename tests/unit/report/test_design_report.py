@@ -165,6 +165,7 @@ def test_a_design_may_say_no_curriculum(fruitless):
     assert "it is not paid back" in text
     assert 'class="card' not in page
     assert "the search has paid" not in text
+    assert "that was found saves" not in text
 
 
 def test_what_was_not_shown_to_pay_is_called_so(design):
