@@ -120,6 +120,8 @@ def design_file(files):
     members = [maze_family(size=n, pits=0.2, seed=3) for n in (4, 5)]
     problems = [cr.design.Problem(one, steps=20_000, miniature=True) for one in members]
     found = design_recipe(problems, cr.design.SearchBudget(700_000))
+    first = replace(found.races[0], rounds=(found.races[0].rounds * 6)[:6])
+    found = replace(found, races=(first, *found.races[1:]))
     files["design"] = write_design_report(found, files["maze"].with_name("recipe.html"))
 
 

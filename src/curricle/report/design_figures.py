@@ -249,7 +249,7 @@ def recipe_graph(recipe: Recipe, sizes: Sequence[int]) -> RecipeGraph:
     ----------
     recipe : Recipe
     sizes : sequence of int
-        States of the miniatures, over which trends are drawn.
+        States of the miniatures, over which trends are drawn; empty where they have none.
 
     Examples
     --------
@@ -314,14 +314,14 @@ def _enters(recipe: Recipe, target: str) -> str:
 
 
 def trend_curve(steps: Trend, sizes: Sequence[int]) -> TrendCurve | None:
-    """Return a number over the states of the target; None for a constant.
+    """Return a number over the states of the target; None for a constant, or without sizes.
 
     Examples
     --------
     >>> print(trend_curve(Trend(40.0, slope=0.5, around=16.0), [9, 36]).words)
     30 steps a state at 9 states, 60 at 36
     """
-    if steps.slope == 0:
+    if steps.slope == 0 or not sizes:
         return None
     low, middle = min(sizes), max(sizes)
     states = np.geomspace(low, middle * BEYOND, POINTS)

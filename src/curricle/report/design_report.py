@@ -11,6 +11,7 @@ from curricle.design.judgement import RECIPE
 from curricle.design.ledger import amount
 from curricle.design.problem import Problem
 from curricle.design.racing import CAP, PLACEBO, Race
+from curricle.design.recipe import Recipe
 from curricle.design.recipe_design import FIXED, LEADER, RecipeDesign
 from curricle.report.design_figures import SIZES, bracket, last_scores, recipe_graph, scatter
 from curricle.report.templates import asset, render, write_page
@@ -54,25 +55,31 @@ def write_design_report(design: RecipeDesign, path: str | PathLike[str]) -> Path
 def design_page(design: RecipeDesign) -> str:
     """Return the page of a design."""
     first, problems = design.races[0], design.races[0].problems
+    shown = shown_recipe(design)
     return render(
         "design.html",
         name=f"A recipe for {_family(first)}",
         design=design,
         pays=bool(design.recipe.stages),
-        best=str(design.best).splitlines(),
-        saving=design.judgement.saving(),
+        words=str(design.recipe).splitlines(),
+        saving=design.judgement.saving(design.standing or RECIPE),
         paid=break_even_words(design),
         race=first,
         cap=CAP,
         scatters={size: scatter(first, size) for size in SIZES},
         brackets=[bracket(one) for one in design.races],
-        graph=recipe_graph(design.best, sizes_of(problems)) if design.best.stages else None,
+        graph=recipe_graph(shown, sizes_of(problems)) if shown.stages else None,
         lessons=list(lessons(design)),
         spent=ledger_rows(design),
         judged=judged_rows(design),
         problems=problems,
         style=Markup(asset("study.css") + asset("design.css")),
     )
+
+
+def shown_recipe(design: RecipeDesign) -> Recipe:
+    """Return the recipe that is recommended, or the best that was found where none is."""
+    return design.recipe if design.recipe.stages else design.best
 
 
 def _family(found: Race) -> str:
@@ -131,10 +138,10 @@ def lessons(design: RecipeDesign) -> Iterator[str]:
             yield f"Race {number}: {len(one.dropped)} recipes have no source in some problem."
         if one.unaffordable:
             yield f"Race {number}: the budget did not pay for {one.unaffordable} more recipes."
-    slopes = {f"{one.steps.slope:.2g}" for one in design.best.stages if one.steps.slope}
+    slopes = {f"{one.steps.slope:.2g}" for one in shown_recipe(design).stages if one.steps.slope}
     if slopes:
         yield f"Steps a state go with the states of the target to the power {', '.join(slopes)}."
-    elif design.best.stages and len(set(sizes_of(first.problems))) > 1:
+    elif design.best.stages and not design.standing and len(set(sizes_of(first.problems))) > 1:
         yield "Steps a state are the same at all sizes: no trend was shown."
 
 
@@ -183,12 +190,14 @@ def judged_rows(design: RecipeDesign) -> tuple[JudgedRow, ...]:
     """Return the judgement: the recipe, others and the placebo over scratch, per problem."""
     judged, problems = design.judgement, design.races[0].problems
     others = [name for name in judged.steps if name not in (SCRATCH, RECIPE, PLACEBO)]
+    own = "best in the race" if design.standing else RECIPE
     names = [RECIPE, *others, *([PLACEBO] if PLACEBO in judged.steps else [])]
     shares = {name: judged.shares(name).mean(axis=1) for name in names}
     scratch = judged.steps[SCRATCH].mean(axis=1)
+    shown = {name: own if name == RECIPE else name for name in names}
     rows = [
-        JudgedRow(one.name, float(steps), tuple((k, float(v[p])) for k, v in shares.items()))
+        JudgedRow(one.name, float(steps), tuple((shown[k], float(v[p])) for k, v in shares.items()))
         for p, (one, steps) in enumerate(zip(problems, scratch, strict=True))
     ]
-    means = tuple((name, judged.cost(name)) for name in names)
+    means = tuple((shown[name], judged.cost(name)) for name in names)
     return (*rows, JudgedRow("mean", float(scratch.mean()), means))

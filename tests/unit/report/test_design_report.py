@@ -35,7 +35,7 @@ from .studies import ODD, Reader
 def design():
     members = [maze_family(size=n, pits=0.2, seed=3) for n in (4, 5)]
     problems = [Problem(one, steps=20_000, miniature=True) for one in members]
-    return design_recipe(problems, SearchBudget(700_000))
+    return design_recipe(problems, SearchBudget(700_000), standing={})
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +173,21 @@ def test_what_was_not_shown_to_pay_is_called_so(design):
     assert "Below is the best that was found." in text
     assert "The best that was found saves" in text
     assert "which may be none" in text
+
+
+def test_a_standing_recipe_may_be_recommended(design):
+    judged, own = design.judgement, Recipe([Stage(Relation("crop", 0.9), 77)])
+    steps = dict(judged.steps) | {"elsewhere": judged.steps["scratch"] // 2}
+    judged = replace(judged, steps=steps)
+    stood = replace(design, recipe=own, standing="elsewhere", judgement=judged)
+    page = design_page(stood)
+    text = words(page)
+    assert "crop 0.9 77 steps a state" in text
+    assert "The recipe saves 50%" in text
+    assert "Recommended is elsewhere, a standing recipe" in text
+    assert ">best in the race</th>" in page
+    scratch = judged.steps["scratch"][-1].mean()
+    assert str(stood.break_even(scratch)) in text
 
 
 def test_a_race_of_one_round(design):
