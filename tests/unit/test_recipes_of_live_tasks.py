@@ -8,7 +8,15 @@ import pytest
 
 import curricle as cr
 from curricle import Component, GreedyEvaluation, QLearning, Space
-from curricle.design import BudgetSpent, Problem, Recipe, Relation, SearchBudget, Stage
+from curricle.design import (
+    BudgetSpent,
+    Problem,
+    Recipe,
+    Relation,
+    SearchBudget,
+    Stage,
+    design_recipe,
+)
 from curricle.errors import CurriculumError
 from curricle.tasks import ComponentsByName, LiveMDP, Parameter, task_family
 from tests.refusals import cases, check_refusal
@@ -162,3 +170,13 @@ def test_a_live_source_makes_a_live_target_sooner_learnt():
     alone = given.train(given.scratch, range(8))[0]
     assert target.learnt.all()
     assert np.mean(target.steps - target.source_steps) < np.mean(alone.steps)
+
+
+def test_a_recipe_is_designed_on_live_members_without_a_placebo():
+    stages = {f"{n}": Recipe([Stage(member("n - 2"), n)]) for n in (5, 40)}
+    budget = SearchBudget(1e6, prices={"evaluation": 0})
+    found = design_recipe([problem(steps=1500)], budget, arms=stages)
+    assert set(found.judgement.steps) >= {"scratch", "recipe"}
+    assert "placebo" not in found.judgement.steps
+    assert all("placebo" not in one.scores for one in found.races[0].rounds)
+    assert str(found)

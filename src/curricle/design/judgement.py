@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.design.problem import Problem
-from curricle.design.racing import PLACEBO
+from curricle.design.racing import PLACEBO, has_placebo
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import SearchBudget
 from curricle.errors import CurriculumError
@@ -32,7 +32,8 @@ class Judgement(Frozen):
     Attributes
     ----------
     steps : dict of str to (P, K) int64
-        Until learnt, of scratch, the recipe, its placebo, and each other recipe.
+        Until learnt, of scratch, the recipe, its placebo where targets have tables, and each other
+        recipe.
     """
 
     steps: Mapping[str, npt.NDArray[np.int64]]
@@ -120,7 +121,7 @@ def judge(
         steps.setdefault(SCRATCH, []).append(scratch.steps)
         for name, plan in plans.items():
             steps.setdefault(name, []).append(budget.train(problem, plan, numbers).steps)
-        if recipe.stages:
+        if recipe.stages and has_placebo(problems):
             control = budget.train(problem, plans[RECIPE], numbers, placebo=True)
             steps.setdefault(PLACEBO, []).append(control.steps)
     return Judgement({name: np.stack(rows) for name, rows in steps.items()})

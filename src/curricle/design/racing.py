@@ -21,6 +21,7 @@ from curricle.design.recipe import Recipe
 from curricle.design.search_budget import BudgetSpent, SearchBudget
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
+from curricle.tasks.task import has_tables
 
 FIRST_RUNS, MOST_RUNS = 4, 16
 """Runs of each arm in the first round, and in any; a run is one seed of one problem."""
@@ -172,7 +173,7 @@ def race(
     """Return a race of recipes on problems, all arms with the same seeds.
 
     Scratch is an arm, it always stays, and so does the placebo of the leader from the second round
-    on. Where the budget does not pay for all arms, the first ones race.
+    on, where the targets have tables. Where the budget does not pay for all arms, the first ones race.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ def race(
         try:
             runs = state.play(number, curricula, [SCRATCH, *left])
             playing = [SCRATCH, *left]
-            if rounds:
+            if rounds and has_placebo(problems):
                 state.play_placebo(number, curricula[leader])
                 playing.append(PLACEBO)
         except BudgetSpent as spent:
@@ -325,6 +326,11 @@ def _curricula(
 def _rounds(arms: int) -> int:
     """Return the rounds of a race: until one arm is left, and at least two."""
     return max(2, math.ceil(math.log2(arms)))
+
+
+def has_placebo(problems: Sequence[Problem]) -> bool:
+    """Return whether values can be shuffled over the pairs of all targets: they need tables."""
+    return all(has_tables(one.task) for one in problems)
 
 
 def race_cost(problems: Sequence[Problem], budget: SearchBudget) -> float:
