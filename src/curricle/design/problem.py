@@ -17,7 +17,9 @@ from curricle.curriculum.defaults import DEFAULT_STEPS
 from curricle.curriculum.result import CurriculumResult
 from curricle.design.assembly import TARGET
 from curricle.design.ledger import Ledger
+from curricle.design.proposals import SourceCandidate
 from curricle.design.recipe import Recipe
+from curricle.design.relations import Relation
 from curricle.design.spending import ledger_of
 from curricle.errors import CurriculumError
 from curricle.frozen_arrays import Frozen
@@ -154,7 +156,17 @@ class Problem(Frozen):
 
     def curriculum(self, recipe: Recipe) -> Curriculum:
         """Return the curriculum of a recipe for the target, with the settings of the problem."""
-        return recipe.curriculum(self.target, **self.settings)
+        return recipe.curriculum(self.target, source_of=self._source_of, **self.settings)
+
+    @cached_property
+    def _sources(self) -> dict[Relation, SourceCandidate]:
+        """Sources of the target that were made before: hundreds of recipes share them."""
+        return {}
+
+    def _source_of(self, relation: Relation) -> SourceCandidate:
+        if relation not in self._sources:
+            self._sources[relation] = relation.source_of(self.target)
+        return self._sources[relation]
 
     def within(self, steps: int) -> "Problem":
         """Return the problem with trainings of so many steps at most, evaluated as often."""

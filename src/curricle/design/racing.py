@@ -173,7 +173,8 @@ def race(
     """Return a race of recipes on problems, all arms with the same seeds.
 
     Scratch is an arm, it always stays, and so does the placebo of the leader from the second round
-    on, where the targets have tables. Where the budget does not pay for all arms, the first ones race.
+    on, where the targets have tables. Where the budget does not pay for all arms, the first ones
+    race.
 
     Parameters
     ----------

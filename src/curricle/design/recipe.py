@@ -151,8 +151,12 @@ class Recipe(Frozen):
         how += [self.scale if isinstance(self.scale, str) else f"scale {self.scale}", self.shaping]
         return "\n".join([*lines, "; ".join(how)])
 
-    def sources(self, target: Any) -> list[tuple[Stage, SourceCandidate]]:
+    def sources(
+        self, target: Any, source_of: Callable[[Relation], SourceCandidate] | None = None
+    ) -> list[tuple[Stage, SourceCandidate]]:
         """Return the stages with their sources of a target, a task or a member of a family.
+
+        `source_of` returns the source of a relation, where some were made before.
 
         A source that is the target, or the same as another one, is left out: small targets have
         fewer of them. Members of a family are the same by their parameters, as two live tasks of
@@ -167,19 +171,28 @@ class Recipe(Frozen):
         known = [(target if member is None else member.task, member)]
         found = list[tuple[Stage, SourceCandidate]]()
         for stage in self.stages:
-            source = stage.relation.source_of(target)
+            one = stage.relation
+            source = one.source_of(target) if source_of is None else source_of(one)
             own = source.task, source.member
             if not any(_same(own, other) for other in known):
                 known.append(own)
                 found.append((stage, source))
         return found
 
-    def curriculum(self, target: Any, **settings: Any) -> Curriculum:
+    def curriculum(
+        self,
+        target: Any,
+        *,
+        source_of: Callable[[Relation], SourceCandidate] | None = None,
+        **settings: Any,
+    ) -> Curriculum:
         """Return the curriculum of a target.
 
         Parameters
         ----------
         target : Task or FamilyMember
+        source_of : callable, optional
+            As in :meth:`sources`.
         **settings
             Of :class:`Curriculum`, for the target where it has its own: ``budget``, ``learner``,
             ``evaluation``, ``eval_freq``, ``storage``. A learner and an evaluation are those of
@@ -191,7 +204,7 @@ class Recipe(Frozen):
             When a stage has no source of this target.
         """
         task = target.task if isinstance(target, FamilyMember) else target
-        stages = self.sources(target)
+        stages = self.sources(target, source_of)
         for_target = {"budget", "eval_freq", "storage"}
         given: dict[str, Any] = {
             k: {TARGET: v} if k in for_target else v for k, v in settings.items()
