@@ -1,6 +1,7 @@
 """Races of recipes, numbers by size, judgements, and the budget that pays for all of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -366,6 +367,8 @@ def test_a_standing_recipe_stays_unless_it_is_beaten():
     assert found.standing == "corner"
     assert found.recipe == standing["corner"]
     assert "not shown to be more" in found.why
+    lost = replace(found, best=Recipe())  # as if scratch had won the race
+    assert lost.why.endswith("on new seeds. Scratch won the race.")
     worse = {"bad": crop(0.5, 900)}
     again = design_recipe(small(), SearchBudget(BUDGET), arms={"good": GOOD}, standing=worse)
     assert not again.standing

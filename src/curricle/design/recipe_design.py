@@ -87,16 +87,19 @@ class RecipeDesign:
         """Why the design recommends what it does, in a sentence."""
         paid, problems = self.judgement.problems_paid
         saves = f"saves {_percent(self.judgement.saving())} of the steps from scratch"
+        if self.standing:
+            own = _percent(self.judgement.saving(self.standing))
+            best = "Scratch won the race."
+            if self.best.stages:
+                best = f"The best in the race {saves}, which is not shown to be more."
+            return (
+                f"The standing recipe of {self.standing} saves {own} of the steps from scratch on "
+                f"new seeds. {best}"
+            )
         if not self.best.stages:
             return "No curriculum: nothing in the race was better than learning the target alone."
         if not self.recipe.stages:
             return f"No curriculum: on new seeds the best in the race {saves}, which may be none."
-        if self.standing:
-            own = _percent(self.judgement.saving(self.standing))
-            return (
-                f"The standing recipe of {self.standing} saves {own} of the steps from scratch on "
-                f"new seeds. The best in the race {saves}, which is not shown to be more."
-            )
         text = f"On new seeds the recipe {saves}, in {paid} of {problems} problems."
         if PLACEBO in self.judgement.steps:
             over = self.judgement.saving(than=PLACEBO)
