@@ -203,6 +203,21 @@ def test_the_first_arms_race_where_the_budget_pays_for_few():
     assert budget.ledger.cost <= 250_000
 
 
+def test_a_round_that_the_budget_cuts_short_leaves_arms_paired(monkeypatch):
+    # Races are planned by what they are expected to cost: here that is too little.
+    monkeypatch.setattr("curricle.design.racing.race_cost", lambda *_: 0.0)
+    problem, ended = maze(6, steps=6_000), 0
+    for cost in range(60_000, 120_000, 6_000):
+        try:
+            found = race([problem], FEW, SearchBudget(cost), always=list(FEW))
+        except BudgetSpent:
+            continue
+        lengths = {len(found.steps[name][0]) for name in ("scratch", *FEW)}
+        assert len(lengths) == 1
+        ended += bool(found.ended)
+    assert ended
+
+
 def test_variations_differ_from_the_leader_in_one_setting_each():
     leader = crop(0.35, 30)
     for name, other in variations(leader, several=True).items():

@@ -285,14 +285,18 @@ class _Running:
     def play(
         self, number: int, curricula: Mapping[str, list[Curriculum]], names: Sequence[str]
     ) -> int:
-        """Train arms in the runs of a round; return how many runs each had."""
-        runs = _runs_of(number)
+        """Train arms in the runs of a round; return how many runs each had.
+
+        Where the budget ends within the round none of its runs is kept: arms would not be paired.
+        """
+        runs, played = _runs_of(number), list[tuple[str, int, Training]]()
         for p, seeds in self._seeds(runs):
             for name in names:
                 problem = self.problems[p]
                 plan = problem.scratch if name == SCRATCH else curricula[name][p]
-                found = self.budget.train(problem, plan, seeds)
-                self._keep(name, p, found)
+                played.append((name, p, self.budget.train(problem, plan, seeds)))
+        for name, p, found in played:
+            self._keep(name, p, found)
         self.next_seed += -(-runs // len(self.problems))
         return runs
 
