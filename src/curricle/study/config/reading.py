@@ -59,14 +59,7 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     array([1000, 1000])
     """
     path = Path(path)
-    try:
-        text = text_of(path)
-    except ValueError as error:
-        raise ConfigError(f"{path} cannot be read: {error}") from None
-    try:
-        study = parsed(text)
-    except ValueError as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    text, study = toml_of(path)
     given = list[KeyPath]()
     for change in set:
         keys, value = assignment(change)
@@ -74,6 +67,18 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
         study = merged(study, value)
     positions = Positions(str(path), study, line_numbers(text), given)
     return configured(study, path.parent, positions)
+
+
+def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
+    """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
+    try:
+        text = text_of(path)
+    except ValueError as error:
+        raise ConfigError(f"{path} cannot be read: {error}") from None
+    try:
+        return text, parsed(text)
+    except ValueError as error:
+        raise ConfigError(f"{path} is not valid TOML: {error}") from None
 
 
 def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:

@@ -18,8 +18,8 @@ from curricle.learning.learners import Learner
 from curricle.study.config.derived_tables import built
 from curricle.study.config.families import family_of
 from curricle.study.config.merging import assignment, merged
-from curricle.study.config.parsing import parsed, text_of
 from curricle.study.config.positions import Positions, Problems, line_numbers
+from curricle.study.config.reading import toml_of
 from curricle.study.config.tables import KeyPath, Table
 from curricle.study.recipes.recipe_tables import (
     OfFamily,
@@ -219,14 +219,7 @@ def read_data(path: Path, changes: Sequence[str]) -> tuple[dict[str, Any], Posit
     ConfigError
         When it cannot be read, or is no TOML.
     """
-    try:
-        text = text_of(path)
-    except ValueError as error:
-        raise ConfigError(f"{path} cannot be read: {error}") from None
-    try:
-        data = parsed(text)
-    except ValueError as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    text, data = toml_of(path)
     given = list[KeyPath]()
     for change in changes:
         keys, value = assignment(change)
