@@ -209,38 +209,11 @@ def race(
     state = _Running(problems, budget, first_seed)
     curricula, dropped = _curricula(problems, arms)
     names = state.affordable(curricula, always)
-    left, rounds, leader, ended = names, list[Round](), "", ""
-    for number in range(_rounds(len(names))):
-        before = budget.ledger.cost
-        try:
-            runs = state.play(number, curricula, [SCRATCH, *left])
-            playing = [SCRATCH, *left]
-            if rounds and has_placebo(problems):
-                state.play_placebo(number, curricula[leader])
-                playing.append(PLACEBO)
-        except BudgetSpent as spent:
-            if not rounds:
-                raise
-            ended = str(spent)
-            break
-        scores = {name: state.score(name) for name in playing}
-        ranked = sorted(left, key=lambda name: (scores[name], names.index(name)))
-        leader, half = ranked[0], ranked[: max(1, len(ranked) // 2)]
-        left = half + [name for name in ranked if name in always and name not in half]
-        kept = sorted([SCRATCH, *left], key=lambda name: (scores[name], name != SCRATCH))
-        rounds.append(Round(runs, scores, tuple(kept), budget.ledger.cost - before))
+    rounds, ended = state.halved(names, curricula, always)
     ran = {name: arms[name] for name in names}
     missing = len(curricula) - len(names)
-    return Race(
-        tuple(problems),
-        ran,
-        state.steps,
-        tuple(rounds),
-        state.source_steps,
-        dropped,
-        missing,
-        ended,
-    )
+    measured = state.steps, tuple(rounds), state.source_steps
+    return Race(tuple(problems), ran, *measured, dropped, missing, ended)
 
 
 class _Running:
@@ -281,6 +254,31 @@ class _Running:
         if least > left:
             raise CurriculumError(f"a race here needs {least:,.0f} steps: {left:,.0f} are left")
         return names
+
+    def halved(
+        self, names: list[str], curricula: Mapping[str, list[Curriculum]], always: Sequence[str]
+    ) -> tuple[list[Round], str]:
+        """Return the rounds of a race, and why it ended before one arm was left; or nothing."""
+        left, rounds = names, list[Round]()
+        for number in range(_rounds(len(names))):
+            before = self.budget.ledger.cost
+            playing = [SCRATCH, *left]
+            try:
+                runs = self.play(number, curricula, playing)
+                if rounds and has_placebo(self.problems):
+                    self.play_placebo(number, curricula[left[0]])
+                    playing.append(PLACEBO)
+            except BudgetSpent as spent:
+                if not rounds:
+                    raise
+                return rounds, str(spent)
+            scores = {name: self.score(name) for name in playing}
+            ranked = sorted(left, key=lambda name: (scores[name], names.index(name)))
+            half = ranked[: max(1, len(ranked) // 2)]
+            left = half + [name for name in ranked if name in always and name not in half]
+            kept = sorted([SCRATCH, *left], key=lambda name: (scores[name], name != SCRATCH))
+            rounds.append(Round(runs, scores, tuple(kept), self.budget.ledger.cost - before))
+        return rounds, ""
 
     def play(
         self, number: int, curricula: Mapping[str, list[Curriculum]], names: Sequence[str]
