@@ -61,6 +61,23 @@ def test_values_stay_within_the_limits_of_a_parameter():
             "share": (lambda: Relation("crop", 1.5), "must lie between 0 and 1: got 1.5"),
             "no changes": (lambda: Relation("member"), "a member needs them"),
             "changes": (lambda: Relation("crop", changes={"size": 3}), "got the kind 'crop' with"),
+            "a list": (
+                lambda: Relation("member", changes={"size": [3, 4]}),
+                r"size in the changes of a relation must be one value, .*: got \[3, 4\]",
+            ),
+            "settled": (
+                lambda: Stage(Relation("crop", 0.5), 3, settled="no"), "settled of a stage must be"
+            ),
+            "one stage": (
+                lambda: Recipe(Stage(Relation("crop", 0.5), 3)),
+                "the stages of a recipe must be a list of Stages: got Stage",
+            ),
+            "scales": (lambda: Recipe(scale=np.ones(2)), "a number of a recipe must be a number"),
+            "flat draws": (lambda: Trend(1.0, draws=[1, 2]), "must be pairs of level and slope"),
+            "draws": (lambda: Trend(1.0, draws=[(-1, 2)]), "their levels above 0: got"),
+            "beyond a float": (
+                lambda: Trend(1.0, slope=900.0).at(10), "finite and above 0: .* at 10 states"
+            ),
             "no dict": (lambda: Relation("member", changes=3), "must be a dict of parameters"),
             "no member": (
                 lambda: Relation("member", changes={"size": 3}).source_of(MAZE),

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import brief, fit_name, number, one_of, whole_number
+from curricle.checks import brief, fit_name, instance, number, one_of, whole_number
 from curricle.comparison.comparing import FRACTION
 from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
 from curricle.comparison.levels import VisitedPairs
@@ -107,6 +107,13 @@ class Problem(Frozen):
         whole_number("steps of a training", self.steps, 1, CurriculumError)
         number("the fraction that counts as learnt", self.fraction, CurriculumError, 0, 1)
         one_of("the measure of a problem", self.measure, MEASURES, CurriculumError)
+        instance("the learner of a problem", self.learner, Learner, CurriculumError)
+        instance("miniature of a problem", self.miniature, bool, CurriculumError)
+        if self.evaluation is not None:
+            given = "the evaluation of a problem", self.evaluation
+            instance(*given, GreedyEvaluation, CurriculumError)
+        if self.eval_freq is not None:
+            whole_number("eval_freq of a problem", self.eval_freq, 1, CurriculumError)
         if self.threshold is not None:
             number("the threshold of a problem", self.threshold, CurriculumError)
         name = self.name or (str(self.target) if isinstance(self.target, FamilyMember) else TARGET)

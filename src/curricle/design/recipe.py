@@ -1,13 +1,13 @@
 """Recipes: curricula in relative terms, which fit any task like those they were found on."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
 
-from curricle.checks import instance, one_of
+from curricle.checks import brief, instance, one_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
 from curricle.design.assembly import TARGET, transfers_of
@@ -65,6 +65,7 @@ class Stage(Frozen):
 
     def __post_init__(self) -> None:
         instance("the relation of a stage", self.relation, Relation, CurriculumError)
+        instance("settled of a stage", self.settled, bool, CurriculumError)
         if not isinstance(self.steps, Trend):
             object.__setattr__(self, "steps", Trend.constant(self.steps))
 
@@ -127,6 +128,10 @@ class Recipe(Frozen):
     annealed: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.stages, Iterable):
+            raise CurriculumError(
+                f"the stages of a recipe must be a list of Stages: got {brief(self.stages)}"
+            )
         stages = tuple(self.stages)
         for one in stages:
             instance("each stage of a recipe", one, Stage, CurriculumError)
@@ -135,7 +140,8 @@ class Recipe(Frozen):
         instance("annealed of a recipe", self.annealed, bool, CurriculumError)
         one_of("the aggregate of a recipe", self.aggregate, AGGREGATES, CurriculumError)
         one_of("the shaping of a recipe", self.shaping, SHAPINGS, CurriculumError)
-        if self.scale != "calibrated" and not isinstance(self.scale, Trend):
+        calibrated = isinstance(self.scale, str) and self.scale == "calibrated"
+        if not calibrated and not isinstance(self.scale, Trend):
             object.__setattr__(self, "scale", Trend.constant(self.scale))
 
     def __str__(self) -> str:

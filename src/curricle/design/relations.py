@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from curricle.checks import number, one_of, text
+from curricle.checks import brief, number, one_of, text
 from curricle.design.family_members import member_draft
 from curricle.design.makers import KINDS, MAKERS
 from curricle.design.proposals import Draft, SourceCandidate, design_target
@@ -76,6 +76,8 @@ class Relation(Frozen):
             raise CurriculumError(
                 f"the changes of a relation must be a dict of parameters: got {self.changes!r}"
             ) from None
+        for name, value in changes.items():
+            _check_single(name, value)
         if (self.kind == "member") != bool(changes):
             raise CurriculumError(
                 "changes of parameters make a member, and a member needs them: got the kind "
@@ -147,6 +149,17 @@ class Relation(Frozen):
             for name, given in self.changes
         }
         return member_draft(target, target.replace(**changes))
+
+
+def _check_single(name: Any, value: Any) -> None:
+    """Raise CurriculumError where a value cannot be one of a parameter: those are hashed."""
+    try:
+        hash(value)
+    except TypeError:
+        raise CurriculumError(
+            f"{name} in the changes of a relation must be one value, such as a number or a word: "
+            f"got {brief(value)}"
+        ) from None
 
 
 def _value(parameter: Parameter, given: Any, target: FamilyMember) -> Any:

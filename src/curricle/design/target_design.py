@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from curricle.checks import whole_number
+from curricle.checks import instance, whole_number
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design.ledger import Ledger
 from curricle.design.problem import Problem
@@ -87,6 +87,7 @@ def design_curriculum(
     >>> found.curriculum.order
     ('rows 0..3, columns 6..9', 'rows 0..6, columns 3..9', 'target')
     """
+    instance("the problem of a design", problem, Problem, CurriculumError)
     trainings = whole_number("the trainings of a design", trainings, 1, CurriculumError)
     worth = trainings * EXTRA * problem.steps / OF_STEPS
     small = miniatures(problem)
@@ -104,7 +105,14 @@ def design_curriculum(
                 raise
         else:
             return TargetDesign(problem, found.recipe, found.why, found, found.ledger)
-    return _standing(problem, trainings, worth, paid.ledger)
+    why = (
+        f"A search costs more than it is expected to save in {trainings:,} "
+        f"training{'' if trainings == 1 else 's'}: at most {worth:,.0f} steps."
+        if small
+        else "No search: the target has no parts around its goal and is no member of a family with "
+        "a size."
+    )
+    return _standing(problem, why, paid.ledger)
 
 
 def miniatures(problem: Problem) -> list[Problem]:
@@ -136,13 +144,8 @@ def miniatures(problem: Problem) -> list[Problem]:
     return list(found.values())
 
 
-def _standing(problem: Problem, trainings: int, worth: float, ledger: Ledger) -> TargetDesign:
+def _standing(problem: Problem, why: str, ledger: Ledger) -> TargetDesign:
     known = standing_recipe(problem.target, problem.learner)
-    plural = "" if trainings == 1 else "s"
-    why = (
-        f"A search costs more than it is expected to save in {trainings:,} training{plural}: at "
-        f"most {worth:,.0f} steps."
-    )
     if known is None:
         why += " No curriculum: there is no standing recipe for such a target and learner."
         return TargetDesign(problem, Recipe(), why, None, ledger)

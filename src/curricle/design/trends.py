@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray
-from curricle.checks import number
+from curricle.checks import brief, number, numbers
 from curricle.errors import CurriculumError
 from curricle.frozen_arrays import Frozen, frozen
 
@@ -52,9 +52,16 @@ class Trend(Frozen):
             given = number(f"{name} of a trend", getattr(self, name), CurriculumError)
             if given <= 0:
                 raise CurriculumError(f"{name} of a trend must be above 0: got {given:g}")
-        draws = np.asarray(self.draws, dtype=np.float64).reshape(-1, 2)
-        if not np.isfinite(draws).all():
-            raise CurriculumError("draws of a trend must be finite")
+        draws = numbers("draws of a trend", self.draws, CurriculumError)
+        if draws.size and (draws.ndim != 2 or draws.shape[1] != 2):
+            raise CurriculumError(
+                f"draws of a trend must be pairs of level and slope: got {brief(self.draws)}"
+            )
+        draws = draws.reshape(-1, 2)
+        if not np.isfinite(draws).all() or (draws[:, 0] <= 0).any():
+            raise CurriculumError(
+                f"draws of a trend must be finite, their levels above 0: got {brief(self.draws)}"
+            )
         object.__setattr__(self, "draws", frozen(draws.copy()))
 
     @classmethod
@@ -63,8 +70,20 @@ class Trend(Frozen):
         return cls(float(number("a number of a recipe", value, CurriculumError)))
 
     def at(self, states: float) -> float:
-        """Return the number for a task of so many states."""
-        return float(self.level * (states / self.around) ** self.slope)
+        """Return the number for a task of so many states.
+
+        CurriculumError where no float holds it, as of a slope of hundreds.
+        """
+        try:
+            found = float(self.level * (states / self.around) ** self.slope)
+        except OverflowError:
+            found = math.inf
+        if not 0 < found < math.inf:
+            raise CurriculumError(
+                f"a number of a recipe must be finite and above 0: {self} is {found:g} at "
+                f"{states:,} states"
+            )
+        return found
 
     def interval(self, states: float, confidence: float = 0.95) -> tuple[float, float]:
         """Return the percentiles of the number over the resamples; NaN where there are none.
