@@ -75,7 +75,7 @@ def run_mazes(args):
         for size, problems in held_out.items():
             free = SearchBudget(FREE, workers=2)
             judged = judge(problems, found.best, free, others={"half": found.fixed}, seeds=6)
-            paid, count = judged.problems_paid
+            paid, count = judged.problems_paid()
             print(
                 f"{size}x{size}: {judged.cost():.2f} of scratch (half the size "
                 f"{judged.cost('half'):.2f}, placebo {judged.cost('placebo'):.2f}), "

@@ -27,11 +27,14 @@ from curricle.design.racing import FIRST_RUNS, PLACEBO
 from curricle.design.search_budget import BudgetSpent
 from curricle.design.step_trend import FACTORS, lowest
 from curricle.errors import CurriculumError
+from curricle.study.recipes.recipe_file import judgement_data
+from curricle.study.recipes.recipe_tables import rounded
 from curricle.tasks import CliffWalking, maze_family, pursuit_family
 from tests.refusals import cases, check_refusal
 
 LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
 BUDGET = 1_500_000
+MAZE = maze_family(size=4, seed=107)
 
 
 def maze(size, seed=107, **settings):
@@ -369,6 +372,11 @@ def test_without_parts_or_members_there_is_no_curriculum():
     assert "No curriculum" in found.why
 
 
+def test_where_no_search_is_possible_it_does_not_say_that_one_costs_too_much():
+    found = design_curriculum(Problem(CliffWalking(), steps=500), trainings=1_000_000)
+    assert found.why.startswith("No search: the target has no parts around its goal")
+
+
 def test_a_fast_learner_gets_no_standing_recipe():
     found = design_curriculum(maze(6, learner=cr.QLearning(learning_rate=0.9)))
     assert found.recipe == Recipe()
@@ -382,6 +390,12 @@ def test_a_standing_recipe_stays_unless_it_is_beaten():
     assert found.standing == "corner"
     assert found.recipe == standing["corner"]
     assert "not shown to be more" in found.why
+    stored, own = judgement_data(found), found.judgement.saving("corner")
+    assert stored["saving"]["estimate"] == rounded(own.estimate)  # of what is recommended
+    assert stored["problems_paid"] == found.judgement.problems_paid("corner")[0]
+    assert stored["cost"]["recipe"] == rounded(found.judgement.cost("corner"))
+    assert stored["cost"]["best in the race"] == rounded(found.judgement.cost())
+    assert "corner" not in stored["cost"]
     lost = replace(found, best=Recipe())  # as if scratch had won the race
     assert lost.why.endswith("on new seeds. Scratch won the race.")
     worse = {"bad": crop(0.5, 900)}
@@ -416,6 +430,30 @@ def test_a_standing_recipe_stays_unless_it_is_beaten():
                 ),
                 "a search needs miniatures",
             ),
+            "one problem": (
+                lambda: design_recipe(maze(4), SearchBudget(1)),
+                "the problems of a design must be a list: got Problem",
+            ),
+            "a number of steps": (
+                lambda: design_recipe(small(), 1e6), "the budget of a design must be a SearchBudget"
+            ),
+            "arms": (
+                lambda: design_recipe(small(), SearchBudget(1), arms={"a": 3}),
+                "the arm 'a' of a race must be a Recipe: got 3",
+            ),
+            "arms in a list": (
+                lambda: design_recipe(small(), SearchBudget(1), arms=[GOOD]),
+                "the arms of a race must be a dict by name",
+            ),
+            "nothing to learn": (
+                lambda: design_recipe([maze(4, fraction=0)], SearchBudget(BUDGET)),
+                "something to learn: in .* the random policy's return is",
+            ),
+            "no problem of a target": (
+                lambda: design_curriculum(MAZE), "the problem of a design must be a Problem"
+            ),
+            "freq": (lambda: maze(6, eval_freq=0), "eval_freq of a problem must be a whole number"),
+            "learner": (lambda: Problem(MAZE, learner="Q"), "learner of a problem must be a Learn"),
             "measure": (lambda: maze(6, measure="length"), "the measure of a problem must be"),
         },
     }),

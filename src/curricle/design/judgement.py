@@ -62,10 +62,9 @@ class Judgement(Frozen):
         over_problems = less.shape[0] >= MANY
         return mean_interval(less.mean(axis=1) if over_problems else less.mean(axis=0))
 
-    @property
-    def problems_paid(self) -> tuple[int, int]:
-        """In how many problems the recipe cost less than scratch, and how many there are."""
-        paid = self.steps[RECIPE].mean(axis=1) < self.steps[SCRATCH].mean(axis=1)
+    def problems_paid(self, name: str = RECIPE) -> tuple[int, int]:
+        """Return in how many problems an arm cost less than scratch, and how many there are."""
+        paid = self.steps[name].mean(axis=1) < self.steps[SCRATCH].mean(axis=1)
         return int(paid.sum()), len(paid)
 
 

@@ -1,15 +1,16 @@
 """Designing a recipe on miniatures: races, numbers by size, and a judgement on new seeds."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, islice
 from typing import Any
 
-from curricle.checks import instance, number, whole_number
+from curricle.checks import brief, instance, number, whole_number
 from curricle.design.arms import first_arms, variations
 from curricle.design.assembly import TARGET
 from curricle.design.break_even import BreakEven
 from curricle.design.judgement import RECIPE, Judgement, judge, judgement_cost
+from curricle.design.judging import ROUNDING
 from curricle.design.ledger import Ledger
 from curricle.design.problem import Problem
 from curricle.design.racing import PLACEBO, Race, fewest_runs, race, race_cost, timed
@@ -20,6 +21,7 @@ from curricle.design.standing import STANDING
 from curricle.design.step_trend import with_step_trend
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
+from curricle.tasks.task import has_tables
 
 SHARES = {"first": 0.5, "variation": 0.3, "numbers": 0.6}
 """Of what is left of the budget, for the first race, each race of variations, and the numbers; the
@@ -29,6 +31,8 @@ VARIATIONS = 2
 ERRORS = 2.0
 """Standard errors by which a variation must be better than the leader to take its place."""
 FIXED, LEADER = "half the size", "leader"
+BEST = "best in the race"
+"""What the winner of the race is called beside a standing recipe that is recommended."""
 SEEDS_APART = 1_000_000
 """Between the seeds of the parts of a design, so that the judgement's were never seen."""
 
@@ -63,6 +67,11 @@ class RecipeDesign:
     fixed: Recipe | None = None
     standing: str = ""
 
+    @property
+    def recommended(self) -> str:
+        """The arm of the judgement that has the recommended recipe, or the best where none is."""
+        return self.standing or RECIPE
+
     def break_even(self, scratch_steps: float) -> BreakEven:
         """Return after how many trainings of a target the search has paid.
 
@@ -73,7 +82,7 @@ class RecipeDesign:
             share of it as in the judgement.
         """
         steps = number("the steps of scratch", scratch_steps, CurriculumError, 0)
-        saving = self.judgement.saving(self.standing or RECIPE)
+        saving = self.judgement.saving(self.recommended)
         scaled = replace(
             saving,
             estimate=saving.estimate * steps,
@@ -85,7 +94,7 @@ class RecipeDesign:
     @property
     def why(self) -> str:
         """Why the design recommends what it does, in a sentence."""
-        paid, problems = self.judgement.problems_paid
+        paid, problems = self.judgement.problems_paid()
         saves = f"saves {_percent(self.judgement.saving())} of the steps from scratch"
         if self.standing:
             own = _percent(self.judgement.saving(self.standing))
@@ -165,14 +174,15 @@ def design_recipe(
     >>> from curricle.tasks import maze_family
     >>> small = [Problem(maze_family(size=n, pits=0.2, seed=3), steps=20_000) for n in (4, 5)]
     >>> found = design_recipe(small, SearchBudget(3_000_000))
-    >>> found.ledger.cost <= 3_000_000, found.judgement.problems_paid[1]
+    >>> found.ledger.cost <= 3_000_000, found.judgement.problems_paid()[1]
     (True, 2)
     """
-    problems = tuple(problems)
-    if not problems:
-        raise CurriculumError("a design needs a problem, such as a miniature: got none")
-    for one in problems:
-        instance("each problem of a design", one, Problem, CurriculumError)
+    problems = _checked(problems)
+    instance("the budget of a design", budget, SearchBudget, CurriculumError)
+    for given in (arms, standing):
+        _check_recipes(given)
+    if fixed is not None:
+        instance("the fixed recipe of a design", fixed, Recipe, CurriculumError)
     seed = whole_number("the seed of a design", seed, 0, CurriculumError)
     known = dict((STANDING if arms is None else {}) if standing is None else standing)
     own = {**known, **(first_arms(problems) if arms is None else arms)}
@@ -195,6 +205,33 @@ def design_recipe(
         if judged.saving(name).low > 0 and not beaten:
             recipe, stood = other, name
     return RecipeDesign(recipe, best, races, judged, budget.ledger, fixed, stood)
+
+
+def _checked(problems: Any) -> tuple[Problem, ...]:
+    """Return the problems of a design; CurriculumError if one has nothing to learn."""
+    if not isinstance(problems, Iterable):
+        raise CurriculumError(f"the problems of a design must be a list: got {brief(problems)}")
+    found = tuple(problems)
+    if not found:
+        raise CurriculumError("a design needs a problem, such as a miniature: got none")
+    for one in found:
+        instance("each problem of a design", one, Problem, CurriculumError)
+        if has_tables(one.task) and one.level <= one.random_return + ROUNDING * abs(one.level):
+            raise CurriculumError(
+                f"a design needs problems with something to learn: in {one.name} the random "
+                f"policy's return is {one.random_return:.4g}, and {one.level:.4g} counts as learnt"
+            )
+    return found
+
+
+def _check_recipes(arms: Any) -> None:
+    """Raise CurriculumError unless arms are recipes by name."""
+    if arms is None:
+        return
+    if not isinstance(arms, Mapping):
+        raise CurriculumError(f"the arms of a race must be a dict by name: got {brief(arms)}")
+    for name, one in arms.items():
+        instance(f"the arm {name!r} of a race", one, Recipe, CurriculumError)
 
 
 def _set_aside(problems: Sequence[Problem], budget: SearchBudget, others: int, known: int) -> float:

@@ -12,7 +12,7 @@ from curricle.design.ledger import amount
 from curricle.design.problem import Problem
 from curricle.design.racing import CAP, PLACEBO, Race
 from curricle.design.recipe import Recipe
-from curricle.design.recipe_design import FIXED, LEADER, RecipeDesign
+from curricle.design.recipe_design import BEST, FIXED, LEADER, RecipeDesign
 from curricle.report.design_figures import SIZES, bracket, last_scores, recipe_graph, scatter
 from curricle.report.templates import asset, render, write_page
 from curricle.statistics.curves import SCRATCH
@@ -62,7 +62,7 @@ def design_page(design: RecipeDesign) -> str:
         design=design,
         pays=bool(design.recipe.stages),
         words=str(design.recipe).splitlines(),
-        saving=design.judgement.saving(design.standing or RECIPE),
+        saving=design.judgement.saving(design.recommended),
         paid=break_even_words(design),
         race=first,
         cap=CAP,
@@ -190,7 +190,7 @@ def judged_rows(design: RecipeDesign) -> tuple[JudgedRow, ...]:
     """Return the judgement: the recipe, others and the placebo over scratch, per problem."""
     judged, problems = design.judgement, design.races[0].problems
     others = [name for name in judged.steps if name not in (SCRATCH, RECIPE, PLACEBO)]
-    own = "best in the race" if design.standing else RECIPE
+    own = BEST if design.standing else RECIPE
     names = [RECIPE, *others, *([PLACEBO] if PLACEBO in judged.steps else [])]
     shares = {name: judged.shares(name).mean(axis=1) for name in names}
     scratch = judged.steps[SCRATCH].mean(axis=1)

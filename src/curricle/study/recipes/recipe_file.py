@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from curricle.checks import instance
+from curricle.design.judgement import RECIPE
 from curricle.design.ledger import Ledger
 from curricle.design.recipe import Recipe
-from curricle.design.recipe_design import RecipeDesign
+from curricle.design.recipe_design import BEST, RecipeDesign
 from curricle.errors import ConfigError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
@@ -22,6 +23,7 @@ from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.reading import toml_of
 from curricle.study.config.tables import KeyPath, Table
 from curricle.study.recipes.recipe_tables import (
+    LAST,
     OfFamily,
     RecipeTable,
     TrendTable,
@@ -93,6 +95,7 @@ def recipe_text(stored: StoredRecipe, words: Sequence[str] = ()) -> str:
     >>> print(recipe_text(StoredRecipe(recipe, "maze", {"pits": 0.2}), ["By hand."]))
     # By hand.
     <BLANKLINE>
+    last_table = "end"          # a file without it was cut short
     family = "maze"
     chain = true                # each source builds on the one before; false: the target reads all
     aggregate = "mean"          # of the values that the target reads: mean, minimum, maximum, total
@@ -108,6 +111,8 @@ def recipe_text(stored: StoredRecipe, words: Sequence[str] = ()) -> str:
     [defaults]
     pits = 0.2
     <BLANKLINE>
+    [end]
+    <BLANKLINE>
     """
     return "\n".join([*comments(words), *[""] * bool(words), *_lines(stored)]) + "\n"
 
@@ -116,6 +121,7 @@ def _lines(stored: StoredRecipe) -> Iterator[str]:
     data = recipe_data(stored.recipe)
     stages = data.pop("stages")
     trends = {"scale": data.pop("scale")} if isinstance(data["scale"], dict) else {}
+    yield pair("last_table", LAST, "a file without it was cut short")
     yield pair("family", stored.family)
     for key, value in data.items():
         yield pair(key, value, MEANINGS[key])
@@ -142,6 +148,7 @@ def _lines(stored: StoredRecipe) -> Iterator[str]:
     ):
         if content:
             yield from ("", header(*keys), *pairs(content))
+    yield from ("", header(LAST))
 
 
 def _trend(given: dict[str, Any], whose: str) -> Iterator[str]:
@@ -158,20 +165,25 @@ def _trend(given: dict[str, Any], whose: str) -> Iterator[str]:
 
 
 def judgement_data(found: RecipeDesign) -> dict[str, Any]:
-    """Return what a design measured on new seeds as plain data."""
-    judged, saving = found.judgement, found.judgement.saving()
-    paid, _ = judged.problems_paid
+    """Return what a design measured on new seeds as plain data.
+
+    It is the saving of the recipe that is recommended, or of the best in the race where none is; of
+    a standing recipe the best has a cost of its own.
+    """
+    judged, own = found.judgement, found.recommended
+    saving, (paid, _) = judged.saving(own), judged.problems_paid(own)
+    names = {RECIPE: BEST, own: RECIPE} if found.standing else {}
     bounds = {name: float(getattr(saving, name)) for name in ("estimate", "low", "high")}
     return {
         "problems": [one.name for one in found.races[0].problems],
-        "seeds": int(judged.steps["recipe"].shape[1]),
+        "seeds": int(judged.steps[RECIPE].shape[1]),
         "problems_paid": paid,
         "saving": {
             **{name: rounded(one) for name, one in bounds.items() if one == one},
             "confidence": saving.confidence,
             "n": saving.n,
         },
-        "cost": {name: rounded(judged.cost(name)) for name in judged.steps},
+        "cost": {names.get(name, name): rounded(judged.cost(name)) for name in judged.steps},
     }
 
 

@@ -40,6 +40,8 @@ from curricle.tasks.families.built_in import BUILT_IN
 CALIBRATED = "calibrated"
 QUANTILES = np.linspace(0, 100, 41)
 """Percentiles that are kept of a constant: every 2.5 of them, so that the 95 % interval stays."""
+LAST = "end"
+"""The empty table that closes a file: one that was cut short would be a shorter recipe."""
 DIGITS = 4
 """Of the numbers of a recipe that are kept."""
 
@@ -274,8 +276,14 @@ class OfFamily(Table):
         return self
 
 
+class EndTable(Table):
+    """The end of a file."""
+
+
 class RecipeTable(OfFamily):
     """The file of a recipe."""
+
+    last_table: str = Field(default="", description="That closes it; none where it is by hand.")
 
     chain: Flag = True
     aggregate: Annotated[str, word(f"be one of {', '.join(AGGREGATES)}", AGGREGATES)] = "mean"
@@ -285,6 +293,15 @@ class RecipeTable(OfFamily):
     stages: tuple[StageTable, ...] = ()
     judgement: JudgementTable | None = None
     ledger: LedgerTable | None = None
+    end: EndTable | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.last_table not in ("", LAST):
+            raise wrong_at((("last_table",), f"must be {LAST!r}: got {shown(self.last_table)}"))
+        if self.last_table and self.end is None:
+            raise wrong_at(((LAST,), "is missing, the last table: the file was cut short"))
+        return self
 
     @model_validator(mode="after")
     def _known_changes(self) -> Self:
