@@ -40,6 +40,14 @@ def corridor(length=3):
 @task_family(Parameter("length", low=2, high=3, harder="larger"))
 def short(length: int, discount: float = 0.9):
     return cr.GridWorld("ST", discount=discount)
+@task_family(Parameter("length", low=2, high=9, harder="larger"))
+def walled(length: int):
+    return cr.GridWorld("S" + "." * length + "#T")
+@task_family(Parameter("length", low=2, high=9, harder="larger"))
+def broken(length: int):
+    if length < 6:
+        raise RuntimeError("no such room")
+    return cr.GridWorld("S" + "." * length + "T")
 """
 
 
@@ -109,6 +117,9 @@ def test_from_a_design_to_a_study_that_is_trained(folder):
         ("traning.steps=3", "traning.steps is unknown, did you mean 'step'?"),
         ("defaults.pits=3", "defaults.pits must lie in [0, 1]: got 3"),
         ("training.fraction=3", "training.fraction must lie in [0, 1]: got 3"),
+        ("training.steps=-1", "training.steps must be at least 1: got -1"),
+        ("training.steps={ size = { 4 = 0 } }", "training.steps must be at least 1: got 0"),
+        ("training.eval_freq=0", "training.eval_freq must be at least 1: got 0"),
         ("training.steps=x", "training.steps must be a whole number: got 'x'"),
         ("training.steps={ size = { 4 = 9 } }", "training.steps.size has no steps for maze(size=5"),
         ("training.steps={ 4 = 9 }", "training.steps must be a number, or a table by one param"),
@@ -169,6 +180,43 @@ def test_a_family_without_sources(folder):
         run_design(file, "miniatures", folder / "new.toml", budget=90_000_000)
 
 
+def test_a_goal_that_is_never_reached_is_nothing_to_learn(folder):
+    (folder / "walled.toml").write_text('family = "own:walled"\nminiatures = { length = [3, 4] }')
+    new = folder / "new.toml"
+    with pytest.raises(ConfigError, match=r"something to learn: in length=3 the random policy's"):
+        run_design(folder / "walled.toml", "miniatures", new, budget=900_000)
+    assert not new.with_suffix(".trainings.jsonl").exists()
+
+
+def test_a_family_that_fails_is_named(folder):
+    (folder / "broken.toml").write_text('family = "own:broken"\nminiatures = { length = [3, 8] }')
+    with pytest.raises(ConfigError, match="own:broken failed: RuntimeError: no such room"):
+        read_design(folder / "broken.toml")
+
+
+def test_so_is_one_that_fails_in_a_source(folder):
+    (folder / "broken.toml").write_text('family = "own:broken"\nminiatures = { length = 8 }')
+    done = curricle("design", "broken.toml", "--budget", "9_000_000", "--out", "n.toml", cwd=folder)
+    assert done.returncode == 3
+    assert "own:broken failed in a design" in done.stderr.splitlines()[-1]
+    assert not (folder / "n.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("out", "text"),
+    [
+        ("small.toml", "a recipe needs a file of its own: small.toml is the file of the design"),
+        (".", "a recipe needs a file of its own: . is a folder"),
+        ("own.py", "own.py cannot be resumed: its trainings, own.trainings.jsonl, are not beside"),
+    ],
+)
+def test_a_recipe_takes_no_other_file_s_place(folder, out, text):
+    before = {one: one.read_bytes() for one in folder.iterdir()}
+    asked = ("design", "small.toml", "--budget", "150_000", "--resume", "--out", out)
+    assert text in sentence(curricle(*asked, cwd=folder))
+    assert {one: one.read_bytes() for one in before} == before
+
+
 @pytest.mark.parametrize(
     ("to", "text"),
     [
@@ -176,7 +224,9 @@ def test_a_family_without_sources(folder):
         ("sise=10", "got 'sise', did you mean 'size'?"),
         ("size=1", "size of maze must be a whole number, at least 2: got 1"),
         ("size=ten", "size of maze must be a whole number, at least 2: got 'ten'"),
-        ("size", "a setting is given as key=value"),
+        ("size", "parameters are given as size=10, predators=3: got 'size'"),
+        ("", "parameters are given as size=10, predators=3: got ''"),
+        ("size=3,", "parameters are given as size=10, predators=3: got 'size=3,'"),
         ("size=3, size=4", "parameters are given as size=10, predators=3"),
         ("size=2", "has no source that is a crop 0.5"),
     ],

@@ -17,13 +17,13 @@ from curricle.design.recipe_design import RecipeDesign
 from curricle.errors import ConfigError, CurricleError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
-from curricle.study.config.families import NONE, family_of
+from curricle.study.config.families import NONE, family_of, task_of
 from curricle.study.config.positions import Positions, Problems
 from curricle.study.config.tables import (
+    Count,
     KeyPath,
     Number,
     Table,
-    Whole,
     shown,
     unknown,
     whole_number,
@@ -49,14 +49,21 @@ MOST_MEMBERS = 1000
 def _steps(value: Any) -> Any:
     """Return steps as a number, or by the values of one parameter."""
     if not isinstance(value, dict):
-        return whole_number(value)
+        return _at_least_one(value)
     by = next(iter(value.values()), None)
     if len(value) != 1 or not isinstance(by, dict) or not by:
         raise wrong(
             "must be a number, or a table by one parameter such as { size = { 6 = 20_000 } }: got "
             f"{shown(value)}"
         )
-    return {name: {key: whole_number(one) for key, one in by.items()} for name in value}
+    return {name: {key: _at_least_one(one) for key, one in by.items()} for name in value}
+
+
+def _at_least_one(value: Any) -> int:
+    found = whole_number(value)
+    if found < 1:
+        raise wrong(f"must be at least 1: got {shown(value)}")
+    return found
 
 
 def _share(value: float) -> float:
@@ -77,7 +84,7 @@ class TrainingTable(Table):
     threshold: Number | None = Field(
         default=None, description="The return itself instead, which members without tables need."
     )
-    eval_freq: Whole | None = Field(default=None, description="Steps between evaluations.")
+    eval_freq: Count | None = Field(default=None, description="Steps between evaluations.")
 
 
 class DesignTable(OfFamily):
@@ -194,6 +201,8 @@ def read_design(
     found.raise_any()
     chosen = values[on][0]
     members = _members(family, chosen, positions, on)
+    for one in members:
+        task_of(one, file.family)
     learner = learner_of(file, positions)
     problems = [_problem(one, chosen, file.training, learner, positions) for one in members]
     problems.sort(key=lambda one: _states(one.task))  # stable
