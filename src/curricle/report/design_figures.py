@@ -351,4 +351,4 @@ def _limits(trend: Trend, states: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{share:.0%}".replace("-", "−")
+    return f"{round(share, 2) + 0.0:.0%}".replace("-", "−")  # no minus before a zero
