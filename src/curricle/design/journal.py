@@ -53,7 +53,7 @@ class Journal:
         if entry["key"] != key:
             raise CurriculumError(
                 f"{self.path} holds another design: its training {self._at + 1} is not that of "
-                "this one; give another folder"
+                "this one; go on with the same problems, budget and seed, or give another file"
             )
         self._at += 1
         found: dict[str, Any] = entry["found"]
