@@ -19,6 +19,7 @@ from curricle.report.design_figures import (
     CONTROLS,
     MOST_ROWS,
     SIZES,
+    _percent,
     bracket,
     recipe_graph,
     scatter,
@@ -300,3 +301,7 @@ def test_names_are_escaped(design):
 def test_a_page_that_cannot_be_written_is_a_sentence(design, tmp_path):
     with pytest.raises(StoreError, match="a report cannot be written to"):
         write_design_report(design, tmp_path / "none" / "recipe.html")
+
+
+def test_a_share_that_rounds_to_zero_has_no_minus():
+    assert [_percent(one) for one in (-0.004, 0.0, -0.006)] == ["0%", "0%", "−1%"]
