@@ -202,6 +202,14 @@ def test_so_is_one_that_fails_in_a_source(folder):
     assert not (folder / "n.toml").exists()
 
 
+def test_or_in_a_source_of_a_study(folder):
+    stage = '{ kind = "member", length = "0.5 n", steps = 9 }'
+    (folder / "broken.toml").write_text(f'family = "own:broken"\nstages = [{stage}]')
+    stored = read_recipe(folder / "broken.toml")
+    with pytest.raises(ConfigError, match="own:broken failed: RuntimeError: no such room"):
+        study_text(stored, {"length": 8}, budget=9, seeds=1)
+
+
 @pytest.mark.parametrize(
     ("out", "text"),
     [

@@ -17,6 +17,7 @@ from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateSha
 from curricle.study.config.parsing import parsed
 from curricle.study.config.positions import Positions, line_numbers
 from curricle.study.config.reading import configured
+from curricle.study.config.references import users_code
 from curricle.study.config.tasks import CROPPED
 from curricle.study.recipes.recipe_file import StoredRecipe
 from curricle.study.recipes.toml_text import comments, header, pair, pairs
@@ -111,8 +112,9 @@ def study_text(
     family = stored.of_family()
     member = family(**parameters)
     recipe = stored.recipe
-    stages = recipe.sources(member)
-    plan = recipe.curriculum(member, budget=budget)
+    with users_code(stored.family):
+        stages = recipe.sources(member)
+        plan = recipe.curriculum(member, budget=budget)
     applied = _Application(stored, member, parameters, stages, plan)
     lines = [
         *comments(_words(applied, file)),
