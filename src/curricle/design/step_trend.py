@@ -3,6 +3,11 @@
 Box and Wilson 1951, "on the experimental attainment of optimum conditions": the lowest point of a
 polynomial in the logarithm of the steps, fitted to trials. Here tasks of all sizes share its shape,
 and it moves with the logarithm of the size.
+
+Miniatures differ little in size and much in all else, so the slope of that is uncertain, and a large
+task is far away: an error of 0.5 triples the steps for 8 times the states. So the slope is shrunk
+towards what is known before any trial. Values travel one step back a visit, hence the visits that a
+state needs grow as the way from the start to the goal does.
 """
 
 import math
@@ -14,9 +19,12 @@ import numpy as np
 from curricle.array_types import FloatArray, IntArray
 from curricle.design.arms import with_steps
 from curricle.design.problem import Problem
+from curricle.design.proposals import aims
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import SearchBudget
 from curricle.design.trends import Trend
+from curricle.tasks.start_states import goal_distance
+from curricle.tasks.task import has_tables, tables
 
 FACTORS = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0)
 """Of the recipe's steps a state, which are tried."""
@@ -30,7 +38,11 @@ FEWEST_RUNS = 4
 ROUNDING = 1e-12
 RESAMPLES = 200
 AGREE = 0.9
-"""Share of the resamples whose slopes must have one sign; else the number is a constant."""
+"""Share of the resamples whose slopes must have one sign, where nothing is known of the ways to the
+goal; else the number is a constant."""
+DOUBT = 0.5
+"""Standard deviation, over families, of the power of the way with which steps a state grow; its mean
+is 1."""
 
 
 def with_step_trend(
@@ -43,8 +55,10 @@ def with_step_trend(
     """Return a recipe whose steps a state are those that cost the least, by size.
 
     Each problem is trained with several times the recipe's steps. Where the lowest cost moves with
-    the size of the target in nine of ten resamples (of problems, and of their seeds), each
-    stage gets a trend, with the resamples for its interval; else a constant.
+    the size of the target, each stage gets a trend, with resamples (of problems, and of their
+    seeds) for its interval. Its slope is the mean of the fitted one and of :func:`way_slope`,
+    weighted by their precisions. Where the ways are not known, it is the fitted one if nine of ten
+    resamples agree on its sign, and else 0.
 
     Returns
     -------
@@ -64,12 +78,10 @@ def with_step_trend(
             costs[p, f] = budget.train(problem, plan, numbers).steps / scratch
     sizes = np.log([one.task.states.size for one in problems])
     random = np.random.default_rng([first_seed, len(problems)])
-    level, slope = lowest(sizes, costs.mean(axis=2))
-    resampled = np.array([lowest(*_resampled(sizes, costs, random)) for _ in range(RESAMPLES)])
-    agree = (np.sign(resampled[:, 1]) == np.sign(slope)).mean()
-    if agree < AGREE:
-        slope, resampled[:, 1] = 0.0, 0.0
-        level = lowest(np.zeros_like(sizes), costs.mean(axis=2))[0]
+    known = way_slope(problems)
+    if known is not None:  # of it the recipe may have a part
+        known = known, known - float(np.mean([one.steps.slope for one in recipe.stages]))
+    level, slope, resampled = _fitted(sizes, costs, known, random)
     around = math.exp(float(sizes.mean()))
     stages = []
     for stage in recipe.stages:
@@ -80,11 +92,42 @@ def with_step_trend(
     return replace(recipe, stages=stages)
 
 
-def lowest(sizes: FloatArray, costs: FloatArray) -> tuple[float, float]:
+def way_slope(problems: Sequence[Problem]) -> float | None:
+    """Return the slope of the logarithm of the way to the goal over that of the states.
+
+    The way is the fewest steps to the goal (:func:`aims`) from the start that is the farthest away.
+
+    Returns
+    -------
+    float or None
+        None where a task has no tables, no way has a step, or ways do not grow with the states.
+
+    Examples
+    --------
+    >>> from curricle.tasks import maze_family
+    >>> mazes = [Problem(maze_family(size=n, walls=0.0, seed=1), steps=1) for n in (5, 9)]
+    >>> round(way_slope(mazes), 2)  # 8 steps for 25 states, 16 for 81
+    0.59
+    """
+    if not all(has_tables(one.task) for one in problems):
+        return None
+    models = [tables(one.task) for one in problems]
+    ways = np.array([goal_distance(one, aims(one))[one.start_states].max() for one in models])
+    sizes = np.log([one.task.states.size for one in problems])
+    z = sizes - sizes.mean()
+    if ways.min() < 1 or np.ptp(z) == 0:
+        return None
+    slope = float(z @ np.log(ways) / (z @ z))
+    return slope if slope > 0 else None
+
+
+def lowest(
+    sizes: FloatArray, costs: FloatArray, slopes: FloatArray = SLOPES
+) -> tuple[float, float]:
     """Return where the cost is the lowest: the log factor at the mean size, and its slope.
 
     log cost of problem p at log factor x is a_p + g(x - slope z_p), where z_p is its size less the
-    mean and g a polynomial of degree 4. The slope is that of :data:`SLOPES` by which the curves
+    mean and g a polynomial of degree 4. The slope is that of `slopes` by which the curves
     agree the most. Costs above that of scratch, 1, are left out: what does not pay has no say in
     where it pays the most.
 
@@ -94,6 +137,7 @@ def lowest(sizes: FloatArray, costs: FloatArray) -> tuple[float, float]:
         Logarithms of states.
     costs : (P, F) float64
         Mean steps of each problem and factor, over those of scratch.
+    slopes : (n,) float64
 
     Returns
     -------
@@ -113,7 +157,7 @@ def lowest(sizes: FloatArray, costs: FloatArray) -> tuple[float, float]:
         return float(x[costs.mean(axis=0).argmin()]), 0.0
     own = _less_means(np.log(costs[p, f])[:, None], p)
     best, found = np.inf, (0.0, 0.0)
-    for slope in SLOPES if np.ptp(z) > 0 else [0.0]:
+    for slope in slopes if np.ptp(z) > 0 else [0.0]:
         u = x[f] - slope * z[p]
         powers = u[:, None] ** np.arange(1, DEGREE + 1)
         design = _less_means(powers, p)
@@ -124,6 +168,37 @@ def lowest(sizes: FloatArray, costs: FloatArray) -> tuple[float, float]:
             curve = (at[:, None] ** np.arange(1, DEGREE + 1)) @ weights[:, 0]
             best, found = error, (float(at[curve.argmin()]), float(slope))
     return found
+
+
+def _fitted(
+    sizes: FloatArray,
+    costs: FloatArray,
+    known: tuple[float, float] | None,
+    random: np.random.Generator,
+) -> tuple[float, float, FloatArray]:
+    """Return the log factor at the mean size, its slope, and resamples of both, (n, 2).
+
+    `known` is the slope that the ways have, and how much of it is still to be added; None if they
+    are not known.
+    """
+    samples = [(sizes, costs.mean(axis=2))]
+    samples += [_resampled(sizes, costs, random) for _ in range(RESAMPLES)]
+    slopes = np.array([lowest(*one)[1] for one in samples])
+    if known is not None:
+        way, mean = known
+        before, fitted = (DOUBT * way) ** 2, float(slopes[1:].var())
+        weight = before / (before + fitted)
+        # A draw of each is a draw of the weighted mean: its variance is the posterior's.
+        means = mean + DOUBT * way * np.array([0.0, *random.standard_normal(RESAMPLES)])
+        slopes = weight * slopes + (1 - weight) * means
+    elif (np.sign(slopes[1:]) == np.sign(slopes[0])).mean() < AGREE:
+        slopes[:] = 0.0
+    levels = [
+        lowest(*one, slopes=np.array([slope]))[0]
+        for one, slope in zip(samples, slopes, strict=True)
+    ]
+    found = np.stack([levels, slopes], axis=1)
+    return float(levels[0]), float(slopes[0]), found[1:]
 
 
 def _less_means(values: FloatArray, problem: IntArray) -> FloatArray:
