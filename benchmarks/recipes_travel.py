@@ -5,7 +5,7 @@
   10x10 with three (10^8 states), beside the curriculum of examples/three_predators.py;
 - ``paper``: the paper's maze, by the standing recipe and by a search that ten trainings pay for.
 
-python -m benchmarks.recipes_travel mazes [--budget 10_000_000] [--seeds 3]
+python -m benchmarks.recipes_travel mazes [--budget 10_000_000] [--seeds 8] [--first 40]
 python -m benchmarks.recipes_travel pursuit [--budget 50_000_000] [--memory "4.5 GiB"]
 python -m benchmarks.recipes_travel paper
 """
@@ -68,7 +68,7 @@ def run_mazes(args):
     held_out = {
         n: [maze_problem(one, miniature=False) for one in mazes(n, 10, 5000)] for n in (10, 20)
     }
-    for seed in range(args.seeds):
+    for seed in range(args.first, args.first + args.seeds):
         begin = time.perf_counter()
         found = design_recipe(small, SearchBudget(args.budget, workers=2), standing={}, seed=seed)
         print(f"\n-- design {seed}, {time.perf_counter() - begin:.0f} s\n{found}")
@@ -200,6 +200,7 @@ if __name__ == "__main__":
     parser.add_argument("what", choices=("mazes", "pursuit", "paper"))
     parser.add_argument("--budget", type=int, help="of a design, in steps")
     parser.add_argument("--seeds", type=int, default=2, help="designs of mazes; seeds of a hunt")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first design of mazes")
     parser.add_argument("--memory", default="4.5 GiB", help="of the tables of two seeds")
     parser.add_argument("--scratch", type=int, default=400_000_000, help="steps on 7x7")
     given = parser.parse_args()

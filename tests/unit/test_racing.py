@@ -25,7 +25,7 @@ from curricle.design import (
 from curricle.design.judgement import RECIPE
 from curricle.design.racing import FIRST_RUNS, PLACEBO
 from curricle.design.search_budget import BudgetSpent
-from curricle.design.step_trend import FACTORS, lowest
+from curricle.design.step_trend import DOUBT, FACTORS, fitted, lowest, way_slope, with_step_trend
 from curricle.errors import CurriculumError
 from curricle.study.recipes.recipe_file import judgement_data
 from curricle.study.recipes.recipe_tables import rounded
@@ -263,6 +263,47 @@ def test_at_one_size_the_number_is_a_constant():
     x = np.log(FACTORS)
     costs = np.tile(0.5 * np.exp(0.1 * (x - 0.7) ** 2), (3, 1))
     assert lowest(np.log([36.0] * 3), costs) == pytest.approx((0.7, 0.0), abs=0.02)
+
+
+def valleys(lows):
+    """Return costs of which the lowest is at these log factors, for one seed, (P, F, 1)."""
+    return 0.4 * np.exp(0.1 * (np.log(FACTORS) - np.asarray(lows)[:, None]) ** 2)[:, :, None]
+
+
+def test_ways_grow_more_slowly_than_states():
+    mazes, hunts = [maze(4), maze(8)], [hunt(2), hunt(4)]
+    assert way_slope(mazes) == pytest.approx(0.5, abs=0.2)
+    assert way_slope(hunts) == pytest.approx(np.log(3 / 1) / np.log(4096 / 64))
+    assert way_slope([maze(6), maze(6, seed=231)]) is None
+
+
+def hunt(size):
+    return Problem(pursuit_family(size=size, predators=2, discount=0.95), steps=1000)
+
+
+def test_a_slope_on_which_problems_agree_is_kept_and_others_become_that_of_the_way():
+    sizes = np.repeat([3.5, 4.5], 6)
+    agreed = 0.9 * (sizes - 4.0)
+    apart = agreed + np.tile([1.0, -1.0, 0.6, -0.6, 0.3, -0.3], 2)
+    found = {
+        name: fitted(sizes, valleys(lows), 0.4, np.random.default_rng(1))
+        for name, lows in {"agreed": agreed, "apart": apart}.items()
+    }
+    assert found["agreed"][1] == pytest.approx(0.9, abs=0.05)
+    assert 0.4 < found["apart"][1] < 0.7
+    spread = {name: draws[:, 1].std() for name, (_, _, draws) in found.items()}
+    assert spread["agreed"] < 0.05 < spread["apart"] < 1.1 * DOUBT * 0.4
+
+
+def test_the_part_of_a_slope_that_a_recipe_has_is_not_added_again():
+    sizes = np.repeat([3.5, 4.5], 4)
+    costs = valleys([1.0, -1.0, 0.6, -0.6] * 2)
+    whole, rest = (
+        fitted(sizes, costs, 0.4, np.random.default_rng(1), known=known)[1] for known in (0.0, 0.4)
+    )
+    assert rest < 0.1 < whole
+    flat = with_step_trend([maze(6)], GOOD, SearchBudget(BUDGET), first_seed=3)
+    assert flat.stages[0].steps.slope == 0.0
 
 
 # -- judgements ----------------------------------------------------------------------------------

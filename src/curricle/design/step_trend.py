@@ -78,10 +78,8 @@ def with_step_trend(
             costs[p, f] = budget.train(problem, plan, numbers).steps / scratch
     sizes = np.log([one.task.states.size for one in problems])
     random = np.random.default_rng([first_seed, len(problems)])
-    known = way_slope(problems)
-    if known is not None:  # of it the recipe may have a part
-        known = known, known - float(np.mean([one.steps.slope for one in recipe.stages]))
-    level, slope, resampled = _fitted(sizes, costs, known, random)
+    known = float(np.mean([one.steps.slope for one in recipe.stages]))
+    level, slope, resampled = fitted(sizes, costs, way_slope(problems), random, known=known)
     around = math.exp(float(sizes.mean()))
     stages = []
     for stage in recipe.stages:
@@ -119,6 +117,60 @@ def way_slope(problems: Sequence[Problem]) -> float | None:
         return None
     slope = float(z @ np.log(ways) / (z @ z))
     return slope if slope > 0 else None
+
+
+def fitted(
+    sizes: FloatArray,
+    costs: FloatArray,
+    way: float | None,
+    random: np.random.Generator,
+    *,
+    known: float = 0.0,
+) -> tuple[float, float, FloatArray]:
+    """Return the log factor at the mean size, its slope, and resamples of both.
+
+    Parameters
+    ----------
+    sizes : (P,) float64
+        Logarithms of states.
+    costs : (P, F, K) float64
+        Of each problem, factor and seed, over the mean of scratch.
+    way : float or None
+        The slope of the ways to the goal (:func:`way_slope`).
+    random : Generator
+    known : float
+        How much of the slope the recipe has before, to which a factor is added.
+
+    Returns
+    -------
+    (float, float, (n, 2) float64)
+
+    Examples
+    --------
+    >>> sizes, x = np.array([3.5, 3.5, 4.5, 4.5]), np.log(FACTORS)
+    >>> lows = np.array([0.9, -0.9, 0.6, -0.6])  # problems of one size differ, those of two do not
+    >>> costs = 0.4 * np.exp(0.1 * (x - lows[:, None]) ** 2)[:, :, None]
+    >>> level, slope, _ = fitted(sizes, costs, 0.5, np.random.default_rng(0))
+    >>> 0.3 < slope < 0.5, fitted(sizes, costs, None, np.random.default_rng(0))[1]
+    (True, 0.0)
+    """
+    samples = [(sizes, costs.mean(axis=2))]
+    samples += [_resampled(sizes, costs, random) for _ in range(RESAMPLES)]
+    slopes = np.array([lowest(*one)[1] for one in samples])
+    if way is not None:
+        before = DOUBT * way
+        weight = before**2 / (before**2 + float(slopes[1:].var()))
+        # A draw of each is a draw of the weighted mean: its variance is the posterior's.
+        means = way - known + before * np.array([0.0, *random.standard_normal(RESAMPLES)])
+        slopes = weight * slopes + (1 - weight) * means
+    elif (np.sign(slopes[1:]) == np.sign(slopes[0])).mean() < AGREE:
+        slopes[:] = 0.0
+    levels = [
+        lowest(*one, slopes=np.array([slope]))[0]
+        for one, slope in zip(samples, slopes, strict=True)
+    ]
+    found = np.stack([levels, slopes], axis=1)
+    return float(levels[0]), float(slopes[0]), found[1:]
 
 
 def lowest(
@@ -168,37 +220,6 @@ def lowest(
             curve = (at[:, None] ** np.arange(1, DEGREE + 1)) @ weights[:, 0]
             best, found = error, (float(at[curve.argmin()]), float(slope))
     return found
-
-
-def _fitted(
-    sizes: FloatArray,
-    costs: FloatArray,
-    known: tuple[float, float] | None,
-    random: np.random.Generator,
-) -> tuple[float, float, FloatArray]:
-    """Return the log factor at the mean size, its slope, and resamples of both, (n, 2).
-
-    `known` is the slope that the ways have, and how much of it is still to be added; None if they
-    are not known.
-    """
-    samples = [(sizes, costs.mean(axis=2))]
-    samples += [_resampled(sizes, costs, random) for _ in range(RESAMPLES)]
-    slopes = np.array([lowest(*one)[1] for one in samples])
-    if known is not None:
-        way, mean = known
-        before, fitted = (DOUBT * way) ** 2, float(slopes[1:].var())
-        weight = before / (before + fitted)
-        # A draw of each is a draw of the weighted mean: its variance is the posterior's.
-        means = mean + DOUBT * way * np.array([0.0, *random.standard_normal(RESAMPLES)])
-        slopes = weight * slopes + (1 - weight) * means
-    elif (np.sign(slopes[1:]) == np.sign(slopes[0])).mean() < AGREE:
-        slopes[:] = 0.0
-    levels = [
-        lowest(*one, slopes=np.array([slope]))[0]
-        for one, slope in zip(samples, slopes, strict=True)
-    ]
-    found = np.stack([levels, slopes], axis=1)
-    return float(levels[0]), float(slopes[0]), found[1:]
 
 
 def _less_means(values: FloatArray, problem: IntArray) -> FloatArray:
