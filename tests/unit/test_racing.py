@@ -196,6 +196,13 @@ def test_an_arm_without_sources_in_some_problem_is_dropped_with_the_reason():
     assert list(found.arms) == ["good"]
 
 
+@pytest.mark.parametrize(("rate", "annealed"), [(0.1, True), (0.9, False)])
+def test_sources_of_slow_learners_are_annealed_first(rate, annealed):
+    arms = first_arms([maze(6, learner=cr.QLearning(learning_rate=rate))])
+    assert next(iter(arms.values())).annealed == annealed
+    assert arms == first_arms([maze(6)])  # in another order
+
+
 def test_the_first_arms_race_where_the_budget_pays_for_few():
     budget = SearchBudget(250_000)
     problems = timed([maze(6)], budget)

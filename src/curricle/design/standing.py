@@ -56,8 +56,7 @@ def standing_recipe(target: Any, learner: Any = None) -> tuple[str, Recipe] | No
     >>> standing_recipe(maze, QLearning(learning_rate=0.9)) is None
     True
     """
-    rate = 0 if learner is None else getattr(learner, "learning_rate", None)
-    if not isinstance(rate, int | float) or rate > FASTEST:
+    if learner is not None and not learns_slowly(learner):
         return None
     for name, recipe in STANDING.items():
         try:
@@ -66,3 +65,16 @@ def standing_recipe(target: Any, learner: Any = None) -> tuple[str, Recipe] | No
         except CurricleError:
             continue
     return None
+
+
+def learns_slowly(learner: Any) -> bool:
+    """Return whether a learner has a constant learning rate of at most 0.2.
+
+    Examples
+    --------
+    >>> from curricle import QLearning
+    >>> learns_slowly(QLearning(learning_rate=0.1)), learns_slowly(QLearning(learning_rate=0.5))
+    (True, False)
+    """
+    rate = getattr(learner, "learning_rate", None)
+    return isinstance(rate, int | float) and rate <= FASTEST
