@@ -8,7 +8,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.planning.target import Target
 from curricle.tasks import GoalDistance, with_start
 from curricle.teaching import TSCL, Learnability, ReverseCurriculum, teach
-from curricle.teaching.taught_run import drawn
+from curricle.teaching.sampler import drawn
 from tests.refusals import cases, check_refusal
 from tests.tasks import random_mdp
 

@@ -1,5 +1,6 @@
 """What teaching found: the learning of the target, and what the teacher did."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,12 +10,13 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import Curve
+from curricle.teaching.sampler import TaskSampler
 from curricle.teaching.teachers import Teacher
 
 
 @dataclass(frozen=True, eq=False)
 class TeachingResult(Frozen):
-    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
+    """What :func:`teach` or :func:`teach_deep` found, for M tasks, K seeds and T checkpoints.
 
     Attributes
     ----------
@@ -25,13 +27,15 @@ class TeachingResult(Frozen):
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The task of each episode that was begun, as its place in `tasks`. The last one may have been
-        cut off by the budget.
+        The task of each episode that was begun, as its place in `tasks`. The last one, in a vector
+        environment the last one of each sub-environment, may have been cut off by the budget.
     begun_at : tuple of K (E,) int64 arrays
         Steps, in all tasks, before each of these episodes.
     probabilities : (K, T, M) float64
-        The probability of each task when the episode of the checkpoint was drawn. Checkpoints after
-        a seed's end repeat its last ones.
+        The probability of each task when the episode of the checkpoint was drawn, the last one
+        begun by then. Checkpoints after a seed's end repeat its last ones.
+    steps_per_task : (K, M) int64
+        Steps taken in each task; they add up to those of the seed.
 
     Examples
     --------
@@ -48,6 +52,7 @@ class TeachingResult(Frozen):
     drawn: tuple[IntArray, ...]
     begun_at: tuple[IntArray, ...]
     probabilities: FloatArray
+    steps_per_task: IntArray
 
     @property
     def curve(self) -> Curve:
@@ -63,16 +68,38 @@ class TeachingResult(Frozen):
                 found[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
         return frozen(found)
 
-    @cached_property
-    def steps_per_task(self) -> IntArray:
-        """Steps taken in each task, (K, M) int64; they add up to those of the seed."""
-        found = [
-            np.bincount(drawn, np.diff(begun, append=used), len(self.tasks)).astype(np.int64)
-            for drawn, begun, used in zip(
-                self.drawn, self.begun_at, self.learning.steps_used, strict=True
-            )
-        ]
-        return frozen(np.stack(found))
-
     def __repr__(self) -> str:
         return f"TeachingResult({self.teacher!r}, {len(self.tasks)} tasks, {self.learning!r})"
+
+
+def teaching_result(
+    learning: LearningResult,
+    tasks: tuple[str, ...],
+    samplers: Sequence[TaskSampler],
+    steps_per_task: IntArray | None = None,
+) -> TeachingResult:
+    """Return what teaching found, the episodes that took no step left out.
+
+    By default a seed's episodes came one after the other, which tells their steps.
+    """
+    places = np.arange(len(learning.steps))
+    drawn, begun_at, curves, steps = [], [], [], []
+    for sampler, used in zip(samplers, learning.steps_used, strict=True):
+        begun = np.array(sampler.begun_at)
+        kept = np.array(sampler.tasks)[begun < used]
+        drawn.append(frozen(kept))
+        begun_at.append(frozen(begun[begun < used]))
+        lengths = np.diff(begun_at[-1], append=used)
+        steps.append(np.bincount(kept, lengths, len(tasks)).astype(np.int64))
+        since = np.array([checkpoint for checkpoint, _ in sampler.changes])
+        last = np.searchsorted(since, places, side="right") - 1
+        curves.append(np.stack([found for _, found in sampler.changes])[last])
+    return TeachingResult(
+        learning=learning,
+        tasks=tasks,
+        teacher=samplers[0].teacher,
+        drawn=tuple(drawn),
+        begun_at=tuple(begun_at),
+        probabilities=frozen(np.stack(curves)),
+        steps_per_task=frozen(np.stack(steps) if steps_per_task is None else steps_per_task),
+    )

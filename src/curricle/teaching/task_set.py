@@ -13,6 +13,7 @@ from curricle.planning.policy_evaluation import ExactEvaluation, GreedyEvaluatio
 from curricle.planning.solution import solve
 from curricle.tasks.draws import uniform
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.overloads import compiled
 from curricle.tasks.start_states import Goal, goal_states
 from curricle.tasks.task import tables
@@ -32,17 +33,15 @@ class TaskSet:
     """
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
-        if not isinstance(tasks, Mapping) or not tasks:
-            raise SettingError(
-                f"tasks must be a dict from names to tasks, not empty: got {tasks!r}"
-            )
-        for name in tasks:
-            if not isinstance(name, str):
-                raise SettingError(f"the name of a task must be text: got {name!r}")
-        if target not in tasks:
-            raise SettingError(f"target must be one of {', '.join(tasks)}: got {target!r}")
+        check_names(tasks, target)
         self.names = tuple(tasks)
         self.place = self.names.index(target)
+        for name, task in tasks.items():
+            if is_observation_task(task):
+                raise TaskError(
+                    "a task seen through observations has no tables, teach_deep takes it: got "
+                    f"{task!r} as {name!r}"
+                )
         self.mdps = tuple(tables(task) for task in tasks.values())
         self.target = self.mdps[self.place]
         for name, mdp in zip(self.names, self.mdps, strict=True):
@@ -90,6 +89,17 @@ class TaskSet:
         view, evaluate = Values(q.mean(axis=0)), compiled(start_return, False)
         each = (evaluation.for_run(0) for evaluation in self._evaluations)
         return np.array([evaluate(one, one.tables, view) for one in each])
+
+
+def check_names(tasks: Any, target: Any) -> None:
+    """Raise SettingError unless tasks are a mapping from names, at least one, with the target."""
+    if not isinstance(tasks, Mapping) or not tasks:
+        raise SettingError(f"tasks must be a dict from names to tasks, not empty: got {tasks!r}")
+    for name in tasks:
+        if not isinstance(name, str):
+            raise SettingError(f"the name of a task must be text: got {name!r}")
+    if target not in tasks:
+        raise SettingError(f"target must be one of {', '.join(tasks)}: got {target!r}")
 
 
 def _check_shared(name: str, mdp: FiniteMDP, target: str, other: FiniteMDP) -> None:

@@ -16,11 +16,12 @@ from curricle.teaching.episode import Episode
 
 
 class Teacher(Protocol):
-    """What :func:`teach` needs of a teacher; a class of one's own with these three methods is one.
+    """What teaching needs of a teacher; a class of one's own with these three methods is one.
 
-    Memory is anything, never changed in place: `update` returns a new one. A class attribute
-    ``uses_goal = True`` says that `Episode.success` is read, so that tasks without a goal are
-    refused.
+    Memory is anything, never changed in place: `update` returns a new one. Class attributes say
+    what it reads of an :class:`Episode`: ``uses_goal = True`` `success`, so that tasks without a
+    goal are refused; ``uses_tables = True`` exact returns, so that tasks without tables are;
+    ``uses_td_errors = True`` `td_errors`, so that a network's values are computed for them.
 
     Examples
     --------
@@ -203,6 +204,7 @@ class Scores(NamedTuple):
     score: FloatArray  # (M,)
     drawn: IntArray  # (M,) the number of the latest episode in each task; 0 before the first
     episodes: int  # in all
+    best: FloatArray  # (M,) the highest return in each task
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,11 @@ class PrioritizedLevelReplay:
     highest score having rank 1, and P_C to the episodes since task i was last drawn. A task not yet
     seen is drawn, all equally likely, with probability 1 - (share of tasks seen).
 
+    Where no values are known, as in a :class:`CurriculumVecEnv` without `values`, the score is
+    an estimate of the regret: the highest discounted return so far in task i, less that of its
+    latest episode. It is the score MaxMC of Jiang et al. (2021, "Replay-guided adversarial
+    environment design") with one return in place of V: where returns are noisy, noise scores, too.
+
     Parameters
     ----------
     temperature : float
@@ -228,13 +235,15 @@ class PrioritizedLevelReplay:
     Examples
     --------
     >>> teacher = PrioritizedLevelReplay(temperature=1.0, staleness=0.0)
-    >>> teacher.probabilities(Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2)).round(3)
+    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2, np.zeros(2))
+    >>> teacher.probabilities(memory).round(3)
     array([0.333, 0.667])
     """
 
     temperature: float = 0.1
     staleness: float = 0.1
     gae_lambda: float = 0.95
+    uses_td_errors: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         what = "temperature of PrioritizedLevelReplay"
@@ -246,14 +255,20 @@ class PrioritizedLevelReplay:
 
     def start(self, n_tasks: int) -> Scores:
         """Return that no task has been seen."""
-        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0)
+        unseen = np.full(n_tasks, -np.inf)
+        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0, unseen)
 
     def update(self, memory: Scores, episode: Episode) -> Scores:
         """Return the memory with the score of this episode."""
-        score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
-        score[episode.task] = value_loss(episode, self.gae_lambda)
-        drawn[episode.task] = now
-        return Scores(score, drawn, now)
+        score, drawn, best = memory.score.copy(), memory.drawn.copy(), memory.best.copy()
+        i, now, found = episode.task, memory.episodes + 1, episode.discounted_return
+        best[i] = max(best[i], found)
+        if episode.td_errors is None:
+            score[i] = best[i] - found
+        else:
+            score[i] = value_loss(episode.td_errors, episode.discount * self.gae_lambda)
+        drawn[i] = now
+        return Scores(score, drawn, now, best)
 
     def probabilities(self, memory: Scores) -> FloatArray:
         """Return the mixture of tasks to replay and tasks not yet seen."""
@@ -271,13 +286,16 @@ class PrioritizedLevelReplay:
         return np.asarray(share * replay + (1 - share) * new)
 
 
-def value_loss(episode: Episode, gae_lambda: float) -> float:
-    """Return the mean size of an episode's generalised advantages (Schulman et al. 2016)."""
-    total, decay, advantage = 0.0, episode.discount * gae_lambda, 0.0
-    for delta in episode.td_errors[::-1].tolist():
+def value_loss(td_errors: FloatArray, decay: float) -> float:
+    """Return the mean size of an episode's generalised advantages (Schulman et al. 2016).
+
+    `decay` is gamma lambda.
+    """
+    total, advantage = 0.0, 0.0
+    for delta in td_errors[::-1].tolist():
         advantage = delta + decay * advantage
         total += abs(advantage)
-    return total / episode.length
+    return total / len(td_errors)
 
 
 @dataclass(frozen=True)

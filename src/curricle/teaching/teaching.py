@@ -1,14 +1,9 @@
 """Learning a target by episodes in several tasks, of which a teacher draws each: :func:`teach`."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import numpy as np
-
-from curricle.array_types import FloatArray, IntArray
 from curricle.checks import text
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learners import OptimisticLearner
@@ -21,9 +16,10 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import stream_start
 from curricle.tasks.start_states import Goal
 from curricle.tasks.task import Task
-from curricle.teaching.result import TeachingResult
+from curricle.teaching.result import TeachingResult, teaching_result
+from curricle.teaching.sampler import check_teacher
 from curricle.teaching.task_set import TaskSet
-from curricle.teaching.taught_run import Draws, TaughtRun
+from curricle.teaching.taught_run import TaughtRun
 from curricle.teaching.teachers import Teacher, Uniform
 
 
@@ -92,7 +88,7 @@ def teach(
     array([ True,  True])
     """
     teacher = Uniform() if teacher is None else teacher
-    _check_teacher(teacher)
+    check_teacher(teacher)
     text("stream", stream or "-", SettingError)
     learner = given_or_default("learner", learner, Learner, QLearning)
     if isinstance(learner, OptimisticLearner):
@@ -113,16 +109,7 @@ def teach(
     values[:, task_set.target.terminal] = 0.0  # other tasks may go on where the target ends
     numbers = tuple(one.seed for one in each)
     learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
-    return _result(learning, task_set, teacher, [run.draws[seed] for seed in numbers])
-
-
-def _check_teacher(teacher: Any) -> None:
-    for name in ("start", "update", "probabilities"):
-        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
-            raise SettingError(
-                "a teacher must have the methods start, update and probabilities, as Uniform() "
-                f"has: got {teacher!r}"
-            )
+    return teaching_result(learning, task_set.names, [run.samplers[seed] for seed in numbers])
 
 
 def _run(
@@ -153,28 +140,5 @@ def _run(
         task_set=task_set,
         teacher=teacher,
         stream=stream,
-        draws={},
-    )
-
-
-def _result(
-    learning: Any, task_set: TaskSet, teacher: Teacher, each: Sequence[Draws]
-) -> TeachingResult:
-    """Return what teaching found, the episodes that took no step left out."""
-    n_checkpoints = len(learning.steps)
-    drawn, begun_at, curves = list[IntArray](), list[IntArray](), list[FloatArray]()
-    for draws, used in zip(each, learning.steps_used, strict=True):
-        begun = np.array(draws.begun_at)
-        drawn.append(frozen(np.array(draws.tasks)[begun < used]))
-        begun_at.append(frozen(begun[begun < used]))
-        since = np.array([checkpoint for checkpoint, _ in draws.changes])
-        place = np.searchsorted(since, np.arange(n_checkpoints), side="right") - 1
-        curves.append(np.stack([found for _, found in draws.changes])[place])
-    return TeachingResult(
-        learning=learning,
-        tasks=task_set.names,
-        teacher=teacher,
-        drawn=tuple(drawn),
-        begun_at=tuple(begun_at),
-        probabilities=frozen(np.stack(curves)),
+        samplers={},
     )
