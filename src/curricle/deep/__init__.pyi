@@ -1,6 +1,9 @@
+from .curriculum_callback import CurriculumCallback as CurriculumCallback
+from .curriculum_vec_env import CurriculumVecEnv as CurriculumVecEnv
 from .learner import DeepLearner as DeepLearner
 from .learning import learn_deep as learn_deep
 from .networks import NetworkValues as NetworkValues
 from .residual import residual_policy as residual_policy
 from .shaping import PolicyReuse as PolicyReuse, WeightTransfer as WeightTransfer
+from .teaching import teach_deep as teach_deep
 from .vec_env import AgentsVecEnv as AgentsVecEnv, ShapedVecEnv as ShapedVecEnv

@@ -13,7 +13,7 @@ from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import NEVER_STOPS, StoppingRule
+from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.tasks.observation_task import ObservationTask
@@ -86,6 +86,49 @@ def learn_deep(
     >>> result.steps, result.steps_used, result.values[0].of_actions
     (array([  0, 100, 200]), array([200]), True)
     """
+    return train_seeds(
+        _plain_run,
+        task,
+        learner,
+        budget,
+        seeds=seeds,
+        shaping=shaping,
+        eval_freq=eval_freq,
+        evaluation=evaluation,
+        stream=stream,
+        warm_up=warm_up,
+        charged=charged,
+        saves=saves,
+        progress=progress,
+    )
+
+
+def _plain_run(**settings: Any) -> Any:
+    from curricle.deep.training import DeepRun  # needs Stable-Baselines3
+
+    return DeepRun(**settings)
+
+
+def train_seeds(
+    kind: Callable[..., Any],
+    task: ObservationTask,
+    learner: DeepLearner | None,
+    budget: Budget,
+    *,
+    seeds: int | Sequence[int],
+    shaping: Shaping | Sequence[Shaping] | None,
+    eval_freq: int | None,
+    evaluation: GreedyEvaluation | None,
+    stream: str,
+    warm_up: Sequence[WarmUp] | None = None,
+    charged: Sequence[int] | IntArray | None = None,
+    saves: str | Path | None = None,
+    progress: Callable[[int], Any] | None = None,
+) -> LearningResult:
+    """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
+
+    `kind` makes the run of all seeds, a :class:`DeepRun`, of its fields.
+    """
     learner = DeepLearner() if learner is None else learner
     instance("a task for a deep learner", task, ObservationTask, SettingError)
     instance("learner", learner, DeepLearner, SettingError)
@@ -104,16 +147,20 @@ def learn_deep(
         warm_up=warm_up,
         charged=charged,
     )
-    stopping = NEVER_STOPS
-    if isinstance(budget, StoppingRule):
-        if budget.fraction is not None:
-            raise not_solved(budget.fraction, task)
-        stopping = budget.kernel()
+    stopping = _stopping(budget, task)
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
-    from curricle.deep.training import DeepRun
-
-    run = DeepRun(task, learner, steps, episodes, eval_freq, longest, evaluation, stopping, stream)
+    run = kind(
+        task=task,
+        learner=learner,
+        steps=steps,
+        episodes=episodes,
+        eval_freq=eval_freq,
+        longest=longest,
+        evaluation=evaluation,
+        stopping=stopping,
+        stream=stream,
+    )
     outcomes = []
     for one in each:
         place = None if saves is None else Path(saves) / f"seed-{one.seed}.checkpoint"
@@ -123,6 +170,14 @@ def learn_deep(
     numbers = tuple(one.seed for one in each)
     values = tuple(outcome.values for outcome in outcomes)
     return learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
+
+
+def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:
+    if not isinstance(budget, StoppingRule):
+        return NEVER_STOPS
+    if budget.fraction is not None:
+        raise not_solved(budget.fraction, task)
+    return budget.kernel()
 
 
 def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:

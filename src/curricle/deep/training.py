@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
 
 from curricle.deep import checkpoint
+from curricle.deep.curriculum_vec_env import TeachingRecord
 from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import environments, model_for, subtracted
 from curricle.deep.networks import NetworkValues
@@ -23,7 +25,8 @@ from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
 
 
-class DeepRun(NamedTuple):
+@dataclass(frozen=True)
+class DeepRun:
     """How each seed is trained."""
 
     task: ObservationTask
@@ -47,23 +50,24 @@ class DeepRun(NamedTuple):
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
         shaped = None if shaping is None else shaping.name
-        run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
+        run = f"{self.described}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
         left = self.steps - charged - warm_up.steps
         with checkpoint.isolated(self.learner.threads):
             saved = None if saves is None else checkpoint.load(saves, run)
             if saved is None:
                 small = splitmix64(start) >> 33
-                model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
                 progress = Progress.begun(self, warm_up)
+                model = self.model(shaping, small, left, progress)
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
             values = NetworkValues(model.policy, subtracted(shaping))
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
-                venv = environments(self.task, self.learner, shaping)
+                venv = self.environments(shaping, progress)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
+            self.begins(seed, model, values)
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
@@ -77,6 +81,26 @@ class DeepRun(NamedTuple):
             visits=None,
         )
 
+    @property
+    def described(self) -> str:
+        """What is trained on, for checkpoints."""
+        return str(self.task)
+
+    def model(self, shaping: Shaping | None, seed: int, steps: int, progress: "Progress") -> Any:
+        """Return a new model, whose environments are seeded with `seed`."""
+        return model_for(self.task, self.learner, shaping, seed=seed, steps=steps)
+
+    def environments(self, shaping: Shaping | None, progress: "Progress") -> VecEnv:
+        """Return new sub-environments, to go on from what was recorded."""
+        return environments(self.task, self.learner, shaping)
+
+    def begins(self, seed: int, model: Any, values: NetworkValues) -> None:
+        """Be told of the model before a seed begins to learn, or goes on to."""
+
+    def callbacks(self) -> list[BaseCallback]:
+        """Return new callbacks beside the :class:`Recorder`."""
+        return [] if self.learner.callbacks is None else [*self.learner.callbacks()]
+
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
         rollout = getattr(model, "n_steps", 1) * model.n_envs
         if rollout > left and hasattr(model, "rollout_buffer"):
@@ -84,10 +108,9 @@ class DeepRun(NamedTuple):
                 f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
                 f"{rollout:,} steps are more than {left:,}"
             )
-        callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
         model.learn(
             left - model.num_timesteps,
-            callback=[recorder, *callbacks],
+            callback=[recorder, *self.callbacks()],
             reset_num_timesteps=fresh,
             progress_bar=self.learner.progress_bar,
         )
@@ -107,6 +130,8 @@ class Progress:
     """The next to be recorded."""
     returns: list[float] = field(default_factory=list)
     """Of the episodes ended since the last checkpoint."""
+    taught: TeachingRecord | None = None
+    """What a teacher has drawn and seen."""
     begun_learning: bool = False
     over: bool = False
     evaluation_steps: int = 0
