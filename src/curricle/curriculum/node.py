@@ -9,6 +9,7 @@ from curricle.array_types import IntArray
 from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
+from curricle.deep.spaces import check_spaces
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, longest_run, spacing
 from curricle.learning.learners import Learner
@@ -68,6 +69,8 @@ class Node:
         learner = DeepLearner if is_observation_task(task) else Learner
         for which, kind in {"learner": learner, **_KINDS}.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
+        if learner is DeepLearner:
+            check_spaces(task, settings["learner"])
         if settings["shaping"].potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, its sources "

@@ -11,6 +11,8 @@ from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.sources import SourceValues
+from curricle.deep.policy import TrainedPolicy
+from curricle.deep.result import DeepResult
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import Decision
@@ -53,6 +55,26 @@ class CurriculumResult:
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
+
+    @property
+    def policies(self) -> tuple[TrainedPolicy, ...]:
+        """The policy of each seed of the target, as of :class:`DeepResult`."""
+        return self._of_networks().policies
+
+    @property
+    def policy(self) -> TrainedPolicy:
+        """The best policy of the target, as of :class:`DeepResult`."""
+        return self._of_networks().policy
+
+    def _of_networks(self) -> DeepResult:
+        """Return the target's result; CurriculumError unless a network learnt it."""
+        found = self[self.curriculum.target]
+        if not isinstance(found, DeepResult):
+            raise CurriculumError(
+                "a policy to take away is that of a network: the target "
+                f"{self.curriculum.target!r} is learnt in a table"
+            )
+        return found
 
     @cached_property
     def sources(self) -> dict[str, SourceValues]:

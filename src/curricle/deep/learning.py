@@ -7,10 +7,12 @@ from typing import Any
 from curricle.array_types import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
+from curricle.deep.result import DeepResult
+from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.record import WarmUp
-from curricle.learning.result import LearningResult, learning_result
+from curricle.learning.result import learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
@@ -34,7 +36,7 @@ def learn_deep(
     charged: Sequence[int] | IntArray | None = None,
     saves: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
-) -> LearningResult:
+) -> DeepResult:
     """Return what a deep learner learns of a task, for each of several seeds, one after another.
 
     Parameters
@@ -68,8 +70,8 @@ def learn_deep(
 
     Returns
     -------
-    LearningResult
-        Whose ``values`` are K :class:`NetworkValues`.
+    DeepResult
+        A :class:`LearningResult` whose ``values`` are K :class:`NetworkValues`, with ``policies``.
 
     Raises
     ------
@@ -132,6 +134,7 @@ def train_seeds(
     learner = DeepLearner() if learner is None else learner
     instance("a task for a deep learner", task, ObservationTask, SettingError)
     instance("learner", learner, DeepLearner, SettingError)
+    check_spaces(task, learner)
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
@@ -169,7 +172,8 @@ def train_seeds(
             progress(one.seed)
     numbers = tuple(one.seed for one in each)
     values = tuple(outcome.values for outcome in outcomes)
-    return learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
+    found = learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
+    return DeepResult.of(found)
 
 
 def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:

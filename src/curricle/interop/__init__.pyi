@@ -1,6 +1,15 @@
 from .bins import Bins as Bins
+from .encoders import (
+    FlatDict as FlatDict,
+    FunctionEncoder as FunctionEncoder,
+    StackedFrames as StackedFrames,
+)
 from .environment import TaskEnvironment as TaskEnvironment, to_gymnasium as to_gymnasium
 from .gymnasium import from_gymnasium as from_gymnasium, observation_task as observation_task
+from .minigrid_encoders import (
+    MiniGridFullView as MiniGridFullView,
+    MiniGridView as MiniGridView,
+)
 from .pettingzoo import (
     PursuitParallelEnv as PursuitParallelEnv,
     agent_mappings as agent_mappings,

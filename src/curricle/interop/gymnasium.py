@@ -118,6 +118,7 @@ def observation_task(
     *,
     discount: float = 0.99,
     time_limit: int | None = None,
+    encode: Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]] | None = None,
     **make_arguments: Any,
 ) -> ObservationTask:
     """Return a Gymnasium environment as a task for deep learners, which see its observations.
@@ -130,13 +131,18 @@ def observation_task(
         gamma, which environments do not state.
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
+    encode : callable, optional
+        An encoder, from the environment to the same with other observations:
+        :class:`MiniGridView`, :class:`MiniGridFullView`, :class:`FlatDict`,
+        :class:`StackedFrames`, :class:`FunctionEncoder`, a wrapper's class or a function of one's
+        own.
     **make_arguments
         Arguments of ``gymnasium.make``.
 
     Raises
     ------
     TaskError
-        When ``gymnasium.make`` fails, or the function does not return an environment.
+        When ``gymnasium.make`` or the encoder fails, or does not return an environment.
 
     Examples
     --------
@@ -145,14 +151,15 @@ def observation_task(
     """
     if isinstance(environment, str):
         with refusals_of_make(environment):
-            return ObservationTask(
-                EnvironmentMaker(environment, make_arguments), discount, time_limit
-            )
+            maker = EnvironmentMaker(environment, make_arguments, encode)
+            return ObservationTask(maker, discount, time_limit)
     if make_arguments:
         raise TaskError(
             "arguments go with an id of Gymnasium's registry, not with a function: got "
             f"{', '.join(make_arguments)}"
         )
+    if encode is not None:
+        environment = EnvironmentMaker(environment, encode=encode)
     return ObservationTask(environment, discount, time_limit)
 
 
@@ -164,6 +171,7 @@ def refusals_of_make(what: Any) -> Iterator[None]:
     except CurricleError:
         raise
     except Exception as error:
+        what = what.what if isinstance(what, EnvironmentMaker) else what
         if not isinstance(what, str | EnvSpec):
             raise
         name = what if isinstance(what, str) else what.id

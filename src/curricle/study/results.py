@@ -15,6 +15,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_summary import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
+from curricle.deep.policy import TrainedPolicy, policies_of
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
@@ -155,9 +156,38 @@ class StudyResults:
             When a source has not finished all seeds, or a file is damaged.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
-        read = sources_read(curriculum, curriculum.target)
+        return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
+
+    def policies(
+        self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
+    ) -> tuple[TrainedPolicy, ...]:
+        """Return the :class:`TrainedPolicy` of each seed of an arm's target, as networks learnt it.
+
+        Parameters
+        ----------
+        arm, curriculum, seeds
+            As in :meth:`trained`.
+
+        Raises
+        ------
+        SettingError
+            When the target is learnt in a table, or its values were not saved.
+        StoreError
+            As :meth:`trained`.
+        """
+        seeds, target = self.seeds if seeds is None else tuple(seeds), curriculum.target
+        names = [*curriculum.ancestors(target), target]
+        found = self._values(arm, curriculum, seeds, names)[target]
+        learner = curriculum.setting("learner", target)
+        return policies_of(found.task, learner, found.values, found.steps_used)
+
+    def _values(
+        self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
+    ) -> dict[str, SourceValues]:
+        """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
+        read = {*sources_read(curriculum, curriculum.target), curriculum.target}
         found = {}
-        for name in curriculum.ancestors(curriculum.target):
+        for name in names:
             units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
             if missing := [seed for seed in seeds if seed not in units]:
                 raise StoreError(

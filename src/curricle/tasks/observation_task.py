@@ -1,8 +1,9 @@
 """Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
 from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.checks import number, whole_number
-from curricle.errors import TaskError
+from curricle.errors import CurricleError, TaskError
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,13 @@ class EnvironmentMaker:
         What ``gymnasium.make`` takes, or a function or class that makes one.
     arguments : dict
         Of ``gymnasium.make`` or the function, by name; each environment gets a copy.
+    encode : callable, optional
+        An encoder: from the environment to the same with other observations.
+
+    Raises
+    ------
+    TaskError
+        When `encode` cannot be called, fails, or returns no environment.
 
     Examples
     --------
@@ -35,21 +43,44 @@ class EnvironmentMaker:
 
     what: Any = field(hash=False)
     arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    encode: Callable[[Any], Any] | None = field(default=None, hash=False)
+
+    def __post_init__(self) -> None:
+        if self.encode is not None and not callable(self.encode):
+            raise TaskError(f"encode must be an encoder, such as FlatDict(): got {self.encode!r}")
 
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
         make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
         made: gymnasium.Env[Any, Any] = make(**deepcopy(dict(self.arguments)))
-        return made
+        return made if self.encode is None else self._encoded(made)
+
+    def _encoded(self, made: Any) -> gymnasium.Env[Any, Any]:
+        encode: Any = self.encode
+        rule = "encode must take an environment and return it wrapped"
+        try:
+            encoded = encode(made)
+        except CurricleError:
+            raise
+        except Exception as error:
+            raise TaskError(
+                f"{rule}: {_text(encode)} failed with {type(error).__name__}: {error}; "
+                "FunctionEncoder makes an encoder of a function of observations"
+            ) from error
+        if not isinstance(encoded, gymnasium.Env):
+            raise TaskError(f"{rule}: {_text(encode)} returned {encoded!r}")
+        return encoded
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMaker):
             return NotImplemented
-        return _alike((self.what, self.arguments), (other.what, other.arguments))
+        mine, yours = ((one.what, one.arguments, one.encode) for one in (self, other))
+        return _alike(mine, yours)
 
     def __str__(self) -> str:
-        what = _name(self.what) if callable(self.what) else getattr(self.what, "id", self.what)
+        what = _text(self.what) if callable(self.what) else getattr(self.what, "id", self.what)
         parts = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
+        parts += [] if self.encode is None else [f"encode={_text(self.encode)}"]
         return f"{what}({', '.join(parts)})" if parts else str(what)
 
 
@@ -101,8 +132,8 @@ class ObservationTask:
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
         limit = None if environment.spec is None else environment.spec.max_episode_steps
-        if limit is None:  # environments of Curricle truncate episodes themselves
-            limit = getattr(getattr(environment.unwrapped, "task", None), "time_limit", None)
+        if limit is None:
+            limit = _own_limit(environment.unwrapped)
         spaces = environment.observation_space, environment.action_space
         environment.close()
         return (*spaces, limit if self.time_limit is None else self.time_limit)
@@ -146,10 +177,25 @@ class ObservationTask:
         return f"ObservationTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
 
 
-def _name(function: Callable[..., Any]) -> str:
+def named(function: Callable[..., Any]) -> str:
     """Return a function's name as ``module:name``, the same in every process."""
     kind = function if hasattr(function, "__name__") else type(function)
     return f"{kind.__module__}:{kind.__name__}"
+
+
+def _text(function: Callable[..., Any]) -> str:
+    """Return a function as text: a dataclass, such as an encoder, with its settings."""
+    return str(function) if is_dataclass(type(function)) else named(function)
+
+
+def _own_limit(environment: Any) -> int | None:
+    """Return the steps after which Curricle's or MiniGrid's own environments truncate episodes."""
+    limit = getattr(getattr(environment, "task", None), "time_limit", None)
+    kinds = {kind.__module__ for kind in type(environment).__mro__}
+    # BabyAI's levels set theirs at each reset, unless it is fixed.
+    if "minigrid.minigrid_env" in kinds and getattr(environment, "fixed_max_steps", True):
+        limit = environment.max_steps
+    return None if limit is None else int(limit)
 
 
 def _alike(mine: Any, yours: Any) -> bool:
@@ -168,7 +214,12 @@ def _alike(mine: Any, yours: Any) -> bool:
 def _shape(space: gymnasium.Space[Any]) -> str:
     if isinstance(space, gymnasium.spaces.Box):
         return f"Box{space.shape}"
-    return str(space)
+    return space_text(space)
+
+
+def space_text(space: gymnasium.Space[Any]) -> str:
+    """Return a space as text that is the same in every process."""
+    return re.sub(r" at 0x[0-9a-f]+", "", str(space))
 
 
 def is_observation_task(task: Any) -> bool:

@@ -23,7 +23,7 @@ from curricle.interop.tabulation.plan import Plan
 from curricle.interop.tabulation.state_access import copied
 from curricle.interop.tabulation.table_cache import TableCache
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
-from curricle.interop.tabulation.world import time_limit_of
+from curricle.interop.tabulation.world import refuse_stacked_frames, time_limit_of
 from curricle.interop.toy_text import names_of
 from curricle.learning.seeds import seed_tuple
 
@@ -103,8 +103,9 @@ def tabulate(
     Raises
     ------
     TaskError
-        When the environment cannot be copied or its states not be told apart, steps are random,
-        a budget does not suffice, or an episode in the environment is not in the tables.
+        When the environment cannot be copied or its states not be told apart, frames are stacked,
+        steps are random, a budget does not suffice, or an episode in the environment is not in the
+        tables.
     SettingError
         When a setting makes no sense.
     StoreError
@@ -135,6 +136,7 @@ def tabulate(
     discount = number("discount", discount, TaskError, low=0, high=1)
     make = maker_of(environment, time_limit, make_arguments)
     with _opened(environment, make, plan) as env:
+        refuse_stacked_frames(env)
         name = str(make) if make.what is not None else type(env.unwrapped).__name__
         named = names_of(env.unwrapped)[1] or named_actions(env)
         act, actions = actions_of(env.action_space, None, named)

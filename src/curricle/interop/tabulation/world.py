@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import FrameStackObservation, TimeLimit
 
 from curricle.errors import TaskError
 from curricle.interop.tabulation.observation_table import same_observation
@@ -148,6 +148,15 @@ class World:
     def describe(self) -> Words:
         """Return the state of the arrival that came last, in words."""
         return self.access.describe(self.now)
+
+
+def refuse_stacked_frames(env: Environment) -> None:
+    """Raise TaskError where a wrapper stacks frames: each history would be a state."""
+    if any(isinstance(layer, FrameStackObservation) for layer in _layers(env)):
+        raise TaskError(
+            "an environment with stacked frames cannot be tabulated, as each history of frames "
+            f"would be a state: tabulate it without them, got {env}"
+        )
 
 
 def time_limit_of(env: Environment) -> int | None:

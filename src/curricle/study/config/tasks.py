@@ -1,8 +1,7 @@
 """Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -14,10 +13,14 @@ from pydantic import (
 )
 
 from curricle.errors import TaskError
-from curricle.interop.gymnasium import from_gymnasium, observation_task
-from curricle.interop.tabulation.tabulate import tabulate
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import table_of
+from curricle.study.config.environments import (
+    GymnasiumTask,
+    ObservationTaskTable,
+    TabulatedTaskTable,
+    TimeLimit,
+)
 from curricle.study.config.families import FamilyTask
 from curricle.study.config.parsing import text_of
 from curricle.study.config.references import load, users_code
@@ -43,7 +46,6 @@ from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.grid_map import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
-from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.start_states import TaskWithStart
@@ -52,9 +54,6 @@ from curricle.tasks.task import generative_model
 Pair = tuple[Whole, Whole]
 CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
 """Tasks that lie on a map, of which a crop may be a part."""
-TimeLimit = Annotated[
-    int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
-]
 
 
 def _in_order(value: Any) -> Any:
@@ -259,102 +258,6 @@ PursuitTask, VectorPursuitTask = (
     )
     for base, tag in ((_PursuitTask, "pursuit"), (_VectorPursuitTask, "vector_pursuit"))
 )
-
-
-class GymnasiumTask(TaskTable):
-    """An environment of Gymnasium's registry."""
-
-    type: Literal["gymnasium"] = "gymnasium"
-    id: Name = Field(description="Such as FrozenLake-v1.")
-    arguments: dict[str, JsonValue] = Field(default={}, description="Passed to gymnasium.make.")
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: TimeLimit | None = Field(
-        default=None,
-        description="Steps after which an episode is cut, or 'none'; the environment's own.",
-    )
-    encode: Reference | None = Field(
-        default=None, description="A function from observations to states, as module:function."
-    )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task."""
-        options: dict[str, Any] = {"discount": self.discount}
-        if self.time_limit is not None:
-            options["time_limit"] = None if self.time_limit == "none" else self.time_limit
-        if self.encode is not None:
-            options["encode"] = load(self.encode, folder)
-        return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
-
-
-class EnvironmentTable(TaskTable):
-    """An environment of Gymnasium's, or one's own."""
-
-    id: Name | None = Field(default=None, description="Such as CartPole-v1.")
-    factory: Reference | None = Field(
-        default=None,
-        description="Instead: a function that returns a new environment, module:function.",
-    )
-    arguments: dict[str, JsonValue] = Field(
-        default={}, description="Passed to gymnasium.make, or to the function, by name."
-    )
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-
-    @model_validator(mode="after")
-    def _one_environment(self) -> Self:
-        if (self.id is None) == (self.factory is None):
-            found = "neither" if self.id is None else "both"
-            raise wrong(f"must have id or factory: got {found}")
-        return self
-
-    def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
-        """Return what a function of the library makes of the environment."""
-        if self.id is not None:
-            return make(self.id, discount=self.discount, **options, **dict(self.arguments))
-        own = str(self.factory)
-        maker = EnvironmentMaker(load(own, folder), dict(self.arguments))
-        with users_code(own):
-            return make(maker, discount=self.discount, **options)
-
-
-class TabulatedTaskTable(EnvironmentTable):
-    """An environment as exact tables of every state that can be reached."""
-
-    type: Literal["tabulated"] = "tabulated"
-    time_limit: TimeLimit | None = Field(
-        default=None,
-        description="Steps after which an episode is cut, or 'none'; the environment's own.",
-    )
-    reset_seeds: tuple[Whole, ...] = Field(
-        default=(0,), description="Of the resets that starts are taken from."
-    )
-    cache: Name | None = Field(
-        default=None, description="A folder beside the study file, in which tables are kept."
-    )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as tables."""
-        limits: dict[Any, Any] = {None: "own", "none": None}
-        return self.made_by(
-            tabulate,
-            folder,
-            time_limit=limits.get(self.time_limit, self.time_limit),
-            seeds=self.reset_seeds,
-            cache=None if self.cache is None else folder / self.cache,
-        )
-
-
-class ObservationTaskTable(EnvironmentTable):
-    """An environment whose observations a network reads."""
-
-    type: Literal["observation_task"] = "observation_task"
-    deep: ClassVar[bool] = True
-    time_limit: Whole | None = Field(
-        default=None, description="Steps after which an episode is cut; the environment's own."
-    )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task seen through observations."""
-        return self.made_by(observation_task, folder, time_limit=self.time_limit)
 
 
 class FactoryTask(TaskTable):

@@ -1,0 +1,226 @@
+"""A trained policy to take away: acting, files of Stable-Baselines3, and episodes to look at."""
+
+from contextlib import closing
+from dataclasses import dataclass, replace
+from inspect import signature
+from pathlib import Path
+from typing import Any, Self
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import IntArray
+from curricle.checks import instance, whole_number
+from curricle.deep.episode import Episode
+from curricle.deep.learner import DeepLearner
+from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
+from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, space_text
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedPolicy:
+    """What a deep learner does in a task it has learnt: ``result.policy`` of its result.
+
+    Parameters
+    ----------
+    task : ObservationTask
+    model : stable_baselines3.common.base_class.BaseAlgorithm
+        The algorithm with the trained network.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> from curricle.deep import learn_deep
+    >>> pole = observation_task("CartPole-v1")
+    >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
+    >>> policy = learn_deep(pole, ppo, 128, eval_freq=64).policy
+    >>> policy
+    TrainedPolicy(PPO, CartPole-v1)
+    >>> policy.predict(np.zeros((3, 4), dtype=np.float32)).shape
+    (3,)
+    """
+
+    task: ObservationTask
+    model: Any
+
+    def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
+        """Return the action in an observation, or those in n stacked ones.
+
+        Parameters
+        ----------
+        observation : array or dict of arrays
+            Of the task's space, (...) or (n, ...); an encoder's where the task has one.
+        deterministic : bool
+            Whether to take the likeliest action, as evaluations do; else it is sampled, which
+            DQN does not do.
+        """
+        actions, _ = self.model.predict(observation, deterministic=deterministic)
+        return actions[()]  # a number where it is one: tables look up no arrays
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
+
+        ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
+        load your own alone.
+        """
+        file = Path(path) if str(path).endswith(".zip") else Path(f"{path}.zip")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self.model.save(file)
+        return file
+
+    @classmethod
+    def load(cls, path: str | Path, task: ObservationTask, learner: DeepLearner) -> Self:
+        """Return the policy in a file of Stable-Baselines3.
+
+        Parameters
+        ----------
+        path : path
+        task : ObservationTask
+            What it acts in.
+        learner : DeepLearner
+            Whose algorithm is that of the file.
+
+        Raises
+        ------
+        SettingError
+            When the file is none of the algorithm's, or of other spaces than the task's.
+        """
+        instance("task of a policy", task, ObservationTask, SettingError)
+        instance("learner of a policy", learner, DeepLearner, SettingError)
+        algorithm = learner.algorithm_class()
+        try:
+            model = algorithm.load(path)
+        except Exception as error:  # of the file system, of zip files, or of another algorithm
+            raise SettingError(
+                f"a policy must be in a file that {learner.algorithm} saved: {path} failed with "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        for which, wanted in {"observation": task.observations, "action": task.actions}.items():
+            found = getattr(model, f"{which}_space")
+            # Pictures with channels last are kept with channels first.
+            if found != wanted and sorted(found.shape or ()) != sorted(wanted.shape or ()):
+                raise SettingError(
+                    f"a policy must have its task's {which}s, {space_text(wanted)}: that in "
+                    f"{path} has {space_text(found)}"
+                )
+        return cls(task, model)
+
+    def episode(
+        self, *, seed: int = 0, deterministic: bool = True, max_steps: int | None = None
+    ) -> Episode:
+        """Return one episode of the policy, with a picture of each step.
+
+        Parameters
+        ----------
+        seed : int
+            Of the reset, and of actions that are sampled.
+        deterministic : bool
+            As in :meth:`predict`.
+        max_steps : int, optional
+            Steps after which it is cut off; by default the task's own limit.
+
+        Raises
+        ------
+        SettingError
+            When there is no limit, or the environment draws no pictures: one of an id is made
+            with ``render_mode="rgb_array"``, one's own function must do so, or have that argument.
+        """
+        limit = self.task.longest if max_steps is None else max_steps
+        if limit is None:
+            raise SettingError("an episode of a task without a time limit needs max_steps")
+        whole_number("max_steps of an episode", limit, 1, SettingError)
+        import torch
+        from stable_baselines3.common.utils import set_random_seed
+
+        from curricle.deep.checkpoint import isolated
+
+        drawn = replace(self.task, make=_drawing(self.task.make))
+        with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
+            set_random_seed(seed)
+            return self._played(env, seed, limit, deterministic)
+
+    def _played(
+        self, env: gymnasium.Env[Any, Any], seed: int, limit: int, deterministic: bool
+    ) -> Episode:
+        seen, _ = env.reset(seed=seed)
+        frames, actions, rewards = [_frame(env)], list[Any](), list[float]()
+        over = terminated = False
+        while not over and len(rewards) < limit:
+            action = self.predict(seen, deterministic=deterministic)
+            seen, reward, terminated, truncated, _ = env.step(action)
+            frames.append(_frame(env))
+            actions.append(action)
+            rewards.append(float(reward))
+            over = terminated or truncated
+        fps = env.metadata.get("render_fps") or 10
+        return Episode(
+            tuple(frames),
+            frozen(np.array(actions)),
+            frozen(np.array(rewards, dtype=np.float64)),
+            terminated=bool(terminated),
+            fps=float(fps),
+        )
+
+    def __repr__(self) -> str:
+        return f"TrainedPolicy({type(self.model).__name__}, {self.task.make})"
+
+
+def policies_of(
+    task: Any, learner: Any, values: Any, steps_used: IntArray
+) -> tuple[TrainedPolicy, ...]:
+    """Return the policies of K :class:`NetworkValues`; SettingError where there are none."""
+    if values is None or not all(hasattr(one, "policy") for one in values):
+        raise SettingError(
+            "a policy to take away needs the values of networks: these "
+            f"{'were not saved' if values is None else 'are tables'}"
+        )
+    pairs = zip(values, steps_used.tolist(), strict=True)
+    return tuple(_policy_of(task, learner, one, steps) for one, steps in pairs)
+
+
+def _policy_of(
+    task: ObservationTask, learner: DeepLearner, values: Any, steps: int
+) -> TrainedPolicy:
+    """Return the policy of :class:`NetworkValues`, learnt in so many steps."""
+    from curricle.deep.checkpoint import isolated
+    from curricle.deep.models import model_for
+    from curricle.learning.shaping import QInitialisation
+
+    potential = getattr(values.policy, "potential", None)
+    shaping = None if potential is None else QInitialisation(potential)
+    with isolated(learner.threads):
+        model = model_for(task, learner, shaping, steps=max(steps, 1))
+    model.env.close()
+    model.env = None
+    model.policy.load_state_dict(values.policy.state_dict())
+    model.policy.set_training_mode(False)
+    model.num_timesteps = steps
+    return TrainedPolicy(task, model)
+
+
+def _drawing(make: Any) -> Any:
+    """Return what makes the same environments, with pictures where they can be asked for."""
+    if not isinstance(make, EnvironmentMaker):
+        return EnvironmentMaker(make, _render_mode(make)) if _render_mode(make) else make
+    if isinstance(make.what, EnvironmentMaker):
+        return replace(make, what=_drawing(make.what))
+    return replace(make, arguments={**make.arguments, **_render_mode(make.what)})
+
+
+def _render_mode(what: Any) -> dict[str, str]:
+    """Return the argument that asks for pictures, if an environment's maker has it."""
+    asked = not callable(what) or "render_mode" in signature(what).parameters
+    return {"render_mode": "rgb_array"} if asked else {}
+
+
+def _frame(env: gymnasium.Env[Any, Any]) -> npt.NDArray[np.uint8]:
+    """Return a picture of an environment, (height, width, 3) uint8."""
+    drawn: Any = env.render() if env.render_mode == "rgb_array" else None
+    if np.ndim(drawn) != 3:
+        raise SettingError(
+            'an episode\'s environment must draw pictures, render_mode="rgb_array": got '
+            f"render_mode={env.render_mode!r} from {env}"
+        )
+    return np.array(drawn, dtype=np.uint8)

@@ -1,0 +1,265 @@
+"""A policy to take away: acting, files that Stable-Baselines3 reads, episodes as pictures."""
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.wrappers import FlattenObservation
+from PIL import Image
+from stable_baselines3 import DQN, PPO
+
+import curricle as cr
+from curricle.deep import DeepLearner, Episode, SmallCNN, TrainedPolicy, checkpoint, learn_deep
+from curricle.errors import CurriculumError, SettingError, StoreError
+from curricle.interop import MiniGridView
+from curricle.study import StudyResults, read_study, run_study
+
+from .worlds import one_hot, table_potential
+
+MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
+DEEP_Q = DeepLearner("DQN", settings={"learning_starts": 20, "policy_kwargs": {"net_arch": [16]}})
+ACTOR = DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
+LAKE = cr.observation_task(
+    "FrozenLake-v1", is_slippery=False, encode=FlattenObservation, time_limit=20
+)
+CNN = DeepLearner(
+    "PPO",
+    "CnnPolicy",
+    settings={
+        "n_steps": 32,
+        "batch_size": 32,
+        "policy_kwargs": {"features_extractor_class": SmallCNN, "normalize_images": False},
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def lake():
+    return learn_deep(LAKE, ACTOR, 128, seeds=[5, 2, 9], eval_freq=64)
+
+
+def everywhere():
+    return np.eye(16, dtype=np.int64)
+
+
+@pytest.mark.parametrize(("algorithm", "learner"), [(PPO, ACTOR), (DQN, DEEP_Q)])
+def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorithm, learner):
+    result = learn_deep(LAKE, learner, 192, seeds=2, eval_freq=64)
+    assert len(result.policies) == 2
+    for k, policy in enumerate(result.policies):
+        file = policy.save(tmp_path / f"new/seed-{k}")
+        assert file == tmp_path / f"new/seed-{k}.zip"
+        theirs, mine = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
+        wanted = result.values[k].act(everywhere())
+        assert np.array_equal(policy.predict(everywhere()), wanted)
+        assert np.array_equal(mine.predict(everywhere()), wanted)
+        assert np.array_equal(theirs.predict(everywhere(), deterministic=True)[0], wanted)
+        assert policy.predict(everywhere()[3]) == wanted[3]
+        assert theirs.num_timesteps == result.steps_used[k]
+    for name, value in result.values[1].parameters().items():
+        assert np.array_equal(theirs.policy.state_dict()[name].numpy(), value)
+
+
+def test_a_saved_model_goes_on_learning(tmp_path, lake):
+    model = PPO.load(lake.policy.save(tmp_path / "lake.zip"), env=LAKE.environment())
+    model.learn(64)
+    assert model.num_timesteps == 64
+
+
+def test_the_policy_of_a_residual_keeps_its_potential(tmp_path):
+    task, table = one_hot(MAZE), cr.solve(MAZE).action_values
+    potential = table_potential(MAZE, task, table)
+    result = learn_deep(task, DEEP_Q, 64, shaping=cr.QInitialisation(potential), eval_freq=32)
+    rows = np.eye(MAZE.states.size, dtype=np.float32)
+    wanted = result.values[0].act(rows)
+    assert np.array_equal(result.policy.predict(rows), wanted)
+    model = result.policy.model
+    assert np.array_equal(cr.deep.NetworkValues(model.policy).v(rows), result.values[0].v(rows))
+
+
+def test_the_policy_is_that_of_the_best_last_return(lake):
+    best = int(lake.greedy_return[:, -1].argmax())
+    assert lake.policy is lake.policies[best]
+    off = learn_deep(LAKE, ACTOR, 64, seeds=2, evaluation=cr.GreedyEvaluation("off"), eval_freq=64)
+    assert off.policy is off.policies[0]
+
+
+def test_a_policy_leaves_the_random_generators_alone(lake):
+    before = checkpoint.generator_states()
+    one, again, other = (
+        lake.policies[0].episode(seed=seed, deterministic=False) for seed in (1, 1, 2)
+    )
+    after = checkpoint.generator_states()
+    assert torch.equal(before[2], after[2])
+    assert np.array_equal(before[1][1], after[1][1])
+    assert one.actions.tolist() == again.actions.tolist() != other.actions.tolist()
+
+
+def test_an_episode_is_what_the_policy_does(lake):
+    episode, env = lake.policy.episode(seed=4), LAKE.environment()
+    seen, _ = env.reset(seed=4)
+    for action, reward in zip(episode.actions, episode.rewards, strict=True):
+        assert action == lake.policy.predict(seen)
+        seen, paid, terminated, truncated, _ = env.step(int(action))
+        assert paid == reward
+    assert terminated == episode.terminated
+    assert terminated or truncated
+    assert len(episode.frames) == len(episode.actions) + 1
+    assert lake.policy.episode(max_steps=2).actions.shape == (2,)
+
+
+def test_an_episode_is_a_gif_and_shown_in_a_notebook(tmp_path, lake):
+    episode = lake.policy.episode(seed=4, max_steps=5)
+    file = episode.save(tmp_path / "new/lake.gif", fps=20)
+    with Image.open(file) as picture:
+        assert picture.format == "GIF"
+        assert picture.size == episode.frames[0].shape[1::-1]
+        shown = 0
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            shown += picture.info["duration"]
+    assert shown == 50 * len(episode.actions) + 1000  # frames that are alike may be one
+    html = episode._repr_html_()
+    assert html.startswith('<img alt="Episode(')
+    assert "data:image/gif;base64,R0lGOD" in html
+
+
+def test_a_curriculum_has_the_policy_of_its_target():
+    edge = cr.Transfer("alone", "lake", cr.transfer.ObservationMapping(LAKE, LAKE))
+    plan = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=ACTOR, budget=64,
+                         shaping=cr.deep.WeightTransfer())  # fmt: skip
+    result = plan.train(seeds=2)
+    assert result.policy is result["lake"].policy
+    assert result.policies is result["lake"].policies
+    assert result.policies[1] is not result["alone"].policies[1]
+
+
+def test_a_table_has_no_policy_to_take_away():
+    result = cr.Curriculum({"maze": MAZE}, budget=50).train(seeds=1)
+    with pytest.raises(CurriculumError, match="the target 'maze' is learnt in a table"):
+        _ = result.policy
+
+
+def test_values_that_were_not_saved_are_no_policy():
+    plan = cr.Curriculum(
+        {"lake": LAKE}, learner=ACTOR, budget=64, storage=cr.Storage(save_values=False)
+    )
+    with pytest.raises(SettingError, match="these were not saved"):
+        _ = plan.train(seeds=1).policy
+
+
+STUDY = """
+name = "level"
+scratch = false
+seeds = 2
+seeds_per_unit = 1
+budget = 64
+eval_freq = 32
+[learner]
+type = "deep"
+algorithm = "PPO"
+policy = "CnnPolicy"
+[learner.settings]
+n_steps = 32
+batch_size = 32
+[learner.settings.policy_kwargs]
+normalize_images = false
+features_extractor_class = "curricle.deep:SmallCNN"
+[tasks.level]
+type = "observation_task"
+id = "minigrid:MiniGrid-Empty-5x5-v0"
+encode = { type = "MiniGridView", picture = true }
+"""
+
+
+def test_the_policies_of_a_study_are_read_from_its_folder(tmp_path):
+    pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+    (tmp_path / "level.toml").write_text(STUDY)
+    study = read_study(tmp_path / "level.toml")
+    run_study(study, tmp_path / "results")
+    stored = StudyResults(tmp_path / "results")
+    (arm,) = stored.record.arms
+    curriculum = study.curriculum(arm)
+    policies = stored.policies(arm, curriculum)
+    parameters = stored.result(arm, "level", values=True).values
+    assert len(policies) == 2
+    for policy, kept in zip(policies, parameters, strict=True):
+        for name, value in policy.model.policy.state_dict().items():
+            assert np.array_equal(value.numpy(), kept[name])
+    trained = curriculum.train(seeds=2).policies
+    seen = np.stack([curriculum.tasks["level"].observations.sample() for _ in range(9)])
+    for mine, yours in zip(policies, trained, strict=True):
+        assert np.array_equal(mine.predict(seen), yours.predict(seen))
+    (one,) = stored.policies(arm, curriculum, seeds=[1])
+    assert np.array_equal(one.predict(seen), policies[1].predict(seen))
+    assert policies[0].episode(max_steps=3).frames[0].shape == (160, 160, 3)
+    with pytest.raises(StoreError, match="for seed 7 yet"):
+        stored.policies(arm, curriculum, seeds=[7])
+
+
+def test_a_network_reads_encoded_levels_and_is_evaluated_in_tables():
+    pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+    level = "minigrid:MiniGrid-Empty-5x5-v0"
+    task = cr.observation_task(level, encode=MiniGridView(picture=True))
+    policy = learn_deep(task, CNN, 64, eval_freq=32).policy
+    table = cr.tabulate(task.make, discount=0.99, seeds=[0])
+    episode = policy.episode(seed=0)
+    earned = 0.99 ** (len(episode.actions) - 1) * episode.terminated
+    assert cr.evaluate(table, policy).start_value == pytest.approx(earned, abs=1e-9)
+
+
+def test_a_small_cnn_learns_from_where_things_are():
+    torch.manual_seed(0)
+    space = MiniGridView(picture=True)
+    network = SmallCNN(_space(space), features_dim=8, channels=4)
+    seen = torch.zeros(2, 24, 7, 7)
+    seen[0, 3, 1, 1] = seen[1, 3, 5, 5] = 1
+    one, other = network(seen)
+    assert one.shape == (8,)
+    assert not torch.equal(one, other)
+
+
+def _space(encode):
+    return cr.observation_task("minigrid:MiniGrid-Empty-5x5-v0", encode=encode).observations
+
+
+def drawn_nowhere():
+    return one_hot(MAZE).make()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda p, d: TrainedPolicy.load(d / "no.zip", LAKE, ACTOR), "that PPO saved: .*no.zip"),
+        (lambda p, d: TrainedPolicy.load(p.save(d / "p"), LAKE, DEEP_Q), "that DQN saved"),
+        (
+            lambda p, d: TrainedPolicy.load(
+                p.save(d / "p"), cr.observation_task("CartPole-v1"), ACTOR
+            ),
+            "must have its task's observations, Box.*: that in .* has Box",
+        ),
+        (lambda p, d: p.episode(max_steps=0), "max_steps of an episode"),
+        (lambda p, d: p.episode(max_steps=1).save(d / "e.png"), "as a GIF: got .*'e.png'"),
+        (lambda p, d: p.episode(max_steps=1).save(d / "e.gif", fps=0), "fps"),
+        (
+            lambda p, d: TrainedPolicy(cr.tasks.ObservationTask(drawn_nowhere), p.model).episode(),
+            "must draw pictures, .*: got render_mode=None",
+        ),
+        (
+            lambda p, d: TrainedPolicy(_timeless(), p.model).episode(),
+            "without a time limit needs max_steps",
+        ),
+    ],
+)
+def test_a_mistake_is_one_sentence(lake, tmp_path, wrong, sentence):
+    with pytest.raises(SettingError, match=sentence):
+        wrong(lake.policy, tmp_path)
+
+
+def _timeless():
+    return cr.observation_task("FrozenLake-v1", max_episode_steps=-1)
+
+
+def test_an_episode_says_what_it_is():
+    frames = (np.zeros((4, 4, 3), np.uint8),) * 2
+    episode = Episode(frames, np.array([0]), np.array([1.5]), terminated=False, fps=4.0)
+    assert repr(episode) == "Episode(1 steps, return 1.5, truncated)"

@@ -1,0 +1,220 @@
+"""MiniGrid's observations as zeros and ones, beside loops that know nothing of arrays."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.errors import SettingError, TaskError
+from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.tasks.observation_task import EnvironmentMaker
+
+minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
+DOOR = "MiniGrid-DoorKey-6x6-v0"
+
+
+def first_views(env):
+    return [MiniGridView()(env).reset(seed=seed) for seed in range(20)]
+
+
+def one_hot(codes):
+    """The cells of a view as a list of zeros and ones."""
+    numbers = []
+    for column in codes.tolist():
+        for thing, colour, state in column:
+            cell = [0.0] * 20
+            cell[thing] = cell[11 + colour] = cell[17 + state] = 1.0
+            numbers += cell
+    return numbers
+
+
+@pytest.mark.parametrize("name", [CROSSING, DOOR, "BabyAI-GoToLocal-v0"])
+def test_the_view_is_one_hot(name):
+    env, plain = MiniGridView()(gym.make(name)), gym.make(name)
+    assert env.observation_space == gym.spaces.Box(0, 1, (984,), np.float32)
+    rng = np.random.default_rng(0)
+    for seed in range(3):
+        seen, raw = env.reset(seed=seed)[0], plain.reset(seed=seed)[0]
+        for _ in range(20):
+            direction = [float(d == raw["direction"]) for d in range(4)]
+            assert seen.tolist() == one_hot(raw["image"]) + direction
+            assert seen in env.observation_space
+            action = int(rng.integers(6))
+            seen, raw = env.step(action)[0], plain.step(action)[0]
+
+
+def test_the_picture_has_the_same_numbers():
+    env, flat = MiniGridView(picture=True)(gym.make(DOOR)), MiniGridView()(gym.make(DOOR))
+    seen, vector = env.reset(seed=2)[0], flat.reset(seed=2)[0]
+    assert seen.shape == env.observation_space.shape == (24, 7, 7)
+    for x in range(7):
+        for y in range(7):
+            begins = 20 * (7 * x + y)
+            assert seen[:20, y, x].tolist() == vector[begins : begins + 20].tolist()
+            assert seen[20:, y, x].tolist() == vector[-4:].tolist()
+
+
+def test_the_mission_is_a_bag_of_words():
+    name = "MiniGrid-Fetch-5x5-N2-v0"
+    env, plain = MiniGridView(mission=True)(gym.make(name)), gym.make(name)
+    bags = dict[str, list[float]]()
+    for seed in range(20):
+        mission = plain.reset(seed=seed)[0]["mission"]
+        seen = env.reset(seed=seed)[0]
+        assert seen in env.observation_space
+        bag = seen[984:].tolist()
+        assert sum(bag) == len(set(mission.split()))
+        assert bags.setdefault(mission, bag) == bag
+    assert len({tuple(bag) for bag in bags.values()}) == len(bags) > 3
+
+
+@pytest.mark.parametrize("name", sorted(name for name in gym.registry if "BabyAI" in name)[::6])
+def test_the_words_are_those_of_babyai_too(name):
+    env = MiniGridView(mission=True)(gym.make(name))
+    assert env.reset(seed=0)[0] in env.observation_space
+
+
+def test_an_unknown_word_is_named():
+    env = MiniGridView(mission=True)(gym.make(CROSSING))
+    with pytest.raises(TaskError, match="got 'sesame' in 'open sesame'"):
+        env.observation(
+            {"image": np.zeros((7, 7, 3), int), "direction": 0, "mission": "open sesame"}
+        )
+
+
+def test_the_full_view_has_every_cell_in_the_middle():
+    env = MiniGridFullView(11, 9)(gym.make(CROSSING))
+    seen = env.reset(seed=0)[0][:-4].reshape(11, 9, 20)
+    base = env.unwrapped
+    assert (seen[[0, 10], :, 0] == 1).all()  # unseen columns to the left and right
+    codes = base.grid.encode()
+    for x in range(9):
+        for y in range(9):
+            here = (x, y) == tuple(base.agent_pos)
+            objects = {int(codes[x, y, 0])} | ({10} if here else set())
+            assert set(np.flatnonzero(seen[x + 1, y, :11])) == objects
+
+
+def test_what_is_carried_is_seen():
+    env = MiniGridFullView(6, 6)(gym.make(DOOR))
+    env.reset(seed=0)
+    base = env.unwrapped
+    (key,) = [one for one in base.grid.grid if one is not None and one.type == "key"]
+    base.grid.set(*key.cur_pos, None)
+    base.carrying = key
+    cells = env.observation(base.gen_obs())[:-4].reshape(6, 6, 20)
+    assert cells[..., 5].sum() == cells[tuple(base.agent_pos)][5] == 1
+
+
+@pytest.mark.parametrize(
+    ("encode", "shape"),
+    [
+        (MiniGridView(), (984,)),
+        (MiniGridView(picture=True), (24, 7, 7)),
+        (MiniGridView(mission=True), (984 + 59,)),
+        (MiniGridFullView(9, 11), (9 * 11 * 20 + 4,)),
+        (MiniGridFullView(9, 11, picture=True), (24, 11, 9)),
+        (FlatDict(["mission"]), (151,)),
+    ],
+)
+def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, shape):
+    task = cr.observation_task(CROSSING, encode=encode)
+    table = cr.tabulate(task.make, discount=0.99, seeds=3)
+    plain = cr.tabulate(CROSSING, discount=0.99, seeds=3)
+    found = table.observations.batch()
+    assert found.shape == (table.states.size, *shape)
+    assert task.observations.shape == shape
+    assert all(one in task.observations for one in found)
+    assert cr.solve(table).start_value == cr.solve(plain).start_value
+    env = task.environment()
+    seen, _ = env.reset(seed=1)
+    assert (found == seen).reshape(len(found), -1).all(axis=1).any()
+
+
+def test_the_full_view_shows_every_state_and_the_partial_one_does_not():
+    views = MiniGridFullView(6, 6), MiniGridView()
+    full, part = (
+        cr.tabulate(EnvironmentMaker(DOOR, encode=view), discount=0.9, seeds=2) for view in views
+    )
+    assert not full.observations.ambiguous.any()
+    assert part.observations.ambiguous.any()
+
+
+def test_tables_by_copies_have_the_same_observations():
+    maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=MiniGridFullView(7, 7))
+    fast, copies = (
+        cr.tabulate(maker, discount=0.9, state=cr.interop.MiniGridState(copies=way))
+        for way in (False, True)
+    )
+    mine, yours = (
+        {one.tobytes() for one in table.observations.batch()} for table in (fast, copies)
+    )
+    assert yours <= mine
+    assert len(yours) > len(mine) / 2
+
+
+def test_an_encoded_level_is_found_in_the_cache(tmp_path):
+    tables = [
+        cr.tabulate(
+            EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode), discount=0.9, cache=tmp_path
+        )
+        for encode in (MiniGridView(), MiniGridView(), MiniGridView(picture=True))
+    ]
+    assert len(list(tmp_path.glob("*.npz"))) == 2
+    first, again, _ = (table.observations.batch() for table in tables)
+    np.testing.assert_array_equal(first, again)
+
+
+def test_levels_of_several_sizes_share_a_space():
+    encode = MiniGridFullView(11, 11)
+    spaces = [
+        cr.observation_task(f"MiniGrid-SimpleCrossingS{n}-v0", encode=encode).observations
+        for n in ("9N1", "11N5")
+    ]
+    assert spaces[0] == spaces[1]
+
+
+def test_minigrids_own_limit_is_the_tasks():
+    assert cr.observation_task(CROSSING, encode=MiniGridView()).longest == 324
+    assert cr.observation_task(CROSSING, time_limit=50).longest == 50
+    assert cr.observation_task(CROSSING, max_steps=60).longest == 60
+    # A level of BabyAI decides on its limit at a reset.
+    assert cr.observation_task("BabyAI-GoToLocal-v0").longest is None
+
+
+@pytest.mark.parametrize(
+    ("made", "error", "sentence"),
+    [
+        (lambda: MiniGridView(picture=1), SettingError, "picture of an encoder"),
+        (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
+        (lambda: MiniGridFullView(2, 9), SettingError, "width of an encoder"),
+        (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
+        (
+            lambda: MiniGridView()(minigrid.wrappers.ImgObsWrapper(gym.make(CROSSING))),
+            TaskError,
+            r"a Dict with an image of codes and the direction: got Box\(",
+        ),
+        (
+            lambda: MiniGridFullView(8, 9)(gym.make(CROSSING)),
+            TaskError,
+            "must fit into its encoder's 8 x 9 cells: .* has 9 x 9",
+        ),
+        (
+            lambda: first_views(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))),
+            TaskError,
+            r"must be below \(11, 6, 3\): got up to \[10, ., 3\]",
+        ),
+        (
+            lambda: cr.tabulate(
+                EnvironmentMaker(CROSSING, encode=StackedFrames(4, MiniGridView())), discount=0.9
+            ),
+            TaskError,
+            "stacked frames cannot be tabulated",
+        ),
+    ],
+)
+def test_a_mistake_is_one_sentence(made, error, sentence):
+    with pytest.raises(error, match=sentence) as caught:
+        made()
+    assert "\n" not in str(caught.value)
