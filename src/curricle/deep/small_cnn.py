@@ -2,13 +2,15 @@
 
 from typing import Any
 
-import torch
 from gymnasium.spaces import Box
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from torch import nn
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
+
+try:
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
+    BaseFeaturesExtractor = object
 
 
 class SmallCNN(BaseFeaturesExtractor):
@@ -35,13 +37,17 @@ class SmallCNN(BaseFeaturesExtractor):
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import numpy as np, torch
     >>> network = SmallCNN(Box(0, 1, (24, 7, 7), np.float32), features_dim=64)
     >>> network(torch.zeros(5, 24, 7, 7)).shape
     torch.Size([5, 64])
     """
 
     def __init__(self, observation_space: Any, features_dim: int = 128, channels: int = 16):
+        if BaseFeaturesExtractor is object:
+            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+        from torch import nn
+
         shape: tuple[int, ...] = observation_space.shape or ()
         if not isinstance(observation_space, Box) or len(shape) != 3 or min(shape[1:]) < 5:
             raise SettingError(
@@ -62,7 +68,6 @@ class SmallCNN(BaseFeaturesExtractor):
             nn.ReLU(),
         )
 
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+    def forward(self, observations: Any) -> Any:
         """Return the features of n pictures, (n, features_dim)."""
-        found: torch.Tensor = self.layers(observations)
-        return found
+        return self.layers(observations)

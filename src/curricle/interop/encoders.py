@@ -1,8 +1,8 @@
 """Encoders: how an environment's observations become what a network takes.
 
 An encoder is a function from an environment to the same environment, wrapped, so that it has other
-observations. Those of this module and :mod:`~curricle.interop.minigrid_encoders` are frozen
-dataclasses: equal settings are equal encoders, with the same text in every process.
+observations. Those of this module and of ``minigrid_encoders`` are frozen dataclasses: equal
+settings are equal encoders, with the same text in every process.
 """
 
 from collections.abc import Callable
