@@ -8,6 +8,6 @@ from .policy import TrainedPolicy as TrainedPolicy
 from .residual import residual_policy as residual_policy
 from .result import DeepResult as DeepResult
 from .shaping import PolicyReuse as PolicyReuse, WeightTransfer as WeightTransfer
-from .teaching import teach_deep as teach_deep
 from .small_cnn import SmallCNN as SmallCNN
+from .teaching import teach_deep as teach_deep
 from .vec_env import AgentsVecEnv as AgentsVecEnv, ShapedVecEnv as ShapedVecEnv

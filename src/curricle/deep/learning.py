@@ -126,7 +126,7 @@ def train_seeds(
     charged: Sequence[int] | IntArray | None = None,
     saves: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
-) -> LearningResult:
+) -> DeepResult:
     """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
 
     `kind` makes the run of all seeds, a :class:`DeepRun`, of its fields.
