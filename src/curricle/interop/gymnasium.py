@@ -223,14 +223,21 @@ def _from_table(
 def actions_of(
     space: gym.Space[Any], given: Space | None, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
-    """Return the function from an action's number to the environment's action, and the space."""
+    """Return the function from an action's number to the environment's action, and the space.
+
+    Names that are `known` of the environment are left out where a wrapper changed how many actions
+    there are.
+    """
     if not is_discrete(space):
         raise TaskError(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
             f"{space}"
         )
     act = index if counts_from_0(space) else Point(space)
-    return act, _renamed("actions", given, known or space_of(space, "action"))
+    own = space_of(space, "action")
+    if known is not None and known.size == own.size:
+        own = known
+    return act, _renamed("actions", given, own)
 
 
 def _observations(

@@ -128,7 +128,7 @@ class Plan:
         if self.state is not None:
             return self.state
         if is_minigrid(env):
-            core, _ = core_and_views(env, views_apart=True)
+            core = core_and_views(env, views_apart=True).core
             return fitting_state(env, core, self.seeds[0])
         return DeepCopy()
 

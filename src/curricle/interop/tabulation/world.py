@@ -32,6 +32,14 @@ class Arrival(NamedTuple):
     observed: Any  # as the step returned it
 
 
+class CoreAndViews(NamedTuple):
+    """What is stepped of an environment, and the wrappers that are apart from it."""
+
+    core: Environment
+    views: Sequence[gym.ObservationWrapper[Any, Any, Any]]  # from the innermost
+    acts: Sequence[gym.ActionWrapper[Any, Any, Any]]  # from the outermost
+
+
 class World:
     """An environment, and how its states are saved and restored.
 
@@ -48,7 +56,7 @@ class World:
 
     def __init__(self, env: Environment, act: Callable[[int], Any], access: StateAccess, name: str):
         self.env, self.act, self.access, self.name = env, act, access, name
-        self.core, self.views = core_and_views(env, views_apart=not access.copies)
+        self.core, self.views, self.acts = core_and_views(env, views_apart=not access.copies)
         self.now = self.core
         access.prepare(env)
         self.random_states = RandomStates()
@@ -103,7 +111,7 @@ class World:
         return arrival
 
     def _arrival(self, env: Environment, action: int) -> Arrival:
-        returned = self._returned(env.step(self.act(action)), STEP)
+        returned = self._returned(env.step(self._core_action(action)), STEP)
         observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
         try:
@@ -114,6 +122,13 @@ class World:
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         state = self.access.save(env)
         return Arrival(state, earned, bool(terminated), bool(truncated), observed)
+
+    def _core_action(self, action: int) -> Any:
+        """Return what the core is told to do for an action's number."""
+        told = self.act(action)
+        for wrapper in self.acts:
+            told = wrapper.action(told)
+        return told
 
     def _returned(self, found: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
         """Return what a reset or a step returned, if it has so many parts."""
@@ -182,22 +197,26 @@ def _rewind_clocks(env: Environment) -> None:
         env = env.env
 
 
-def core_and_views(
-    env: Environment, *, views_apart: bool
-) -> tuple[Environment, Sequence[gym.ObservationWrapper[Any, Any, Any]]]:
-    """Return the part of an environment that is stepped, and wrappers to look through after it.
+def core_and_views(env: Environment, *, views_apart: bool) -> CoreAndViews:
+    """Return the part of an environment that is stepped, and the wrappers that are apart from it.
 
-    Wrappers that change nothing are left out, the outer ones. Those that change observations alone
-    are apart if told so: they are looked through once a state, not once a step.
+    Wrappers that change nothing are left out, the outer ones. Those that change observations or
+    actions alone are apart if told so: observations are looked through once a state, not once a
+    step, and actions are changed before the step.
     """
-    views = list[Any]()
-    plain = gym.ObservationWrapper
+    views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
-        if isinstance(env, plain) and views_apart:
-            if type(env).step is not plain.step or type(env).reset is not plain.reset:
-                break
+        if views_apart and _plain(env, gym.ObservationWrapper):
             views.insert(0, env)
+        elif views_apart and _plain(env, gym.ActionWrapper):
+            acts.append(env)
         elif not isinstance(env, HARMLESS):
             break
         env = env.env
-    return env, views
+    return CoreAndViews(env, views, acts)
+
+
+def _plain(env: Any, kind: Any) -> bool:
+    """Return whether a wrapper of a kind steps and resets as all of that kind do."""
+    ours = type(env)
+    return isinstance(env, kind) and ours.step is kind.step and ours.reset is kind.reset
