@@ -90,6 +90,17 @@ def set_generators(states: tuple[Any, ...]) -> None:
 
 
 @contextmanager
+def drawing(seed: int) -> Iterator[None]:
+    """Let torch draw from a seed, and restore the generators afterwards."""
+    states = generator_states()
+    torch.manual_seed(seed % 2**63)
+    try:
+        yield
+    finally:
+        set_generators(states)
+
+
+@contextmanager
 def isolated(threads: int) -> Iterator[None]:
     """Use so many of torch's threads, and restore their number and the generators afterwards."""
     before, states = torch.get_num_threads(), generator_states()

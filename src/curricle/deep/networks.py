@@ -89,9 +89,12 @@ class NetworkValues:
                 found = self._critics(seen, self.policy._predict(seen, deterministic=True))
         return self._with_offset(found, observations)
 
-    def act(self, observations: Any) -> npt.NDArray[Any]:
-        """Return the action taken in each of n observations, without exploring."""
-        actions, _ = self.policy.predict(observations, deterministic=True)
+    def act(self, observations: Any, *, sampled: bool = False) -> npt.NDArray[Any]:
+        """Return the action taken in each of n observations, without exploring.
+
+        If `sampled`, an actor-critic's actions are drawn from its policy by torch's generator.
+        """
+        actions, _ = self.policy.predict(observations, deterministic=not sampled)
         return np.asarray(actions)
 
     def parameters(self) -> dict[str, npt.NDArray[Any]]:

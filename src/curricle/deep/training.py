@@ -199,16 +199,17 @@ class Recorder(BaseCallback):
                 self.progress.returns.append(float(ended["r"]))
 
     def _evaluation(self, number: int) -> float:
-        """Return the greedy policy's mean return at a checkpoint; NaN if evaluation is off."""
+        """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self._environments is None:
             return float("nan")
         seed = splitmix64(self.start ^ (number + 1))
-        episodes = self._environments.rollouts(self._greedy, seed)
+        with checkpoint.drawing(seed):
+            episodes = self._environments.rollouts(self._acting, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
-        return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task.discount))
+        return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
 
-    def _greedy(self, observations: Any) -> tuple[Any, Any]:
-        actions = self.values.act(observations)
+    def _acting(self, observations: Any) -> tuple[Any, Any]:
+        actions = self.values.act(observations, sampled=self.run.evaluation.sampled)
         return actions, np.zeros(len(actions))
 
     def _record(self, greedy: float) -> bool:

@@ -123,18 +123,23 @@ class GreedyEvaluation:
     episodes : int, optional
         Rollouts a checkpoint. 100 by default, 5 in a live task, where a hundred checkpoints cost
         as much as 500 training episodes.
-    discounted : bool
-        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper.
+    discounted : bool, optional
+        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper. By default
+        they are discounted where tables learn, and summed where networks learn.
+    sampled : bool
+        Draw actions from the policy of an actor-critic instead of taking the likeliest. Where
+        observations hide a part of the state, the likeliest actions can lead in circles.
 
     Examples
     --------
     >>> GreedyEvaluation(method="rollouts", episodes=10)
-    GreedyEvaluation(method='rollouts', episodes=10, discounted=True)
+    GreedyEvaluation(method='rollouts', episodes=10, discounted=None, sampled=False)
     """
 
     method: Method = "auto"
     episodes: int | None = None
-    discounted: bool = True
+    discounted: bool | None = None
+    sampled: bool = False
 
     def __post_init__(self) -> None:
         one_of("method", self.method, get_args(Method), SettingError)
@@ -147,17 +152,21 @@ class GreedyEvaluation:
         """Return the evaluation of this task for compiled loops."""
         if self.method == "off":
             return NoEvaluation()
+        if self.sampled:
+            raise SettingError("actions are sampled from networks' policies: a table has none")
         horizon = self.horizon(task)
-        discount = self.discount(generative_model(task).discount)
+        discount = self.discount(generative_model(task))
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
             return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0))
         none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64)
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 
-    def discount(self, discount: float) -> float:
-        """Return the discount of the evaluation in a task with this one: the same, or 1."""
-        return discount if self.discounted else 1.0
+    def discount(self, task: Any) -> float:
+        """Return the discount of the evaluation in a task: the task's own, or 1."""
+        networks = is_observation_task(task)
+        discounted = not networks if self.discounted is None else self.discounted
+        return float(task.discount) if discounted else 1.0
 
     def rollouts(self, task: Any) -> int:
         """Return the episodes that rollouts take the mean of, in a task of any kind."""
@@ -171,7 +180,7 @@ class GreedyEvaluation:
         limit, discount = task.longest if observed else model.time_limit, model.discount
         if limit is not None:
             return int(limit)
-        if not self.discounted or (observed and discount == 1):
+        if self.discounted is False or (observed and self.discount(task) == 1):
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit: none set"
             )

@@ -250,7 +250,7 @@ class ObservationTarget:
     def random_return(self) -> float:
         """The mean return of the random policy."""
         found = random_episodes(self.task, episodes=self.episodes)
-        return mean_episode_return(found, self.evaluation.discount(self.task.discount))
+        return mean_episode_return(found, self.evaluation.discount(self.task))
 
     @property
     def episodes(self) -> int:

@@ -85,7 +85,7 @@ def table_of(
     >>> from curricle import GreedyEvaluation
     >>> table = table_of(GreedyEvaluation)
     >>> table.model_validate({"episodes": 10}).build()
-    GreedyEvaluation(method='auto', episodes=10, discounted=True)
+    GreedyEvaluation(method='auto', episodes=10, discounted=None, sampled=False)
     """
     hints = get_type_hints(makes)
     texts = descriptions(makes)
