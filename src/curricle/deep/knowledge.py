@@ -1,0 +1,211 @@
+"""What is known of observations: the values and the policy that a network is to learn by heart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.errors import PotentialError
+from curricle.frozen_arrays import Frozen, adopted
+from curricle.planning.solution import greedy_policy, solve
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge(Frozen):
+    """Values, action values and a policy over n different observations.
+
+    Attributes
+    ----------
+    observations : n stacked observations
+    values : (n,) float64
+        V.
+    action_values : (n, A) float64 or None
+        Q.
+    policy : (n, A) float64 or None
+        The probability of each action.
+    states : (n,) int64
+        How many states look like this. What is known of an observation is their mean.
+
+    Examples
+    --------
+    Two of three states look alike.
+
+    >>> known = Knowledge.of(np.array([[0.0], [1.0], [1.0]]), np.array([[0.0, 1], [3, 0], [0, 5]]))
+    >>> known.values, known.policy[1], known.alike
+    (array([1., 4.]), array([0.5, 0.5]), 0.66...)
+    """
+
+    observations: Any
+    values: FloatArray
+    action_values: FloatArray | None
+    policy: FloatArray | None
+    states: IntArray
+
+    def __post_init__(self) -> None:
+        for name in ("values", "action_values", "policy"):
+            found = getattr(self, name)
+            if found is not None:
+                object.__setattr__(self, name, adopted(found, np.float64))
+        object.__setattr__(self, "states", adopted(self.states, np.int64))
+
+    @classmethod
+    def of(
+        cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
+    ) -> Self:
+        """Return what action values (S, A) say of S observations; greedy unless a policy is given.
+
+        V is the largest of an observation's states' action values, then their mean.
+        """
+        chosen = greedy_policy(action_values) if policy is None else policy
+        values = np.asarray(action_values, np.float64).max(axis=1)
+        return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
+
+    @classmethod
+    def solved(cls, table: Any) -> Self:
+        """Return V*, Q* and the optimal actions of a table's states (:class:`TabulatedTask`).
+
+        Optimal actions are equally likely. Ends are left out: nobody acts there.
+        """
+        solution = solve(table)
+        rows = np.flatnonzero(~table.mdp.terminal)
+        seen = _observed(table).batch(rows)
+        return cls.of(seen, solution.action_values[rows], solution.policy[rows])
+
+    @classmethod
+    def learnt(cls, table: Any, action_values: FloatArray) -> Self:
+        """Return what Q (S, A), learnt in a table (:class:`TabulatedTask`), says of its states."""
+        rows = np.flatnonzero(~table.mdp.terminal)
+        return cls.of(_observed(table).batch(rows), action_values[rows])
+
+    @classmethod
+    def read(cls, values: Any, observations: Any) -> Self:
+        """Return what a :class:`ValueSource` says of n observations.
+
+        Its Q and the greedy policy where it has action values, else V alone. Observations of which
+        it knows nothing (NaN) are left out.
+        """
+        pairs = values.pairs(observations) if values.of_actions else None
+        v = values.v(observations) if pairs is None else pairs.max(axis=1)
+        known = np.isfinite(v)
+        if not known.any():
+            raise PotentialError(
+                f"knowledge to distil must be of some observation: none of {len(v):,} is mapped"
+            )
+        seen = rows_of(observations, known)
+        if pairs is not None:
+            return cls.of(seen, pairs[known])
+        return cls._merged(seen, v[known], None, None, np.ones(int(known.sum()), int))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return what several know together, each weighted by its states."""
+        first = parts[0]
+        observations = _concatenated([part.observations for part in parts])
+        columns = [
+            None
+            if getattr(first, name) is None
+            else np.concatenate([getattr(part, name) for part in parts])
+            for name in ("values", "action_values", "policy", "states")
+        ]
+        return cls._merged(observations, *columns)  # type: ignore[arg-type]
+
+    @property
+    def alike(self) -> float:
+        """The share of states that look like another: what the observation hides."""
+        return float(self.states[self.states > 1].sum() / self.states.sum())
+
+    def rows(self, chosen: IntArray | BoolArray) -> "Knowledge":
+        """Return what is known of some of the observations."""
+        parts = [getattr(self, name) for name in ("values", "action_values", "policy", "states")]
+        kept = [None if part is None else part[chosen] for part in parts]
+        return Knowledge(rows_of(self.observations, chosen), *kept)  # type: ignore[arg-type]
+
+    def shuffled(self, seed: int) -> "Knowledge":
+        """Return the same values and policies, each with the observation of another."""
+        order = np.random.default_rng(seed).permutation(len(self.values))
+        mixed = self.rows(order)
+        return Knowledge(
+            self.observations, mixed.values, mixed.action_values, mixed.policy, mixed.states
+        )
+
+    @classmethod
+    def _merged(
+        cls,
+        observations: Any,
+        values: FloatArray,
+        action_values: FloatArray | None,
+        policy: FloatArray | None,
+        states: IntArray,
+    ) -> Self:
+        first, group = _distinct(observations)
+        weight = np.bincount(group, states)
+
+        def mean(each: FloatArray | None) -> FloatArray | None:
+            if each is None:
+                return None
+            total = np.zeros((len(first), *each.shape[1:]))
+            np.add.at(total, group, (each.T * states).T)
+            return np.asarray((total.T / weight).T)
+
+        seen = rows_of(observations, first)
+        v = np.asarray(mean(values))
+        return cls(seen, v, mean(action_values), mean(policy), weight)
+
+
+def rows_of(observations: Any, rows: IntArray | BoolArray | slice) -> Any:
+    """Return some of n stacked observations.
+
+    Examples
+    --------
+    >>> rows_of({"image": np.arange(6).reshape(3, 2)}, np.array([2]))
+    {'image': array([[4, 5]])}
+    """
+    if isinstance(observations, Mapping):
+        return {name: rows_of(part, rows) for name, part in observations.items()}
+    if isinstance(observations, tuple):
+        return tuple(rows_of(part, rows) for part in observations)
+    return observations[rows]
+
+
+def _concatenated(parts: Sequence[Any]) -> Any:
+    if isinstance(parts[0], Mapping):
+        return {name: _concatenated([part[name] for part in parts]) for name in parts[0]}
+    if isinstance(parts[0], tuple):
+        return tuple(map(_concatenated, zip(*parts, strict=True)))
+    return np.concatenate(parts)
+
+
+def _leaves(observations: Any) -> list[npt.NDArray[Any]]:
+    if isinstance(observations, Mapping):
+        return [leaf for part in observations.values() for leaf in _leaves(part)]
+    if isinstance(observations, tuple):
+        return [leaf for part in observations for leaf in _leaves(part)]
+    return [np.ascontiguousarray(observations)]
+
+
+def _distinct(observations: Any) -> tuple[IntArray, IntArray]:
+    """Return the first row of each different observation, and which of them each row is, (n,)."""
+    leaves = _leaves(observations)
+    numbers = dict[bytes, int]()
+    first, group = list[int](), np.empty(len(leaves[0]), np.int64)
+    for row in range(len(leaves[0])):
+        key = blake2b(b"".join(leaf[row].tobytes() for leaf in leaves), digest_size=16).digest()
+        if key not in numbers:
+            numbers[key] = len(first)
+            first.append(row)
+        group[row] = numbers[key]
+    return np.array(first, np.int64), group
+
+
+def _observed(table: Any) -> Any:
+    found = getattr(table, "observations", None)
+    if found is None:
+        raise PotentialError(
+            "knowledge to be distilled must say what is observed in each state: got "
+            f"{type(table).__name__} without observations; tabulate(...) keeps them"
+        )
+    return found

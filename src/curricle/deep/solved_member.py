@@ -1,0 +1,138 @@
+"""A miniature's tables and levels, solved, and how well a network acts in them."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.deep.knowledge import Knowledge
+from curricle.interop.tabulation.tabulate import tabulate
+from curricle.interop.tabulation.tabulated_task import TabulatedTask
+from curricle.planning.solution import Solution, evaluate, solve
+from curricle.tasks.observation_task import ObservationTask
+
+
+class Examined(NamedTuple):
+    """Expected discounted returns on held-out levels of a member, from their starts.
+
+    Where a member has a single level, on that.
+    """
+
+    member: ObservationTask
+    levels: int
+    states_a_level: float
+    optimal: float
+    random: float
+    greedy: float
+    sampled: float  # NaN without a policy of probabilities
+
+    @property
+    def regained(self) -> float:
+        """Share of the way from the random policy to the optimum, by the better of both ways."""
+        best = np.nanmax([self.greedy, self.sampled])
+        gap = self.optimal - self.random
+        return float((best - self.random) / gap) if gap > 0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMember:
+    """A member's tables, their levels, and the optimum.
+
+    Attributes
+    ----------
+    table : TabulatedTask
+    level : (S,) int64
+        The level of each state.
+    taught : (S,) bool
+        Whether its level is taught. Ends are not.
+    """
+
+    member: ObservationTask
+    table: TabulatedTask
+    level: IntArray
+    taught: BoolArray
+
+    @classmethod
+    def of(
+        cls, member: ObservationTask, resets: int, held_out: float, max_states: int
+    ) -> "SolvedMember":
+        """Return a member solved, with a share of its levels held out."""
+        table = tabulate(
+            member.environment, discount=member.discount, seeds=resets, max_states=max_states
+        )
+        level = levels_of(table)
+        levels = np.unique(level[table.mdp.start > 0])
+        n_held = int(held_out * len(levels) + 0.5)
+        held = np.random.default_rng(0).permutation(levels)[:n_held]
+        apart = np.isin(level, held)
+        return cls(member, table, level, ~apart & ~table.mdp.terminal)
+
+    @cached_property
+    def solution(self) -> Solution:
+        """The optimum of all levels."""
+        return solve(self.table)
+
+    @property
+    def levels(self) -> int:
+        """Different levels among the resets."""
+        return len(np.unique(self.level[self.table.mdp.start > 0]))
+
+    def knowledge(self, potential: Any = None) -> Knowledge:
+        """Return what is known of the states that are taught; a potential may not know them all."""
+        rows = np.flatnonzero(self.taught)
+        assert self.table.observations is not None
+        seen = self.table.observations.batch(rows)
+        if potential is not None:
+            return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
+        solution = self.solution
+        return Knowledge.of(seen, solution.action_values[rows], solution.policy[rows])
+
+    def examined(self, values: Any) -> Examined:
+        """Return how a network acts on the levels that are not taught."""
+        apart = np.where(self.taught, 0.0, self.table.mdp.start)
+        start = apart if apart.any() else self.table.mdp.start
+        n_levels = len(np.unique(self.level[start > 0]))
+        acting = values.policy
+        random = np.full((self.table.states.size, self.table.actions.size), 1.0)
+
+        def worth(policy: Any) -> float:
+            found: FloatArray = evaluate(self.table, policy).values
+            return float(found @ start / start.sum())
+
+        return Examined(
+            self.member,
+            n_levels,
+            (~self.table.mdp.terminal).sum() / self.levels,
+            float(self.solution.values @ start / start.sum()),
+            worth(random / random.shape[1]),
+            worth(self.table.policy(acting)),
+            worth(self.table.policy(values, deterministic=False))
+            if values.kind == "value_net"
+            else float("nan"),
+        )
+
+
+def levels_of(table: TabulatedTask) -> IntArray:
+    """Return the level of each state, (S,): states that a path connects, ends left out.
+
+    Examples
+    --------
+    >>> import curricle as cr
+    >>> len(set(levels_of(cr.tabulate("FrozenLake-v1", discount=0.9)).tolist()))
+    6
+    """
+    mdp = table.mdp
+    live = np.flatnonzero(~mdp.terminal)
+    rows = mdp.outcome_row[live]
+    after = mdp.next_state[rows].reshape(len(live), -1)
+    likely = mdp.probability[rows].reshape(len(live), -1) > 0
+    connected = likely & ~mdp.terminal[after]
+    here = np.repeat(live, connected.sum(axis=1))
+    n = len(mdp.terminal)
+    edges = coo_array((np.ones(len(here)), (here, after[connected])), shape=(n, n))
+    _, found = connected_components(edges.tocsr(), directed=False)
+    return np.asarray(found, np.int64)

@@ -1,0 +1,71 @@
+"""Training a network on miniatures: :func:`learn_miniatures`."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from curricle.deep.distillation import distil
+from curricle.deep.learner import DeepLearner
+from curricle.deep.miniature_task import Miniatures
+from curricle.errors import TaskError
+from curricle.learning.record import Record
+from curricle.learning.result import LearningResult, learning_result
+from curricle.learning.run import Outcome
+
+WORTH = 0.02
+"""Of the way from random to optimal: what a network must regain on held-out levels at least."""
+
+
+def learn_miniatures(
+    task: Miniatures,
+    learner: DeepLearner,
+    seeds: Sequence[int],
+    potentials: Sequence[Any] = (),
+    *,
+    eval_freq: int = 1,
+) -> LearningResult:
+    """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
+
+    ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
+    levels that it was not taught, mean over members.
+
+    Parameters
+    ----------
+    task : Miniatures
+    learner : DeepLearner
+        Whose networks they are.
+    seeds : sequence of K int
+    potentials : sequence of K potentials
+        What each seed's sources say of the observations, instead of exact answers. Or none.
+    eval_freq : int
+        Of the result.
+
+    Raises
+    ------
+    SettingError
+        As :func:`distil`.
+    TaskError
+        When a network acts no better than at random on levels that it was not taught.
+    """
+    outcomes = []
+    for k, seed in enumerate(seeds):
+        known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
+        values = distil(known, task, learner, seed=seed).values
+        outcomes.append(_outcome(task, values))
+    each: Any = tuple(one.values for one in outcomes)
+    return learning_result(task, learner, tuple(seeds), each, outcomes, eval_freq)  # type: ignore[arg-type]
+
+
+def _outcome(task: Miniatures, values: Any) -> Outcome:
+    """Return what one seed learnt; TaskError if it is worth nothing."""
+    examined = task.examined(values)[: len(task.members)]
+    record = Record.empty(1)
+    record.greedy_return[0] = np.mean([max(one.greedy, one.sampled) for one in examined])
+    regained = np.nanmean([one.regained for one in examined])
+    if regained < WORTH and not task.shuffled:
+        raise TaskError(
+            "a network that miniatures teach must act better than at random on levels that it was "
+            f"not taught: it regains {regained:.0%} of the way to the optimum of {task}"
+        )
+    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0, visits=None)

@@ -1,0 +1,147 @@
+"""What is known of observations is distilled into networks of every kind."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.deep import DeepLearner, Distillation, Knowledge, distil
+
+from .worlds import one_hot
+
+WELL = Distillation(updates=1_500, batch_size=64, learning_rate=5e-3)
+SMALL = {"policy_kwargs": {"net_arch": [32]}}
+
+
+def solved_maze():
+    maze = cr.GridWorld(["..T", ".P.", "S.."])
+    observed, solution = one_hot(maze), cr.solve(maze)
+    live = np.flatnonzero(~maze.mdp.terminal)
+    rows = np.eye(maze.states.size, dtype=np.float32)[live]
+    known = Knowledge.of(rows, solution.action_values[live], solution.policy[live])
+    return maze, observed, known, solution, live
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "A2C"])
+def test_an_actor_critic_learns_values_and_policy_by_heart(algorithm):
+    _, observed, known, solution, live = solved_maze()
+    found = distil(known, observed, DeepLearner(algorithm, settings=SMALL), WELL)
+    spread = solution.values[live].std()
+    assert found.value_error < 0.05 * spread
+    assert found.agreement == pytest.approx(1.0)
+    assert found.values.v(known.observations) == pytest.approx(known.values, abs=0.2 * spread)
+    assert not found.values.of_actions
+
+
+@pytest.mark.parametrize("algorithm", ["DQN", "QRDQN"])
+def test_a_q_network_learns_action_values_by_heart(algorithm):
+    if algorithm == "QRDQN":
+        pytest.importorskip("sb3_contrib")
+    _, observed, known, solution, live = solved_maze()
+    found = distil(known, observed, DeepLearner(algorithm, settings=SMALL), WELL)
+    wanted = solution.action_values[live]
+    each = np.tile(np.arange(4), (len(live), 1))
+    q = found.values.q(known.observations, each)
+    assert np.sqrt(((q - wanted) ** 2).mean()) < 0.1 * wanted.std()
+    net = "q_net" if algorithm == "DQN" else "quantile_net"
+    policy = found.values.policy
+    one, other = (getattr(policy, name).state_dict() for name in (net, f"{net}_target"))
+    assert all((one[name] == other[name]).all() for name in one)
+
+
+def test_a_network_without_a_policy_to_learn_keeps_its_actor():
+    _, observed, known, *_ = solved_maze()
+    values = Knowledge(known.observations, known.values, None, None, known.states)
+    fits = [
+        distil(values, observed, DeepLearner("PPO", settings=SMALL), Distillation(updates=n))
+        for n in (1, 50)
+    ]
+    first, last = (one.values.policy.action_net.weight for one in fits)
+    assert (first == last).all()
+    assert np.isnan(fits[1].agreement)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not():
+    _, observed, known, *_ = solved_maze()
+    fits = [
+        distil(known, observed, settings=Distillation(updates=20), seed=seed).values.parameters()
+        for seed in (1, 1, 2)
+    ]
+    assert all((fits[0][name] == fits[1][name]).all() for name in fits[0])
+    assert any((fits[0][name] != fits[2][name]).any() for name in fits[0])
+
+
+def test_states_that_look_alike_are_taught_their_mean():
+    seen = np.array([[0.0], [0.0], [0.0], [1.0]], np.float32)
+    q = np.array([[1.0, 0.0], [3.0, 0.0], [0.0, 5.0], [0.0, 2.0]])
+    known = Knowledge.of(seen, q)
+    assert known.states.tolist() == [3, 1]
+    assert known.values == pytest.approx([3.0, 2.0])
+    assert known.action_values == pytest.approx(np.array([[4 / 3, 5 / 3], [0.0, 2.0]]))
+    assert known.policy == pytest.approx(np.array([[2 / 3, 1 / 3], [0.0, 1.0]]))
+    assert known.alike == 0.75
+
+
+def test_joined_knowledge_weighs_each_state_once():
+    rng = np.random.default_rng(3)
+    seen = rng.integers(0, 3, (40, 2)).astype(np.float32)
+    q = rng.normal(size=(40, 3))
+    whole = Knowledge.of(seen, q)
+    joined = Knowledge.joined([Knowledge.of(seen[:15], q[:15]), Knowledge.of(seen[15:], q[15:])])
+    order, other = (np.lexsort(one.observations.T) for one in (whole, joined))
+    for name in ("values", "action_values", "policy", "states"):
+        one, two = getattr(whole, name)[order], getattr(joined, name)[other]
+        assert one == pytest.approx(two)
+
+
+def test_observations_that_are_dicts_are_merged_too():
+    seen = {"a": np.array([[1], [1], [2]]), "b": np.array([0, 0, 0])}
+    known = Knowledge.of(seen, np.array([[1.0], [3.0], [5.0]]))
+    assert known.observations["a"].tolist() == [[1], [2]]
+    assert known.values.tolist() == [2.0, 5.0]
+    assert known.rows(np.array([1])).observations["b"].tolist() == [0]
+
+
+def test_shuffled_answers_are_the_same_answers_of_others():
+    _, _, known, *_ = solved_maze()
+    mixed = known.shuffled(4)
+    assert (mixed.observations == known.observations).all()
+    assert sorted(mixed.values) == pytest.approx(sorted(known.values))
+    assert not np.array_equal(mixed.values, known.values)
+    pairs = [(value, *row) for value, row in zip(known.values, known.policy, strict=True)]
+    mixed_pairs = [(value, *row) for value, row in zip(mixed.values, mixed.policy, strict=True)]
+    assert sorted(mixed_pairs) == sorted(pairs)
+
+
+def test_a_network_can_be_distilled_into_another():
+    _, observed, known, *_ = solved_maze()
+    teacher = distil(known, observed, DeepLearner("DQN", settings=SMALL), WELL).values
+    told = Knowledge.read(
+        cr.transfer.ObservationPotential.of(observed, teacher), known.observations
+    )
+    student = distil(told, observed, DeepLearner("PPO", settings=SMALL), WELL)
+    assert student.agreement == pytest.approx(1.0)
+    assert student.values.v(known.observations) == pytest.approx(
+        teacher.v(known.observations), abs=0.2 * known.values.std()
+    )
+
+
+def test_knowledge_of_other_observations_actions_or_learners_is_refused():
+    _, observed, known, *_ = solved_maze()
+    narrow = Knowledge.of(known.observations[:, :3], np.asarray(known.action_values))
+    with pytest.raises(cr.errors.SettingError, match=r"observations, Box.*shape \(3,\)"):
+        distil(narrow, observed)
+    few = Knowledge.of(known.observations, np.asarray(known.action_values)[:, :2])
+    with pytest.raises(cr.errors.SettingError, match=r"actions, Discrete\(4\): got 2"):
+        distil(few, observed)
+    without = Knowledge(known.observations, known.values, None, None, known.states)
+    with pytest.raises(cr.errors.SettingError, match="where action values are known"):
+        distil(without, observed, DeepLearner("DQN"))
+    pendulum = cr.observation_task("Pendulum-v1")
+    torques = Knowledge(np.zeros((2, 3), np.float32), np.zeros(2), None, None, np.ones(2, int))
+    with pytest.raises(cr.errors.SettingError, match="an actor-critic of numbered actions"):
+        distil(torques, pendulum)
+    with pytest.raises(cr.errors.PotentialError, match="say what is observed in each state"):
+        Knowledge.solved(cr.GridWorld("S.T"))
+    for wrong in ({"updates": 0}, {"batch_size": 1.5}, {"learning_rate": -1.0}):
+        with pytest.raises(cr.errors.SettingError, match="of a distillation"):
+            Distillation(**wrong)
