@@ -22,6 +22,7 @@ from curricle.comparison.comparable import (
 )
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import (
+    PLACEBO,
     Change,
     Control,
     changed_potentials,
@@ -29,6 +30,7 @@ from curricle.comparison.controls import (
     check_fit,
     learn_changed,
     level_of,
+    shuffled_miniatures,
     source_control,
     value_controls,
 )
@@ -46,6 +48,7 @@ from curricle.planning.target import Target
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
+from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9
@@ -261,6 +264,8 @@ class _Plan:
         for label, change in value_controls(self.controls, pairs):
             train = partial(self._value_control, result, change, spent, label, pairs)
             yield label, train
+        if PLACEBO in self.controls and is_observation_task(pairs.task):
+            yield PLACEBO, partial(self._placebo, curriculum, seeds)
         for control in ("random_start", "pretraining"):
             if control in self.controls:
                 train = partial(self._source_control, curriculum, control, seeds, spent)
@@ -279,6 +284,11 @@ class _Plan:
         level = level_of(label, changed, pairs, result.curriculum)
         found = learn_changed(result, changed, self.workers)
         return self._arm(found, spent, control=True, level=level)
+
+    def _placebo(self, curriculum: Curriculum, seeds: Sequence[int]) -> Arm:
+        """Return the control of a curriculum whose miniatures teach what is not so."""
+        result = self._trained(shuffled_miniatures(curriculum), seeds)
+        return self._arm(result[self.target], result.source_steps(self.target), control=True)
 
     def _source_control(
         self,

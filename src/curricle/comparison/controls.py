@@ -15,7 +15,8 @@
 ``placebo`` and ``constant`` know nothing of the task. A curriculum that pays, and gains more than
 they do, pays by what it knows.
 
-An observation task has no numbered states, so ``placebo`` and ``random_start`` are refused there.
+An observation task has no numbered states, so ``random_start`` is refused there, and ``placebo``
+unless its sources are miniatures: then each observation is taught what is right for another.
 ``scaled`` and ``constant`` need no dense tables.
 """
 
@@ -29,6 +30,7 @@ from curricle.checks import one_of
 from curricle.comparison.levels import Level, VisitedPairs, initial_value_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
+from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
@@ -86,6 +88,8 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
     name = curriculum.target
     shaping = curriculum.setting("shaping", name)
     for control in controls:
+        if control == "placebo" and _all_miniatures(curriculum):
+            continue
         if control in ("random_start", "placebo"):
             raise CurriculumError(
                 f"a control {control!r} needs numbered states: {name!r}, the target of arm "
@@ -96,6 +100,25 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
                 f"a control {control!r} changes the values of a potential: the target of arm "
                 f"{arm!r} has the shaping {shaping.name}, which does not read them"
             )
+
+
+def _all_miniatures(curriculum: Curriculum) -> bool:
+    """Return whether all that is carried over to the target comes from miniatures."""
+    sources = [edge.source for edge in curriculum.in_edges(curriculum.target)]
+    return all(isinstance(curriculum.tasks[name], Miniatures) for name in sources)
+
+
+def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
+    """Return a curriculum whose miniatures teach of each observation what is right for another."""
+    tasks: dict[str, Any] = dict(curriculum.tasks)
+    for name, task in tasks.items():
+        if isinstance(task, Miniatures):
+            tasks[name] = replace(task, shuffled=True)
+    transfers = [
+        replace(edge, mapping=replace(edge.mapping, source=tasks[edge.source]))
+        for edge in curriculum.transfers
+    ]
+    return replace(curriculum, tasks=tasks, transfers=transfers)
 
 
 def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
@@ -138,7 +161,7 @@ def value_controls(
 
     `pairs` are those of the target that learning can visit.
     """
-    if "placebo" in controls:
+    if "placebo" in controls and not is_observation_task(pairs.task):
         yield PLACEBO, _shuffled
     if "constant" in controls:
         yield CONSTANT_MEAN, lambda phi, _: phi.rescaled(0.0, float(pairs.values(phi).mean()))

@@ -29,6 +29,7 @@ from curricle.curriculum.sources import (
     warn_of_refusals,
 )
 from curricle.curriculum.task_graph import TaskGraph
+from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError
 from curricle.files import file_name
 from curricle.learning.budget import Budget, limits
@@ -174,12 +175,21 @@ class Curriculum(TaskGraph):
         value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
         if which == "budget":
             return self._budget(name, value)
+        if which == "learner" and value == SETTINGS["learner"]:
+            return self._default_learner(name)
         if value is not None:
             return value
         if which == "shaping":
             others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
             return default_shaping(self.tasks[name], *others)
         return None
+
+    def _default_learner(self, name: str) -> Any:
+        """Return the default learner of a task; miniatures teach the learner of their target."""
+        taught = [edge.target for edge in self.transfers if edge.source == name]
+        if taught and isinstance(self.tasks[name], Miniatures):
+            return self.setting("learner", taught[0])
+        return SETTINGS["learner"]
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
         """Return the budget of a task: of a source, it ends when the return has settled."""
@@ -192,7 +202,8 @@ class Curriculum(TaskGraph):
         for target in self.last_tasks:
             sources = self.ancestors(target)
             if name in sources:
-                unstated = sum(given.get(source) is None for source in sources)
+                stepping = [one for one in sources if not isinstance(self.tasks[one], Miniatures)]
+                unstated = max(1, sum(given.get(source) is None for source in stepping))
                 shares.append(source_budget(self.node(target).most_steps, unstated))
         return max(shares, key=limits)
 

@@ -9,6 +9,7 @@ from curricle.array_types import IntArray
 from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
+from curricle.deep.miniature_task import Miniatures
 from curricle.deep.spaces import check_spaces
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, longest_run, spacing
@@ -65,7 +66,8 @@ class Node:
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
         """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
-        eval_freq = spacing(eval_freq, settings["budget"])
+        taught = isinstance(task, Miniatures)
+        eval_freq = 1 if taught else spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
         for which, kind in {"learner": learner, **_KINDS}.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
@@ -97,13 +99,15 @@ class Node:
     @property
     def most_steps(self) -> int:
         """A bound of the steps that training takes."""
+        if self.takes_no_steps:
+            return 0
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
         return longest_run(limit, self.budget, self.eval_freq)
 
     @property
     def most_evaluation_steps(self) -> int:
         """A bound of the steps that a seed's greedy evaluations take; 0 where they take none."""
-        off = self.evaluation.method == "off"
+        off = self.evaluation.method == "off" or self.takes_no_steps
         if off or not (
             self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)
         ):
@@ -115,6 +119,11 @@ class Node:
     def deep(self) -> bool:
         """Whether the task is seen through observations, and learnt by a network."""
         return is_observation_task(self.task)
+
+    @property
+    def takes_no_steps(self) -> bool:
+        """Whether a network learns the task from exact answers, and not by steps."""
+        return isinstance(self.task, Miniatures)
 
     def train(
         self,
@@ -143,6 +152,8 @@ class Node:
         saves : Path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
+        if self.takes_no_steps:
+            return self._taught(seeds, potentials)
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -172,9 +183,18 @@ class Node:
             **common,
         )
 
+    def _taught(self, seeds: Sequence[int], potentials: Sequence[AnyPotential]) -> LearningResult:
+        """Return networks that exact answers taught; ImportError without Stable-Baselines3."""
+        self.learner.algorithm_class()
+        from curricle.deep.taught import learn_miniatures
+
+        return learn_miniatures(
+            self.task, self.learner, seeds, potentials, eval_freq=self.eval_freq
+        )
+
     def decisions(self, result: LearningResult) -> list[list[Decision]]:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
-        if not isinstance(self.budget, StoppingRule):
+        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return [[] for _ in result.seeds]
         level = stopping_level(self.budget, self.task, self.evaluation)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()

@@ -1,5 +1,6 @@
 """Deep learners: which algorithm of Stable-Baselines3, and its settings."""
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -75,6 +76,11 @@ class DeepLearner:
         settings = [f"{name}={_text(value)}" for name, value in self.settings.items()]
         envs = [f"envs={self.envs}"] if self.envs > 1 else []
         return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *settings])})"
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """The names of the algorithm's arguments."""
+        return tuple(inspect.signature(self.algorithm_class()).parameters)
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""

@@ -54,10 +54,13 @@ def learn_deep(
         ``ValueSource``:
 
         - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
-          wherever DQN or QR-DQN reads its network; the residual starts at 0 (Wiewiora 2003).
+          wherever DQN or QR-DQN reads its network; the residual starts at 0 (Wiewiora 2003). The
+          critic of PPO or A2C computes V(s) = Phi(s) + residual(s), and learns just what
+          :class:`StateShaping` by Phi would let it learn.
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
         - :class:`WeightTransfer`: learning starts with the one source's network.
         - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
+        - :class:`Demonstrations`: the replay buffer starts with episodes of miniatures.
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
@@ -145,7 +148,7 @@ def train_seeds(
         seeds,
         learner,
         (steps, episodes),
-        lambda one: _of_observations(task, one),
+        lambda one: _of_observations(task, learner, one),
         shaping=shaping,
         warm_up=warm_up,
         charged=charged,
@@ -184,7 +187,7 @@ def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:
     return budget.kernel()
 
 
-def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:
+def _of_observations(task: ObservationTask, learner: DeepLearner, shaping: Shaping) -> Shaping:
     """Return the shaping with a potential of the task's observations."""
     potential = shaping.potential
     if potential is None:
@@ -195,7 +198,8 @@ def _of_observations(task: ObservationTask, shaping: Shaping) -> Shaping:
         raise SettingError(
             f"a potential must be made for the task it shapes: it belongs to {potential.task}"
         )
-    if shaping.starts_at_potential and not potential.of_actions:
+    of_states = shaping.starts_at_potential and not potential.of_actions
+    if of_states and "buffer_size" in learner.takes:
         raise SettingError(
             f"{shaping.name} needs a potential of numbered actions; StateShaping does not"
         )

@@ -10,10 +10,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from curricle.deep.checkpoint import isolated
+from curricle.deep.demonstrations import fill_replay_buffer
+from curricle.deep.kickstarting import begin_near, kickstarted
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
-from curricle.deep.shaping import PolicyReuse, WeightTransfer, reusing
+from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer, reusing
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping, StateShaping
@@ -44,28 +46,53 @@ def model_for(
     >>> type(model).__name__, model.gamma
     ('PPO', 0.9)
     """
-    check_learner(learner)
+    check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
         size = settings.get("buffer_size", 1_000_000)
         settings["buffer_size"] = max(min(size, steps), learner.envs)
-    guided = False
     potential = None if shaping is None else shaping.potential
     if shaping is not None and shaping.starts_at_potential and potential is not None:
         policy = residual_policy(algorithm, learner.policy)
         given = settings.get("policy_kwargs") or {}
         settings["policy_kwargs"] = {**given, "potential": potential}
-    elif potential is not None and isinstance(shaping, PolicyReuse) and "buffer_size" in settings:
-        guided = potential.of_actions
-        algorithm = reusing(algorithm) if guided else algorithm
+    guided = _is_guided(shaping, settings)
+    if guided:
+        algorithm = reusing(algorithm)
+    near = isinstance(shaping, PolicyReuse) and shaping.kl > 0 and potential is not None
+    if near:
+        algorithm, policy = kickstarted(algorithm, policy)
     venv = environments(task, learner, shaping)
     model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
+    if potential is not None:
+        _begin(model, shaping, potential, guided=guided)
+    return model
+
+
+def _is_guided(shaping: Shaping | None, settings: Mapping[str, Any]) -> bool:
+    """Return whether an off-policy learner explores by what its sources do."""
+    if not isinstance(shaping, PolicyReuse) or shaping.potential is None:
+        return False
+    values = shaping.potential.values
+    acts = len(values) == 1 and getattr(values[0], "kind", "") == "value_net"
+    return "buffer_size" in settings and (shaping.potential.of_actions or acts)
+
+
+def _begin(
+    model: Any, shaping: Shaping | None, potential: ObservationPotential, *, guided: bool
+) -> None:
+    """Give a new model what its sources hand on beside their values."""
     if guided:
         model.guide = potential
-    elif potential is not None and isinstance(shaping, WeightTransfer | PolicyReuse):
-        _carry_over(model, potential, everything=isinstance(shaping, WeightTransfer))
-    return model
+    elif isinstance(shaping, PolicyReuse):
+        carry_over(model, potential, "actor")
+        if shaping.kl > 0:
+            begin_near(model, shaping.kl)
+    elif isinstance(shaping, WeightTransfer):
+        carry_over(model, potential, shaping.parts)
+    elif isinstance(shaping, Demonstrations):
+        fill_replay_buffer(model, potential, shaping.steps)
 
 
 def environments(task: ObservationTask, learner: DeepLearner, shaping: Shaping | None) -> VecEnv:
@@ -91,8 +118,18 @@ def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
                 f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
                 + (f", did you mean {meant[0]!r}?" if meant else "")
             )
-    if shaping is not None and shaping.starts_at_potential:
+    if shaping is None:
+        return
+    if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
+    if isinstance(shaping, Demonstrations) and "buffer_size" not in known:
+        raise SettingError(
+            f"demonstrations need an algorithm with a replay buffer: {learner.algorithm} has none"
+        )
+    if isinstance(shaping, PolicyReuse) and shaping.kl > 0 and "ent_coef" not in known:
+        raise SettingError(
+            f"a pull by kl needs an actor-critic that learns on-policy: got {learner.algorithm}"
+        )
 
 
 def network_values(
@@ -114,8 +151,11 @@ def network_values(
     return values
 
 
-def _carry_over(model: Any, potential: ObservationPotential, *, everything: bool) -> None:
-    """Load the parameters of the one source, or those of its actor, into a model."""
+def carry_over(model: Any, potential: ObservationPotential, parts: str) -> None:
+    """Load "all" parameters of the one source, or those of its "actor" or "critic", into a model.
+
+    What actor and critic share goes with the actor.
+    """
     (source, *others) = potential.values
     if others or not isinstance(source, NetworkValues):
         raise SettingError(
@@ -128,7 +168,11 @@ def _carry_over(model: Any, potential: ObservationPotential, *, everything: bool
             "potential"
         )
     mine, theirs = model.policy.state_dict(), source.policy.state_dict()
-    names = [n for n in theirs if everything or not n.startswith((*VALUE_HEAD, "critic"))]
+    names = [
+        name
+        for name in theirs
+        if parts == "all" or name.startswith((*VALUE_HEAD, "critic")) == (parts == "critic")
+    ]
     for name in names:
         if name not in mine or mine[name].shape != theirs[name].shape:
             here = tuple(mine[name].shape) if name in mine else "missing"

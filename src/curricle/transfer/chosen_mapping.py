@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 from curricle.errors import CurriculumError, MappingError
+from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, has_tables
 from curricle.transfer.edges import Transfer
 from curricle.transfer.found_mappings import (
@@ -17,6 +18,7 @@ from curricle.transfer.found_mappings import (
     find_mappings,
     replace_unmapped_value,
 )
+from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.unmapped_values import fitted_unmapped_value
 
 REMEMBERED = 16
@@ -97,9 +99,11 @@ def best_of(found: FoundMappings) -> FoundMapping:
 
 
 def with_mapping(
-    transfer: Transfer, target: Task, source: Task, *, fit_unmapped: bool = True
+    transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
 ) -> Transfer:
     """Return a transfer as it is, or with the mapping that is found; what is found is printed.
+
+    Between two tasks seen through observations it is the identity, if these are of one space.
 
     Raises
     ------
@@ -109,6 +113,13 @@ def with_mapping(
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
+    if is_observation_task(target) and is_observation_task(source):
+        if target.observations != source.observations:
+            raise CurriculumError(
+                f"a transfer between different observations needs a mapping: {edge} has none, and "
+                f"the target has {target.observations}, the source {source.observations}"
+            )
+        return replace(transfer, mapping=ObservationMapping(target, source))
     scale, shift = transfer.scale, transfer.shift
     try:
         mapping = announced(

@@ -1,0 +1,151 @@
+"""An actor that starts as a source's policy, and is kept near it less and less."""
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.callbacks import BaseCallback
+
+import curricle as cr
+from curricle.deep.models import model_for
+from curricle.deep.networks import NetworkValues
+
+from .worlds import one_hot, random_task
+
+STEPS = 1_024
+
+
+def learner(**changed):
+    settings = {"n_steps": 32, "batch_size": 32, "n_epochs": 2} | changed
+    return cr.deep.DeepLearner(
+        "PPO", envs=2, settings={**settings, "policy_kwargs": {"net_arch": [8]}}
+    )
+
+
+def task_and_source(seed=0):
+    rng = np.random.default_rng(seed)
+    task = random_task(rng)
+    observed = one_hot(task)
+    wanted = rng.dirichlet(np.full(3, 0.3), 5)
+    known = cr.deep.Knowledge.of(np.eye(5, dtype=np.float32), rng.normal(size=(5, 3)), wanted)
+    fit = cr.deep.Distillation(updates=600, learning_rate=0.02)
+    return observed, cr.deep.distil(known, observed, learner(), fit).values, wanted
+
+
+def source(observed, values):
+    return cr.transfer.ObservationPotential.of(observed, values)
+
+
+def probabilities(policy):
+    seen, _ = policy.obs_to_tensor(np.eye(5, dtype=np.float32))
+    return policy.get_distribution(seen).distribution.probs.detach().numpy()
+
+
+class Weights(BaseCallback):
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+
+    def _on_step(self):
+        return True
+
+    def _on_rollout_end(self):
+        self.seen.append(self.model.policy.kl_weight)
+
+
+class Until(BaseCallback):
+    def __init__(self, steps):
+        super().__init__()
+        self.steps = steps
+
+    def _on_step(self):
+        return self.num_timesteps < self.steps
+
+
+def test_the_actor_starts_as_the_source_and_the_critic_does_not():
+    observed, values, wanted = task_and_source()
+    shaping = cr.deep.PolicyReuse(source=source(observed, values))
+    model = model_for(observed, learner(), shaping, seed=9)
+    assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
+    rows = np.eye(5, dtype=np.float32)
+    assert not np.allclose(NetworkValues(model.policy).v(rows), values.v(rows), atol=0.05)
+
+
+def test_the_critic_alone_can_be_carried_over():
+    observed, values, wanted = task_and_source()
+    shaping = cr.deep.WeightTransfer(source=source(observed, values), parts="critic")
+    model = model_for(observed, learner(), shaping, seed=9)
+    rows = np.eye(5, dtype=np.float32)
+    assert NetworkValues(model.policy).v(rows) == pytest.approx(values.v(rows), abs=1e-5)
+    assert not np.allclose(probabilities(model.policy), wanted, atol=0.05)
+
+
+def test_the_pull_falls_to_0_at_half_of_the_budget():
+    observed, values, _ = task_and_source()
+    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=2.0)
+    model, weights = model_for(observed, learner(), shaping, seed=9), Weights()
+    model.learn(STEPS, callback=weights)
+    assert model.policy.kl_weight == 0.0
+    first = weights.seen[1]  # of the update after the first rollout
+    assert first == pytest.approx(2.0 * (1 - 64 / (STEPS / 2)))
+    half = len(weights.seen) // 2
+    assert all(one == 0.0 for one in weights.seen[half + 1 :])
+    assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
+
+
+def test_a_strong_pull_keeps_the_policy_where_it_is():
+    observed, values, _ = task_and_source()
+    gaps = []
+    for kl in (0.0, 100.0):
+        shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=kl)
+        model = model_for(observed, learner(learning_rate=3e-3), shaping, seed=9)
+        before = probabilities(model.policy)
+        model.learn(STEPS, callback=Until(STEPS // 4))  # where the pull is still strong
+        gaps.append(np.abs(probabilities(model.policy) - before).max())
+    assert gaps[1] < gaps[0] / 2
+
+
+def test_the_loss_without_a_pull_is_that_of_plain_ppo():
+    observed, values, _ = task_and_source()
+    ends = []
+    for kl in (0.0, 1e-12):
+        shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=kl)
+        model = model_for(observed, learner(ent_coef=0.02), shaping, seed=9)
+        model.learn(STEPS)
+        ends.append([one.detach().clone() for one in model.policy.parameters()])
+    for plain, pulled in zip(*ends, strict=True):
+        assert torch.allclose(plain, pulled, atol=1e-5)
+
+
+def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
+    observed, values, _ = task_and_source()
+    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=1.0)
+
+    class Killed(Exception):
+        pass
+
+    class Kill(BaseCallback):
+        def _on_step(self):
+            if self.num_timesteps > STEPS // 2:
+                raise Killed
+            return True
+
+    def run(saves, callbacks=None):
+        one = cr.deep.DeepLearner("PPO", envs=2, settings=learner().settings, callbacks=callbacks)
+        off = cr.GreedyEvaluation("off")
+        return cr.deep.learn_deep(
+            observed, one, STEPS, shaping=shaping, eval_freq=256, evaluation=off, saves=saves
+        )
+
+    whole = run(tmp_path / "whole")
+    with pytest.raises(Killed):
+        run(tmp_path / "cut", lambda: [Kill()])
+    resumed = run(tmp_path / "cut")
+    rows = np.eye(5, dtype=np.float32)
+    assert (resumed.values[0].v(rows) == whole.values[0].v(rows)).all()
+
+
+def test_a_pull_needs_an_actor_critic():
+    observed, values, _ = task_and_source()
+    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=1.0)
+    with pytest.raises(cr.errors.SettingError, match="an actor-critic that learns on-policy"):
+        cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, shaping=shaping)

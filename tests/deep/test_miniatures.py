@@ -1,0 +1,186 @@
+"""Small relatives, solved, as a source for networks."""
+
+from functools import partial
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+import curricle as cr
+from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
+from curricle.deep.demonstrations import fill_replay_buffer
+from curricle.deep.models import model_for
+
+ROOM = ["#######", "#.....#", "#.....#", "#.....#", "#.....#", "#######"]
+PPO = DeepLearner(
+    "PPO", envs=2, settings={"n_steps": 32, "batch_size": 32, "policy_kwargs": {"net_arch": [32]}}
+)
+ROLLOUTS = cr.GreedyEvaluation(episodes=3)
+
+
+class Room(gymnasium.Env):
+    """A room in which the way to the goal is seen; start and goal are drawn at each reset."""
+
+    observation_space = Box(-1, 1, (2,), np.float32)
+    action_space = gymnasium.spaces.Discrete(4)
+    moves = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
+
+    def __init__(self, size=4, blind=False):
+        self.size, self.blind = size, blind
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.goal = self.np_random.integers(0, self.size, 2)
+        self.place = (self.goal + self.np_random.integers(1, self.size, 2)) % self.size
+        return self.seen(), {}
+
+    def step(self, action):
+        self.place = np.clip(self.place + self.moves[int(action)], 0, self.size - 1)
+        there = bool((self.place == self.goal).all())
+        return self.seen(), float(there), there, False, {}
+
+    def seen(self):
+        way = (self.goal - self.place) / 10
+        return np.zeros(2, np.float32) if self.blind else way.astype(np.float32)
+
+
+def save(env):
+    here = env.unwrapped
+    return (*here.place.tolist(), *here.goal.tolist())
+
+
+def room(size=4, **settings):
+    return cr.observation_task(partial(Room, size, **settings), discount=0.9, time_limit=30)
+
+
+def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
+    taught = miniatures(room(), resets=6) if small is None else small
+    return cr.Curriculum(
+        {"small": taught, "large": room(8)}, [cr.Transfer("small", "large")],
+        learner={"large": learner}, budget={"large": budget}, eval_freq=64,
+        evaluation=ROLLOUTS, shaping=shaping, **settings,
+    )  # fmt: skip
+
+
+def test_levels_are_what_a_reset_can_reach_and_some_are_held_out():
+    small = miniatures(room(), resets=40, held_out=0.25)
+    (member,) = small.solved
+    goals = {tuple(goal) for seed in range(40) for goal in [_goal(seed)]}
+    assert member.levels == len(goals)
+    starts = np.flatnonzero(member.table.mdp.start)
+    held = {member.level[state] for state in starts if not member.taught[state]}
+    assert len(held) == round(0.25 * member.levels)
+    known = small.knowledge()
+    assert known.states.sum() == member.taught.sum()
+
+
+def _goal(seed):
+    env = Room(4)
+    env.reset(seed=seed)
+    return env.goal.tolist()
+
+
+def test_what_is_taught_is_exact():
+    small = miniatures(room(), resets=40, held_out=0.0)
+    known = small.knowledge()
+    steps = np.abs(np.rint(10 * known.observations)).sum(axis=1)
+    assert known.values == pytest.approx(0.9 ** (steps - 1))
+
+
+def test_it_takes_no_steps_and_teaches_what_holds_on_other_levels():
+    small = miniatures(room(), resets=40, tested_on=[room(6)])
+    result = plan(PolicyReuse(), small=small).train(seeds=2)
+    assert result.source_steps("large").tolist() == [0, 0]
+    assert small.transitions > 0
+    assert (result["small"].greedy_return > 0.5).all()
+    own, larger = small.examined(result["small"].values[0])
+    assert own.optimal >= own.greedy > own.random
+    assert 0.5 < own.regained <= 1.0 + 1e-9
+    assert larger.states_a_level > own.states_a_level
+
+
+def test_the_network_of_the_miniatures_is_that_of_their_target():
+    curriculum = plan(WeightTransfer())
+    assert curriculum.setting("learner", "small") == PPO
+    result = curriculum.train(seeds=1)
+    assert type(result["small"].values[0].policy) is type(result["large"].values[0].policy)
+
+
+def test_a_comparison_charges_no_steps_and_has_a_placebo():
+    found = cr.compare(plan(PolicyReuse()), seeds=3, controls=["placebo"], threshold=0.3, window=1)
+    assert list(found.arms) == ["scratch", "transfer", "transfer, placebo"]
+    assert found.total == 192
+    assert all((arm.curve.source_steps == 0).all() for arm in found.arms.values())
+    assert found.arms["transfer, placebo"].control
+
+
+def test_a_source_between_tables_and_networks_teaches_what_it_learnt():
+    lake = cr.tabulate(room(3).environment, discount=0.9)
+    small = miniatures(room(3), resets=1)
+    edges = [cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))]
+    curriculum = cr.Curriculum(
+        {"table": lake, "small": small, "large": room(5)},
+        [*edges, cr.Transfer("small", "large")],
+        learner={"small": PPO, "large": PPO},
+        budget={"table": cr.StoppingRule(4_000), "large": 64}, eval_freq={"large": 64},
+        evaluation={"large": ROLLOUTS}, shaping={"large": PolicyReuse()},
+    )  # fmt: skip
+    result = curriculum.train(seeds=1)
+    assert result.source_steps("large").tolist() == [4_000]
+    q = result["table"].values[0]
+    told = small.knowledge(potential=result.potentials["small"][0])
+    live = ~lake.mdp.terminal
+    assert sorted(told.values) == pytest.approx(sorted(q[live].max(axis=1)))
+    assert not np.allclose(sorted(told.values), sorted(small.knowledge().values), atol=1e-9)
+
+
+def test_demonstrations_are_optimal_steps_of_the_tables():
+    small = miniatures(room(), resets=6)
+    curriculum = plan(cr.deep.Demonstrations(), small=small, learner=DeepLearner("DQN"))
+    result = curriculum.train(seeds=1, only="small")
+    (phi,) = curriculum.potentials("large", {"small": result["small"]})
+    model = model_for(room(8), DeepLearner("DQN", envs=2), seed=1, steps=1_000)
+    fill_replay_buffer(model, phi, 100)
+    buffer = model.replay_buffer
+    assert buffer.pos * buffer.n_envs >= 100
+    n = buffer.pos
+    way = np.abs(np.rint(10 * buffer.observations[:n])).sum(axis=2)
+    after = np.abs(np.rint(10 * buffer.next_observations[:n])).sum(axis=2)
+    assert (after == way - 1).all()
+    assert (buffer.dones[:n] == (after == 0)).all()
+    assert (buffer.rewards[:n] == (after == 0)).all()
+
+
+def test_a_guide_without_action_values_is_followed_by_its_actor():
+    curriculum = plan(
+        PolicyReuse(), learner=DeepLearner("DQN", settings={"learning_starts": 10})
+    ).replace("small", learner=PPO)
+    result = curriculum.train(seeds=1)
+    assert np.isfinite(result["large"].greedy_return).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: miniatures(), "at least one member"),
+        (lambda: miniatures(cr.GridWorld("S.T")), "must be"),
+        (lambda: miniatures(room(), cr.observation_task("CartPole-v1")), "one space"),
+        (lambda: miniatures(cr.observation_task("Pendulum-v1")), "numbered actions"),
+        (lambda: miniatures(room(), resets=0), "resets of miniatures"),
+        (lambda: miniatures(room(), held_out=1.0), "held_out of miniatures"),
+        (
+            lambda: miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved,
+            "max_states",
+        ),
+    ],
+)
+def test_bad_miniatures_are_one_sentence(make, said):
+    with pytest.raises(cr.errors.TaskError, match=said) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_generalises_no_better_than_random_is_refused():
+    with pytest.raises(cr.errors.TaskError, match="better than at random"):
+        plan(PolicyReuse(), small=miniatures(room(blind=True), resets=20)).train(seeds=1)
