@@ -8,9 +8,10 @@ import numpy as np
 from curricle.deep.distillation import distil
 from curricle.deep.learner import DeepLearner
 from curricle.deep.miniature_task import Miniatures
+from curricle.deep.result import DeepResult
 from curricle.errors import TaskError
 from curricle.learning.record import Record
-from curricle.learning.result import LearningResult, learning_result
+from curricle.learning.result import learning_result
 from curricle.learning.run import Outcome
 
 WORTH = 0.02
@@ -24,7 +25,7 @@ def learn_miniatures(
     potentials: Sequence[Any] = (),
     *,
     eval_freq: int = 1,
-) -> LearningResult:
+) -> DeepResult:
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
@@ -54,7 +55,8 @@ def learn_miniatures(
         values = distil(known, task, learner, seed=seed).values
         outcomes.append(_outcome(task, values))
     each: Any = tuple(one.values for one in outcomes)
-    return learning_result(task, learner, tuple(seeds), each, outcomes, eval_freq)  # type: ignore[arg-type]
+    found = learning_result(task, learner, tuple(seeds), each, outcomes, eval_freq)  # type: ignore[arg-type]
+    return DeepResult.of(found)
 
 
 def _outcome(task: Miniatures, values: Any) -> Outcome:
