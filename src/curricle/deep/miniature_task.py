@@ -45,6 +45,11 @@ class Miniatures(ObservationTask):
     max_states: int = MOST_STATES
     shuffled: bool = False
 
+    def __repr__(self) -> str:
+        names = ", ".join(str(one.make) for one in self.members)
+        placebo = ", shuffled" if self.shuffled else ""
+        return f"Miniatures({names}; {self.resets} resets{placebo}, {self.shapes})"
+
     @cached_property
     def solved(self) -> tuple[SolvedMember, ...]:
         """The members, solved; levels are drawn to be held out."""

@@ -16,6 +16,7 @@ from curricle.errors import TaskError
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import table_of
 from curricle.study.config.environments import (
+    DistilledTask,
     GymnasiumTask,
     ObservationTaskTable,
     TabulatedTaskTable,
@@ -290,6 +291,7 @@ TASKS = (
     FactoryTask,
     FamilyTask,
     ObservationTaskTable,
+    DistilledTask,
     VectorPursuitTask,
 )
 _BY_TYPE = tagged(*TASKS)
