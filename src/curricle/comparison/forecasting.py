@@ -16,6 +16,7 @@ from curricle.comparison.forecasts import Forecast, ForecastRow
 from curricle.comparison.learnt_sources import source_learning
 from curricle.comparison.potential_words import AnyTarget, anti_knowledge, start_words
 from curricle.comparison.targets import transfers_into
+from curricle.comparison.taught_sources import taught_sources
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
@@ -31,6 +32,9 @@ from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 from curricle.transfer.quality import potential_quality
+
+NETWORK_ENTERS = "a network or its policy enters, and not the values"
+"""The verdict on a potential whose values are not read."""
 
 
 def forecast(
@@ -126,7 +130,9 @@ def forecast(
         replace(
             row,
             gain=None if found is None or found.relative else found.gain(row.name),
-            verdict=start_words(row, any_target, optimum, random_return),
+            verdict=start_words(row, any_target, optimum, random_return)
+            if curriculum.setting("shaping", name).reads_values
+            else NETWORK_ENTERS,
             anti_knowledge=anti_knowledge(row, random_return),
         )
         for row in rows
@@ -143,7 +149,10 @@ def forecast(
         exact=any_target.evaluation.method == "exact",
         trained=sources,
         perfect=perfect,
-        sources={} if perfect else source_learning(curriculum, sources, workers=workers),
+        sources={
+            **({} if perfect else source_learning(curriculum, sources, workers=workers)),
+            **taught_sources(curriculum.tasks, sources),
+        },
         trial=found,
         no_trial=no_trial,
     )

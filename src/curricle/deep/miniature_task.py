@@ -9,7 +9,7 @@ from curricle.checks import instance, number, whole_number
 from curricle.deep.knowledge import Knowledge
 from curricle.deep.solved_member import Examined, SolvedMember
 from curricle.errors import TaskError
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, made_by
 
 RESETS = 200
 """Resets of each miniature that levels are taken from."""
@@ -46,7 +46,7 @@ class Miniatures(ObservationTask):
     shuffled: bool = False
 
     def __repr__(self) -> str:
-        names = ", ".join(str(one.make) for one in self.members)
+        names = ", ".join(made_by(one.make) for one in self.members)
         placebo = ", shuffled" if self.shuffled else ""
         return f"Miniatures({names}; {self.resets} resets{placebo}, {self.shapes})"
 

@@ -173,8 +173,22 @@ class ObservationTask:
 
     def __repr__(self) -> str:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
-        made = getattr(self.make, "__name__", str(self.make))
+        made = made_by(self.make)
         return f"ObservationTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
+
+
+def made_by(make: Any) -> str:
+    """Return what makes an environment in words, the same in every process.
+
+    Examples
+    --------
+    >>> made_by(partial(int, "7", base=8))
+    "int('7', base=8)"
+    """
+    if isinstance(make, partial):
+        given = [*map(repr, make.args), *(f"{name}={v!r}" for name, v in make.keywords.items())]
+        return f"{made_by(make.func)}({', '.join(given)})"
+    return str(getattr(make, "__name__", make))
 
 
 def named(function: Callable[..., Any]) -> str:
