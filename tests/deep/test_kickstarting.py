@@ -27,7 +27,7 @@ def task_and_source(seed=0):
     observed = one_hot(task)
     wanted = rng.dirichlet(np.full(3, 0.3), 5)
     known = cr.deep.Knowledge.of(np.eye(5, dtype=np.float32), rng.normal(size=(5, 3)), wanted)
-    fit = cr.deep.Distillation(updates=600, learning_rate=0.02)
+    fit = cr.deep.Distillation(updates=600, learning_rate=0.02, smoothing=0.0)
     return observed, cr.deep.distil(known, observed, learner(), fit).values, wanted
 
 

@@ -22,6 +22,10 @@ WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 
 
+CALL = "made = make(**self.arguments)"
+"""Calls own code; what that leaves behind is freed there."""
+
+
 class Hang(BaseException):
     """Too much time has passed; no handler of exceptions takes it for another."""
 
@@ -87,9 +91,10 @@ def _outcome(path: Path, what: Callable[[Path], None], seconds: float) -> tuple[
             what(path)
     except CurricleError as error:
         return "refused", str(error)
-    except Hang:
+    except Hang as error:
         last = traceback.format_exc()
-        return ("own code", "") if str(path.parent) in last else ("hang", last)
+        own = str(path.parent) in last or traceback.extract_tb(error.__traceback__)[-2].line == CALL
+        return ("own code", "") if own else ("hang", last)
     except Exception:
         return "foreign", traceback.format_exc()
     return "fine", ""
