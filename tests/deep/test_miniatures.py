@@ -184,3 +184,78 @@ def test_bad_miniatures_are_one_sentence(make, said):
 def test_what_generalises_no_better_than_random_is_refused():
     with pytest.raises(cr.errors.TaskError, match="better than at random"):
         plan(PolicyReuse(), small=miniatures(room(blind=True), resets=20)).train(seeds=1)
+
+
+def test_a_forecast_says_what_holds_on_levels_that_were_not_taught():
+    small = miniatures(room(), resets=40, tested_on=[room(6)])
+    found = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
+    told = found.sources["small"]
+    assert told.shares.shape == (2, 2)
+    assert 0.5 < told.expected <= 1.0 + 1e-9
+    assert "of the way from random to optimal on levels that it was not taught" in str(told)
+    assert found.used.verdict == "a network or its policy enters, and not the values"
+
+
+STUDY = """
+name = "rooms"
+seeds = 2
+seeds_per_unit = 1
+[learner]
+type = "deep"
+algorithm = "PPO"
+envs = 2
+settings = { n_steps = 32, batch_size = 32, policy_kwargs = { net_arch = [32] } }
+[tasks.small]
+type = "distilled"
+members = [{ factory = "rooms:room", arguments = { size = 4 } }]
+tested_on = [{ factory = "rooms:room", arguments = { size = 5 } }]
+discount = 0.9
+resets = 20
+[tasks.large]
+type = "observation_task"
+factory = "rooms:room"
+arguments = { size = 8 }
+discount = 0.9
+budget = 128
+eval_freq = 64
+evaluation = { episodes = 3 }
+shaping = "PolicyReuse"
+[[transfers]]
+source = "small"
+target = "large"
+mapping = "identity"
+[arms.taught]
+[arms.placebo]
+tasks.small.shuffled = true
+[arms.critic.tasks.large.shaping]
+type = "WeightTransfer"
+parts = "critic"
+"""
+
+
+def test_a_study_distils_and_is_stored(tmp_path):
+    (tmp_path / "rooms.py").write_text(
+        "import gymnasium\n"
+        "from tests.deep.test_miniatures import Room\n"
+        "def room(size):\n"
+        "    return gymnasium.wrappers.TimeLimit(Room(size), 30)\n"
+    )
+    (tmp_path / "study.toml").write_text(STUDY)
+    study = cr.study.read_study(tmp_path / "study.toml")
+    plan = study.curricula["taught"]
+    (member,) = plan.tasks["small"].members
+    assert str(member.make).endswith("rooms:room(size=4)")
+    out = tmp_path / "results"
+    cr.study.run_study(study, out)
+    found = cr.study.StudyResults(out)
+    assert not found.failed
+    for arm in ("scratch", "taught", "placebo", "critic"):
+        assert np.isfinite(found.result(arm, "large").greedy_return).all()
+        assert found.result(arm, "large").steps[-1] == 128
+    small = found.result("taught", "small", values=True)
+    assert small.steps_used.tolist() == [0, 0]
+    alone = plan.train([0, 1], only="small")["small"]
+    seen = plan.tasks["small"].knowledge().observations
+    for stored, trained in zip(small.values, alone.values, strict=True):
+        assert (stored.v(seen) == trained.v(seen)).all()
+    assert (found.source_steps("taught") == 0).all()

@@ -181,7 +181,15 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
 
 
 @pytest.mark.parametrize(
-    "name", ["QInitialisation", "LookAheadAdvice", "StateShaping", "WeightTransfer", "PolicyReuse"]
+    "name",
+    [
+        "QInitialisation",
+        "LookAheadAdvice",
+        "StateShaping",
+        "WeightTransfer",
+        "PolicyReuse",
+        "Demonstrations",
+    ],
 )
 def test_every_shaping_of_a_network_may_be_named(read, name):
     plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
@@ -212,7 +220,8 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
             'aggregate = "minimum"',
             'shaping = "RewardBonus"',
             "line 5: shaping must be one of QInitialisation, LookAheadAdvice, StateShaping, "
-            "WeightTransfer, PolicyReuse for hunt, which a network learns: got 'RewardBonus'",
+            "WeightTransfer, PolicyReuse, Demonstrations for hunt, which a network learns: got "
+            "'RewardBonus'",
         ),
         (
             "budget = 2_000",

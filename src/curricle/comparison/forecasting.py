@@ -126,18 +126,8 @@ def forecast(
     if not perfect:
         found, no_trial = _trial(each, trial, threshold, workers)
     optimum, random_return = any_target.optimum, any_target.random_return
-    rows = [
-        replace(
-            row,
-            gain=None if found is None or found.relative else found.gain(row.name),
-            verdict=start_words(row, any_target, optimum, random_return)
-            if curriculum.setting("shaping", name).reads_values
-            else NETWORK_ENTERS,
-            anti_knowledge=anti_knowledge(row, random_return),
-        )
-        for row in rows
-    ]
-    rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
+    reads_values = curriculum.setting("shaping", name).reads_values
+    rows = _judged(rows, found, any_target, reads_values=reads_values)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     return Forecast(
         target=name,
@@ -149,13 +139,39 @@ def forecast(
         exact=any_target.evaluation.method == "exact",
         trained=sources,
         perfect=perfect,
-        sources={
-            **({} if perfect else source_learning(curriculum, sources, workers=workers)),
-            **taught_sources(curriculum.tasks, sources),
-        },
+        sources={} if perfect else _judged_sources(curriculum, sources, workers),
         trial=found,
         no_trial=no_trial,
     )
+
+
+def _judged(
+    rows: Sequence[ForecastRow], found: Trial | None, any_target: AnyTarget, *, reads_values: bool
+) -> list[ForecastRow]:
+    """Return rows with the gain of a trial and with words, aggregates and the best first."""
+    optimum, random_return = any_target.optimum, any_target.random_return
+    judged = [
+        replace(
+            row,
+            gain=None if found is None or found.relative else found.gain(row.name),
+            verdict=start_words(row, any_target, optimum, random_return)
+            if reads_values
+            else NETWORK_ENTERS,
+            anti_knowledge=anti_knowledge(row, random_return),
+        )
+        for row in rows
+    ]
+    return sorted(
+        judged, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
+    )
+
+
+def _judged_sources(
+    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None
+) -> dict[str, Any]:
+    """Return how much of its own task each source learnt, or was taught."""
+    learnt = source_learning(curriculum, sources, workers=workers)
+    return {**learnt, **taught_sources(curriculum.tasks, sources)}
 
 
 def _sources(
