@@ -182,7 +182,7 @@ class GreedyEvaluation:
             return int(limit)
         if self.discounted is False or (observed and self.discount(task) == 1):
             raise SettingError(
-                "an undiscounted evaluation needs a task with a time limit: none set"
+                "an undiscounted evaluation needs a task with a time limit, time_limit=: none set"
             )
         if 0 < discount < 1:
             return int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount)))

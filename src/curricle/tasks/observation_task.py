@@ -134,6 +134,8 @@ class ObservationTask:
         limit = None if environment.spec is None else environment.spec.max_episode_steps
         if limit is None:
             limit = _own_limit(environment.unwrapped)
+        if limit is None and environment.has_wrapper_attr("_max_episode_steps"):
+            limit = environment.get_wrapper_attr("_max_episode_steps")  # a TimeLimit around it
         spaces = environment.observation_space, environment.action_space
         environment.close()
         return (*spaces, limit if self.time_limit is None else self.time_limit)
