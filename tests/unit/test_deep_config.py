@@ -225,11 +225,6 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
         ),
         (
             "budget = 2_000",
-            "shaping.guard = true",
-            "line 16: tasks.hunt.shaping.guard must be left out for hunt: it is for tables",
-        ),
-        (
-            "budget = 2_000",
             "evaluation = { method = 'exact' }",
             "line 16: tasks.hunt.evaluation.method must be 'auto', 'rollouts' or 'off' for hunt",
         ),

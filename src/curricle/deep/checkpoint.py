@@ -18,6 +18,8 @@ from curricle.files import write_whole
 
 LEFT_OUT = ("_logger",)
 """Attributes of a model that hold open files, and are created again."""
+BESIDE = "shaped"
+"""The attribute of a guarded model that is the other model, which learns beside it."""
 
 
 class Saved(NamedTuple):
@@ -38,15 +40,22 @@ def save(path: Path, run: str, model: Any, progress: Any) -> None:
 
     An environment that cannot be pickled is left out; the run then resumes with a new episode.
     """
-    held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
-    saved = Saved(run, (type(model), held), progress, generator_states())
+    saved = Saved(run, _held(model), progress, generator_states())
     try:
         content = cloudpickle.dumps(saved)
     except Exception:  # whatever an environment's own code raises
-        held |= {"env": None, "_last_obs": None}
-        content = cloudpickle.dumps(saved)
+        content = cloudpickle.dumps(saved._replace(model=_held(model, env=None, _last_obs=None)))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, content)
+
+
+def _held(model: Any, **changed: Any) -> tuple[type, dict[str, Any]]:
+    """Return a model's class and attributes, some of them changed."""
+    held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
+    held |= changed
+    if BESIDE in held:
+        held[BESIDE] = _held(held[BESIDE], **changed)
+    return type(model), held
 
 
 def load(path: Path, run: str) -> Saved | None:
@@ -69,10 +78,17 @@ def load(path: Path, run: str) -> Saved | None:
 
 def restored(saved: Saved) -> Any:
     """Return the model of a checkpoint, and set the random number generators to its states."""
-    kind, held = saved.model
+    model = _whole(*saved.model)
+    set_generators(saved.states)
+    return model
+
+
+def _whole(kind: type, held: dict[str, Any]) -> Any:
+    """Return the model of a class and attributes."""
     model: Any = object.__new__(kind)
     model.__dict__.update(held)
-    set_generators(saved.states)
+    if BESIDE in held:
+        setattr(model, BESIDE, _whole(*held[BESIDE]))
     return model
 
 

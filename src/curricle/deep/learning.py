@@ -61,6 +61,8 @@ def learn_deep(
         - :class:`WeightTransfer`: learning starts with the one source's network.
         - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
         - :class:`Demonstrations`: the replay buffer starts with episodes of miniatures.
+
+        Each takes a :class:`Guard`, which trains a network without the source beside the other.
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
@@ -198,6 +200,8 @@ def _of_observations(task: ObservationTask, learner: DeepLearner, shaping: Shapi
         raise SettingError(
             f"a potential must be made for the task it shapes: it belongs to {potential.task}"
         )
+    if shaping.guard is not None and task.longest is None:
+        raise SettingError(f"a guard compares whole episodes: {task} needs a time limit")
     of_states = shaping.starts_at_potential and not potential.of_actions
     if of_states and "buffer_size" in learner.takes:
         raise SettingError(

@@ -1,7 +1,7 @@
 """From a deep learner and a potential to a model of Stable-Baselines3."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -13,7 +13,7 @@ from curricle.deep.checkpoint import isolated
 from curricle.deep.demonstrations import fill_replay_buffer
 from curricle.deep.kickstarting import begin_near, kickstarted
 from curricle.deep.learner import DeepLearner
-from curricle.deep.networks import NetworkValues
+from curricle.deep.networks import WITHOUT_SOURCE, NetworkValues
 from curricle.deep.residual import residual_policy
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer, reusing
 from curricle.deep.vec_env import ShapedVecEnv
@@ -33,11 +33,13 @@ def model_for(
     *,
     seed: int = 0,
     steps: int | None = None,
+    derived: Callable[[type], type] | None = None,
 ) -> Any:
-    """Return a model, ready to learn, with its shaping.
+    """Return a model, ready to learn, with its shaping; a guard is not heeded.
 
-    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn.
-    SettingError when the algorithm does not take a setting or the shaping.
+    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn; the
+    model's class is what is `derived` from the algorithm. SettingError when the algorithm does not
+    take a setting or the shaping.
 
     Examples
     --------
@@ -63,6 +65,8 @@ def model_for(
     near = isinstance(shaping, PolicyReuse) and shaping.kl > 0 and potential is not None
     if near:
         algorithm, policy = kickstarted(algorithm, policy)
+    if derived is not None:
+        algorithm = derived(algorithm)
     venv = environments(task, learner, shaping)
     model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     if potential is not None:
@@ -143,10 +147,14 @@ def network_values(
     `parameters` are as :meth:`NetworkValues.parameters` returned them.
     """
     known = shaping if shaping is not None and shaping.reads_values else None
+    if WITHOUT_SOURCE in parameters:
+        known = None
     with isolated(learner.threads):
         model = model_for(task, learner, known, steps=1)
     model.env.close()
-    values = NetworkValues(model.policy, subtracted(known))
+    values = NetworkValues(
+        model.policy, subtracted(known), without_source=WITHOUT_SOURCE in parameters
+    )
     values.load(parameters)
     return values
 

@@ -11,6 +11,9 @@ from curricle.errors import PotentialError
 from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.value_sources import no_actions
 
+WITHOUT_SOURCE = "without_source"
+"""Marks the parameters of a guarded learner's network that has nothing of the source."""
+
 
 class NetworkValues:
     """The values of a policy of Stable-Baselines3, in its task's own rewards.
@@ -26,6 +29,8 @@ class NetworkValues:
         ``model.policy`` of a model.
     values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
+    without_source : bool
+        Whether it is the one of two guarded networks that learnt without the source.
 
     Raises
     ------
@@ -41,8 +46,15 @@ class NetworkValues:
     ((5,), (5,), True)
     """
 
-    def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
+    def __init__(
+        self,
+        policy: Any,
+        values_offset: ObservationPotential | None = None,
+        *,
+        without_source: bool = False,
+    ):
         self.policy, self.values_offset = policy, values_offset
+        self.without_source = without_source
         kinds = ("q_net", "quantile_net", "value_net", "critic")
         found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
         if not found:
@@ -100,13 +112,15 @@ class NetworkValues:
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
         state = self.policy.state_dict()
-        return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
+        found = {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
+        return found | ({WITHOUT_SOURCE: np.array(True)} if self.without_source else {})
 
     def load(self, parameters: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over parameters, as :meth:`parameters` returned them."""
         import torch
 
-        tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
+        named = {name: each for name, each in parameters.items() if name != WITHOUT_SOURCE}
+        tensors = {name: torch.as_tensor(value) for name, value in named.items()}
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:

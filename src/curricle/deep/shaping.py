@@ -7,6 +7,7 @@ import numpy as np
 
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
+from curricle.learning.guard import Guard
 from curricle.learning.shaping import Shaping
 from curricle.transfer.potentials import ObservationPotential
 
@@ -21,6 +22,7 @@ class _OfNetworks(Shaping):
     """A source whose values are not read."""
 
     source: Any = field(default=None, repr=False)
+    guard: Guard | None = None
 
     for_tables: ClassVar[bool] = False
     for_networks: ClassVar[bool] = True
@@ -46,6 +48,8 @@ class WeightTransfer(_OfNetworks):
         Of an actor-critic, the whole or the critic alone; :class:`PolicyReuse` is for the actor.
     source : ObservationPotential or NetworkValues, optional
         Filled in by a :class:`Curriculum`.
+    guard : Guard, optional
+        Bounds what a harmful source costs.
 
     Examples
     --------
@@ -76,6 +80,8 @@ class PolicyReuse(_OfNetworks):
         over the first half of the budget (kickstarting, Schmitt et al. 2018).
     source : ObservationPotential or other ValueSource, optional
         Filled in by a :class:`Curriculum`.
+    guard : Guard, optional
+        As for :class:`WeightTransfer`.
 
     Examples
     --------
@@ -102,6 +108,8 @@ class Demonstrations(_OfNetworks):
     steps : int
     source : ObservationPotential, optional
         Filled in by a :class:`Curriculum`; its source is :class:`Miniatures`.
+    guard : Guard, optional
+        As for :class:`WeightTransfer`.
 
     Examples
     --------

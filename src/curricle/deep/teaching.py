@@ -9,6 +9,7 @@ import numpy as np
 from curricle.deep.curriculum_vec_env import Success, TeachingRecord, taught_tasks
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import train_seeds
+from curricle.errors import SettingError
 from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -77,6 +78,9 @@ def teach_deep(
     >>> found.learning.steps_used, found.steps_per_task.sum(axis=1), found.counts.shape
     (array([200]), array([200]), (1, 3, 2))
     """
+    for one in shaping if isinstance(shaping, Sequence) else [shaping]:
+        if getattr(one, "guard", None) is not None:
+            raise SettingError(f"a guard is for a single task, and not for a teacher's: got {one}")
     teacher = Uniform() if teacher is None else teacher
     found = taught_tasks(tasks, teacher, target, success)
     records = dict[int, TeachingRecord]()

@@ -1,6 +1,6 @@
 """Training one seed of a deep learner: its curves, when it ends, how it is resumed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,14 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from curricle.deep import checkpoint
 from curricle.deep.curriculum_vec_env import TeachingRecord
+from curricle.deep.guarding import (
+    beside_each_other,
+    guard_share,
+    guarded_model,
+    learnt_values,
+)
 from curricle.deep.learner import SAVES, DeepLearner
-from curricle.deep.models import environments, model_for, subtracted
+from curricle.deep.models import environments, model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.learning.record import Record, WarmUp
@@ -60,20 +66,21 @@ class DeepRun:
                 model = self.model(shaping, small, left, progress)
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
-            values = NetworkValues(model.policy, subtracted(shaping))
+            values = learnt_values(model, shaping)
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
-            if model.env is None:  # it could not be pickled: a new episode begins
-                venv = self.environments(shaping, progress)
-                venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
-                model.set_env(venv, force_reset=True)
-            self.begins(seed, model, values)
+            for i, (one, given) in enumerate(beside_each_other(model, shaping)):
+                if one.env is None:  # it could not be pickled: a new episode begins
+                    venv = self.environments(given, progress)
+                    venv.seed(splitmix64(start ^ one.num_timesteps ^ i << 40) >> 33)
+                    one.set_env(venv, force_reset=True)
+            self.begins(seed, model, values())
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
         return Outcome(
             progress.record,
-            values,  # type: ignore[arg-type]
+            values(),  # type: ignore[arg-type]
             progress.steps,
             progress.episodes,
             out_of_memory=False,
@@ -88,7 +95,9 @@ class DeepRun:
 
     def model(self, shaping: Shaping | None, seed: int, steps: int, progress: "Progress") -> Any:
         """Return a new model, whose environments are seeded with `seed`."""
-        return model_for(self.task, self.learner, shaping, seed=seed, steps=steps)
+        if shaping is None or shaping.guard is None:
+            return model_for(self.task, self.learner, shaping, seed=seed, steps=steps)
+        return guarded_model(self.task, self.learner, shaping, seed=seed, steps=steps)
 
     def environments(self, shaping: Shaping | None, progress: "Progress") -> VecEnv:
         """Return new sub-environments, to go on from what was recorded."""
@@ -154,7 +163,7 @@ class Recorder(BaseCallback):
         self,
         run: DeepRun,
         progress: Progress,
-        values: NetworkValues,
+        values: Callable[[], NetworkValues],
         max_steps: int,
         start: int,
         saves: tuple[Path, str] | None,  # the checkpoint's file, and the run it is of
@@ -171,6 +180,7 @@ class Recorder(BaseCallback):
         if not progress.begun_learning:
             greedy = self._evaluation(0)
             progress.record.greedy_return[: progress.checkpoint] = greedy
+            progress.record.guard_share[: progress.checkpoint] = guard_share(self.model)
             if progress.checkpoint == 0:
                 self._record(greedy)
             progress.begun_learning = True
@@ -209,7 +219,7 @@ class Recorder(BaseCallback):
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
 
     def _acting(self, observations: Any) -> tuple[Any, Any]:
-        actions = self.values.act(observations, sampled=self.run.evaluation.sampled)
+        actions = self.values().act(observations, sampled=self.run.evaluation.sampled)
         return actions, np.zeros(len(actions))
 
     def _record(self, greedy: float) -> bool:
@@ -217,6 +227,7 @@ class Recorder(BaseCallback):
         progress, record = self.progress, self.progress.record
         here = progress.checkpoint
         record.greedy_return[here] = greedy
+        record.guard_share[here] = guard_share(self.model)
         record.episodes[here] = progress.episodes
         if progress.returns:
             record.training_return[here] = np.mean(progress.returns)

@@ -53,6 +53,9 @@ class Guard:
     what either learns is what it would learn without a guard, so that Q-learning converges to Q*
     under the usual conditions for any potential.
 
+    Networks take turns of whole episodes, compare undiscounted returns, and have a bound of their
+    own (``deep/turns.py``).
+
     Parameters
     ----------
     share_behind : float
@@ -60,7 +63,8 @@ class Guard:
     share_ahead : float
         Largest share of the steps for it while it is ahead, in (0.5, 1).
     memory : int
-        Turns of each learner over which discounted returns are averaged, exponentially.
+        Turns of each learner over which discounted returns are averaged, exponentially; episodes of
+        each network.
 
     Raises
     ------
@@ -144,18 +148,24 @@ def add_return(tally, learner, earned, forgetting):
 
 
 @inlined
-def shaped_share(guard, tally):
-    """Return the share of the steps for the learner with the potential.
+def superiority(tally):
+    """Return the probability that the learner with the potential earns more; 0 if it has not yet.
 
     The distribution function of Student's t with two degrees of freedom is
     1/2 + t / (2 sqrt(2 + t^2)). An average of effective sample size n has n - 1 degrees of freedom.
     """
     gain = tally.mean[SHAPED] - tally.mean[SCRATCH]
     if gain <= 0.0:
-        return guard.share_behind
+        return 0.0
     error = tally.variance[SCRATCH] / (1.0 / tally.squares[SCRATCH] - 1.0)
     error += tally.variance[SHAPED] / (1.0 / tally.squares[SHAPED] - 1.0)
-    share = 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
+    return 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
+
+
+@inlined
+def shaped_share(guard, tally):
+    """Return the share of the steps for the learner with the potential."""
+    share = superiority(tally)
     return min(share, guard.share_ahead) if share > UNDECIDED else guard.share_behind
 
 

@@ -103,8 +103,8 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
-        if self.guard is not None and (not tabular or isinstance(learner, OptimisticLearner)):
-            raise SettingError(f"a guard is for learners with tables and no bonus: got {learner!r}")
+        if self.guard is not None and isinstance(learner, OptimisticLearner):
+            raise SettingError(f"a guard is for learners without a bonus: got {learner!r}")
         if isinstance(learner, OptimisticLearner) and not self.starts_at_potential:
             raise SettingError(
                 f"{type(learner).__name__} has bounds of the task's own values, so it takes a "
