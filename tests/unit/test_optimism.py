@@ -86,7 +86,7 @@ def test_what_the_loop_does_not_support_is_refused(kind):
         with pytest.raises(SettingError, match="by QInitialisation or LookAheadAdvice alone"):
             cr.learn(task, kind(), 10, shaping=shaping)
     guarded = cr.QInitialisation(np.zeros((3, 4)), guard=cr.Guard())
-    with pytest.raises(SettingError, match="a guard is for learners with tables and no bonus"):
+    with pytest.raises(SettingError, match="a guard is for learners without a bonus"):
         cr.learn(task, kind(), 10, shaping=guarded)
     with pytest.raises(SettingError, match="sparse tables are for QLearning"):
         cr.learn(task, kind(), 10, storage=Storage(kind="sparse"))

@@ -3,9 +3,10 @@
 A model with the source and one without it take turns, each in sub-environments of its own, and
 steps count over both. A turn lasts until an episode of its model has ended, and goes on to the end
 of the rollout. The first turn of each is longer: an episode must have ended in every
-sub-environment, as those that end first are the short ones, and two in all. From then on the mean returns of their last episodes are compared; returns are
-undiscounted and unshaped. The model with the higher mean is ahead, the one without the source in
-doubt: it is evaluated, handed on and stored.
+sub-environment, as those that end first are the short ones, and two in all. From then on the mean
+returns of their last episodes are compared; returns are undiscounted and unshaped. The model with
+the higher mean is ahead, the one without the source in doubt: it is evaluated, handed on and
+stored.
 
 **Replay.** Off-policy models learn from every step of both, as tables do. The one with the source
 acts in the share of the steps that is the probability that it earns more.
