@@ -194,6 +194,14 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
 def test_every_shaping_of_a_network_may_be_named(read, name):
     plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
     assert plan.setting("shaping", "hunt").name == name
+    assert plan.setting("shaping", "hunt").guard is None
+
+
+@pytest.mark.parametrize("name", ["QInitialisation", "PolicyReuse", "WeightTransfer"])
+def test_every_shaping_of_a_network_may_have_a_guard(read, name):
+    guarded = f"shaping = {{ type = {name!r}, guard = {{ share_behind = 0.1 }} }}\naggregate"
+    plan = read(HUNT, ("aggregate", guarded)).curriculum("transfer")
+    assert plan.setting("shaping", "hunt").guard == cr.Guard(share_behind=0.1)
 
 
 @pytest.mark.parametrize(
