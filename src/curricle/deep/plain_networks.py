@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,9 @@ from torch.nn import Linear, ReLU, Tanh
 
 FEW = 64
 """Observations up to which NumPy is quicker than PyTorch."""
+MOST_PRODUCTS = 2**18
+"""Products of a layer up to which OpenBLAS stays on one thread: its threads wait for each other,
+ten times as long as they compute where the processors are busy."""
 
 
 def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -49,7 +53,13 @@ class PlainNetwork:
 
     def is_quicker_for(self, n: int) -> bool:
         """Return whether n observations are few and the network is not on another device."""
-        return n <= FEW and self.layers[0].weight.device.type == "cpu"
+        few = n <= FEW and n * self.widest <= MOST_PRODUCTS
+        return few and self.layers[0].weight.device.type == "cpu"
+
+    @cached_property
+    def widest(self) -> int:
+        """The weights of the largest layer."""
+        return max(layer.weight.numel() for layer in self.layers)
 
     def takes(self, observations: Any) -> bool:
         """Return whether these are vectors, (n, D), for which this is quicker."""
