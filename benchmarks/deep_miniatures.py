@@ -114,7 +114,7 @@ TARGETS = {
     "crossing 9": levels("SimpleCrossingS9N3-v0", "SimpleCrossingS9N1-v0", actions=WALK),
     "crossing 11": levels("SimpleCrossingS11N5-v0", "SimpleCrossingS9N1-v0", actions=WALK),
     "lava": levels("LavaCrossingS9N3-v0", "LavaCrossingS9N1-v0", actions=WALK),
-    "rooms": levels("MultiRoom-N4-S5-v0", "MultiRoom-N2-S4-v0", actions=OPEN),
+    "rooms": levels("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", actions=OPEN),
     "door": levels("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", actions=FETCH),
     "corridor": levels("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", actions=CARRY),
     "car": Target(
