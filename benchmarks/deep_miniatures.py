@@ -17,7 +17,7 @@ import argparse
 import time
 from collections.abc import Callable
 from concurrent.futures import as_completed
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -60,13 +60,19 @@ EVALUATION = cr.GreedyEvaluation("rollouts", episodes=EPISODES, discounted=False
 
 def level(name: str, actions: tuple[int, ...]) -> cr.tasks.ObservationTask:
     """Return a level of MiniGrid, seen in part as zeros and ones, with some of its actions."""
-    return cr.observation_task(partial(made, f"MiniGrid-{name}", actions), discount=0.99)
+    return cr.observation_task(f"MiniGrid-{name}", encode=Seen(actions), discount=0.99)
 
 
-def made(name: str, actions: tuple[int, ...]) -> gym.Env:
-    seen = cr.interop.MiniGridView()(gym.make(name))
-    few = gym.spaces.Discrete(len(actions))
-    return gym.wrappers.TransformAction(seen, actions.__getitem__, few)
+@dataclass(frozen=True)
+class Seen:
+    """Makes an environment of MiniGrid one of zeros and ones, and of some actions."""
+
+    actions: tuple[int, ...]
+
+    def __call__(self, env: gym.Env) -> gym.Env:
+        few = gym.spaces.Discrete(len(self.actions))
+        seen = cr.interop.MiniGridView()(env)
+        return gym.wrappers.TransformAction(seen, self.actions.__getitem__, few)
 
 
 class CoarseCar(gym.Wrapper):

@@ -1,0 +1,88 @@
+"""Is it known beforehand how well a distilled policy does on its target? Ranks over source choices.
+
+For each target several choices of miniatures are solved and distilled. The forecast is what their
+network regains, of the way from the random policy to the optimum, on relatives that no choice
+teaches, which are larger than most choices and smaller than the target. What came true is what it
+regains on levels of the target itself. Both are exact, by tables; no step is taken.
+
+    python -m benchmarks.deep_forecast [--targets ...] [--seeds 1]
+"""
+
+import argparse
+
+import numpy as np
+from scipy.stats import spearmanr
+
+import curricle as cr
+from benchmarks.deep_miniatures import FETCH, PPO, WALK, level
+from curricle.deep import distil, miniatures
+
+CROSSINGS = {
+    "empty 5x5": (["Empty-Random-5x5-v0"], 200),
+    "empty 6x6": (["Empty-Random-6x6-v0"], 200),
+    "gap of 5": (["LavaGapS5-v0"], 200),
+    "gap of 7": (["LavaGapS7-v0"], 200),
+    "one wall, 2 resets": (["SimpleCrossingS9N1-v0"], 2),
+    "one wall, 5 resets": (["SimpleCrossingS9N1-v0"], 5),
+    "one wall, 20 resets": (["SimpleCrossingS9N1-v0"], 20),
+    "one wall": (["SimpleCrossingS9N1-v0"], 200),
+    "one lava": (["LavaCrossingS9N1-v0"], 200),
+    "one of each": (["SimpleCrossingS9N1-v0", "LavaCrossingS9N1-v0"], 200),
+    "one wall and empty": (["SimpleCrossingS9N1-v0", "Empty-Random-6x6-v0"], 200),
+}
+DOORS = {
+    "empty 5x5": (["Empty-Random-5x5-v0"], 200),
+    "empty 6x6": (["Empty-Random-6x6-v0"], 200),
+    "door 5x5, 1 reset": (["DoorKey-5x5-v0"], 1),
+    "door 5x5, 3 resets": (["DoorKey-5x5-v0"], 3),
+    "door 5x5": (["DoorKey-5x5-v0"], 200),
+    "door 5x5 and empty": (["DoorKey-5x5-v0", "Empty-Random-6x6-v0"], 200),
+    "unlock": (["Unlock-v0"], 10),
+    "one wall": (["SimpleCrossingS9N1-v0"], 200),
+    "door 5x5 and one wall": (["DoorKey-5x5-v0", "SimpleCrossingS9N1-v0"], 200),
+}
+TARGETS = {  # choices, what the forecast is tested on, the target, actions
+    "crossing": (CROSSINGS, "SimpleCrossingS9N2-v0", "SimpleCrossingS9N3-v0", WALK),
+    "lava": (CROSSINGS, "LavaCrossingS9N2-v0", "LavaCrossingS9N3-v0", WALK),
+    "door": (DOORS, "DoorKey-6x6-v0", "DoorKey-8x8-v0", FETCH),
+}
+RESETS = 40
+"""Of the relatives and of the target, by which a network is examined."""
+
+
+def main() -> None:
+    given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    given.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(TARGETS))
+    given.add_argument("--seeds", type=int, default=1)
+    options = given.parse_args()
+    for name in options.targets:
+        choices, between, target, actions = TARGETS[name]
+        examined = miniatures(
+            level(between, actions),
+            tested_on=[level(between, actions), level(target, actions)],
+            resets=RESETS,
+        )
+        print(f"\n{name}: {'choice':<26}{'own levels':>12}{'forecast':>10}{'came true':>11}")
+        rows = [
+            row(label, *choice, examined, actions, seed)
+            for label, choice in choices.items()
+            for seed in range(options.seeds)
+        ]
+        own, told, true = np.array(rows).T
+        for which, values in (("forecast", told), ("own held-out levels", own)):
+            rank = spearmanr(values, true).statistic
+            print(f"rank correlation with what came true, {which}: {rank:.2f}")
+
+
+def row(label, names, resets, examined, actions, seed) -> tuple[float, float, float]:
+    """Return what a choice regains on its own levels, on those between, and on the target."""
+    small = miniatures(*[level(name, actions) for name in names], resets=resets)
+    values = distil(small.knowledge(), small, PPO, seed=seed).values
+    own = float(np.mean([one.regained for one in small.examined(values)]))
+    told, true = (one.examined(values).regained for one in examined.solved_tests)
+    print(f"  {label:<32}{own:>12.2f}{told:>10.2f}{true:>11.2f}", flush=True)
+    return own, told, true
+
+
+if __name__ == "__main__":
+    main()
