@@ -2,8 +2,8 @@
 
 Every arm has 60,000 steps in all. Miniatures take none: they have models, whose steps and whose
 seconds, with those of the distillation, are printed apart. Returns are the targets' own,
-undiscounted; actions of actor-critics are drawn from their policy, DQN's are greedy. All arms of a
-target have the actions that have an effect there, and one set of settings for all targets.
+undiscounted; actions of actor-critics are drawn from their policy where observations hide a part of
+the state, DQN's are greedy. All arms of a target have the actions that have an effect there, and one set of settings for all targets.
 
 - area: the mean return over the 60,000 steps, source steps charged; end: the last return.
 - gain: over the best learner from scratch, by area. Brackets are 95 % intervals over seeds.
@@ -55,12 +55,12 @@ DQN = DeepLearner(
         "exploration_fraction": 0.3, "exploration_final_eps": 0.05, "policy_kwargs": NETWORK,
     },
 )  # fmt: skip
-EVALUATION = cr.GreedyEvaluation("rollouts", episodes=EPISODES, discounted=False, sampled=True)
 
 
-def level(name: str, actions: tuple[int, ...]) -> cr.tasks.ObservationTask:
+def level(name: str, actions: tuple[int, ...], **settings) -> cr.tasks.ObservationTask:
     """Return a level of MiniGrid, seen in part as zeros and ones, with some of its actions."""
-    return cr.observation_task(f"MiniGrid-{name}", encode=Seen(actions), discount=0.99)
+    seen = Seen(actions)
+    return cr.observation_task(f"MiniGrid-{name}", encode=seen, discount=0.99, **settings)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Seen:
 class CoarseCar(gym.Wrapper):
     """A mountain car on a grid of places, each of its actions held for some steps."""
 
-    def __init__(self, points: int = 100, held: int = 5):
+    def __init__(self, points: int = 150, held: int = 2):
         super().__init__(gym.make("MountainCar-v0").unwrapped)
         self.held = held
         space = self.observation_space
@@ -97,8 +97,8 @@ class CoarseCar(gym.Wrapper):
 
     def _rounded(self):
         car = self.unwrapped
-        nearest = [axis[np.abs(axis - x).argmin()] for axis, x in zip(self.axes, car.state, strict=True)]
-        car.state = tuple(nearest)
+        pairs = zip(self.axes, car.state, strict=True)
+        car.state = tuple(axis[np.abs(axis - x).argmin()] for axis, x in pairs)
         return np.array(car.state, dtype=np.float32)
 
 
@@ -107,6 +107,8 @@ class Target(NamedTuple):
 
     task: Callable[[], cr.tasks.ObservationTask]
     members: Callable[[], list[cr.tasks.ObservationTask]]
+    sampled: bool = True
+    """Whether actions are drawn where it is evaluated; not where nothing is hidden."""
 
 
 def levels(target: str, *members: str, actions: tuple[int, ...]) -> Target:
@@ -115,47 +117,55 @@ def levels(target: str, *members: str, actions: tuple[int, ...]) -> Target:
     )
 
 
+def rooms() -> list[cr.tasks.ObservationTask]:
+    """Return two rooms, of sides up to 4 and up to 5."""
+    return [level("MultiRoom-N2-S4-v0", OPEN, maxRoomSize=side) for side in (4, 5)]
+
+
 WALK, OPEN, FETCH, CARRY = (0, 1, 2), (0, 1, 2, 5), (0, 1, 2, 3, 5), (0, 1, 2, 3, 4, 5)
 TARGETS = {
     "crossing 9": levels("SimpleCrossingS9N3-v0", "SimpleCrossingS9N1-v0", actions=WALK),
     "crossing 11": levels("SimpleCrossingS11N5-v0", "SimpleCrossingS9N1-v0", actions=WALK),
     "lava": levels("LavaCrossingS9N3-v0", "LavaCrossingS9N1-v0", actions=WALK),
-    "rooms": levels("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", actions=OPEN),
+    "rooms": Target(partial(level, "MultiRoom-N4-S5-v1", OPEN), rooms),
     "door": levels("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", actions=FETCH),
     "corridor": levels("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", actions=CARRY),
     "car": Target(
         lambda: cr.observation_task("MountainCar-v0", discount=0.99),
         lambda: [cr.observation_task(CoarseCar, discount=0.99)],
+        sampled=False,
     ),
 }
 
 
 def from_scratch(learner, target: Target) -> cr.Curriculum:
-    return plan({"target": target.task()}, [], {"target": learner})
+    return plan(target, {}, [], {"target": learner})
 
 
 def taught(shaping, target: Target, *, learner=PPO, teacher=None, shuffled=False) -> cr.Curriculum:
     small = replace(miniatures(*target.members()), shuffled=shuffled)
     learners = {"small": teacher or learner, "target": learner}
-    tasks = {"small": small, "target": target.task()}
-    return plan(tasks, [cr.Transfer("small", "target")], learners, shaping)
+    return plan(target, {"small": small}, [cr.Transfer("small", "target")], learners, shaping)
 
 
 def weights_of_steps(target: Target) -> cr.Curriculum:
     """Return the plan of a network that learns the last of the small relatives by steps first."""
-    tasks = {"small": target.members()[-1], "target": target.task()}
+    tasks = {"small": target.members()[-1]}
     learners = {"small": PPO, "target": PPO}
     source = {"small": cr.StoppingRule(SOURCE)}
     edges = [cr.Transfer("small", "target")]
-    return plan(tasks, edges, learners, WeightTransfer(), source, BUDGET - SOURCE)
+    return plan(target, tasks, edges, learners, WeightTransfer(), source, BUDGET - SOURCE)
 
 
-def plan(tasks, edges, learners, shaping=None, source=None, budget=BUDGET) -> cr.Curriculum:
-    off = {"small": cr.GreedyEvaluation("off")} if "small" in tasks else {}
+def plan(
+    target: Target, tasks, edges, learners, shaping=None, source=None, budget=BUDGET
+) -> cr.Curriculum:
+    off = dict.fromkeys(tasks, cr.GreedyEvaluation("off"))
+    evaluation = cr.GreedyEvaluation(episodes=EPISODES, sampled=target.sampled)
     return cr.Curriculum(
-        tasks, edges, learner=learners, shaping={"target": shaping} if shaping else None,
+        {**tasks, "target": target.task()}, edges, learner=learners, shaping={"target": shaping} if shaping else None,
         budget={**(source or {}), "target": budget}, eval_freq={"target": EVAL_FREQ},
-        evaluation={**off, "target": EVALUATION},
+        evaluation={**off, "target": evaluation},
     )  # fmt: skip
 
 
@@ -230,7 +240,9 @@ def price(target: str) -> str:
     known = small.knowledge()
     solved = time.process_time() - began
     fit = cr.deep.distil(known, TARGETS[target].task(), PPO)
-    told = ", ".join(f"{one.regained:.0%} of {one.levels} levels" for one in small.examined(fit.values))
+    told = ", ".join(
+        f"{one.regained:.0%} of {one.levels} levels" for one in small.examined(fit.values)
+    )
     return (
         f"{target}: {known.states.sum():,} states, {known.alike:.0%} look alike; "
         f"{small.transitions:,} steps of models, {solved:.0f} s; distilled in {fit.seconds:.0f} s; "
