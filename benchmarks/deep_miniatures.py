@@ -3,7 +3,8 @@
 Every arm has 60,000 steps in all. Miniatures take none: they have models, whose steps and whose
 seconds, with those of the distillation, are printed apart. Returns are the targets' own,
 undiscounted; actions of actor-critics are drawn from their policy where observations hide a part of
-the state, DQN's are greedy. All arms of a target have the actions that have an effect there, and one set of settings for all targets.
+the state, DQN's are greedy. All arms of a target have the actions that have an effect there, and
+one set of settings for all targets.
 
 - area: the mean return over the 60,000 steps, source steps charged; end: the last return.
 - gain: over the best learner from scratch, by area. Brackets are 95 % intervals over seeds.
@@ -240,9 +241,8 @@ def price(target: str) -> str:
     known = small.knowledge()
     solved = time.process_time() - began
     fit = cr.deep.distil(known, TARGETS[target].task(), PPO)
-    told = ", ".join(
-        f"{one.regained:.0%} of {one.levels} levels" for one in small.examined(fit.values)
-    )
+    each = small.examined(fit.values)
+    told = ", ".join(f"{one.regained:.0%} of {one.levels} levels" for one in each)
     return (
         f"{target}: {known.states.sum():,} states, {known.alike:.0%} look alike; "
         f"{small.transitions:,} steps of models, {solved:.0f} s; distilled in {fit.seconds:.0f} s; "
