@@ -13,7 +13,6 @@ import argparse
 import numpy as np
 from scipy.stats import spearmanr
 
-import curricle as cr
 from benchmarks.deep_miniatures import FETCH, PPO, WALK, level
 from curricle.deep import distil, miniatures
 

@@ -164,7 +164,8 @@ def plan(
     off = dict.fromkeys(tasks, cr.GreedyEvaluation("off"))
     evaluation = cr.GreedyEvaluation(episodes=EPISODES, sampled=target.sampled)
     return cr.Curriculum(
-        {**tasks, "target": target.task()}, edges, learner=learners, shaping={"target": shaping} if shaping else None,
+        {**tasks, "target": target.task()}, edges, learner=learners,
+        shaping={"target": shaping} if shaping else None,
         budget={**(source or {}), "target": budget}, eval_freq={"target": EVAL_FREQ},
         evaluation={**off, "target": evaluation},
     )  # fmt: skip

@@ -59,7 +59,7 @@ class PlainNetwork:
     @cached_property
     def widest(self) -> int:
         """The weights of the largest layer."""
-        return max(layer.weight.numel() for layer in self.layers)
+        return max(int(layer.weight.numel()) for layer in self.layers)
 
     def takes(self, observations: Any) -> bool:
         """Return whether these are vectors, (n, D), for which this is quicker."""
