@@ -225,10 +225,10 @@ def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
     assert not (tmp_path / "out").exists()
 
 
-def test_initialising_an_actor_critic_is_refused_before_it_runs(tmp_path):
+def test_initialising_a_learner_of_other_networks_is_refused_before_it_runs(tmp_path):
     file = tmp_path / "chain.toml"
     file.write_text(CHAIN)
-    changes = ["tasks.hunt.learner={type='deep', algorithm='PPO', settings={n_steps=32}}"]
+    changes = ["tasks.hunt.learner={type='deep', algorithm='TD3'}"]
     with pytest.raises(ConfigError, match=r"StateShaping serves every algorithm"):
         run_study(read_study(file, set=changes), tmp_path / "out")
 

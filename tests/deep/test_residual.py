@@ -264,10 +264,10 @@ def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
 
 
 def test_what_cannot_be_a_residual_is_refused():
-    from stable_baselines3 import PPO
+    from stable_baselines3 import SAC
 
-    with pytest.raises(cr.errors.SettingError, match="StateShaping"):
-        residual_policy(PPO, "MlpPolicy")
+    with pytest.raises(cr.errors.SettingError, match="StateShaping serves every algorithm"):
+        residual_policy(SAC, "MlpPolicy")
     observed = one_hot(cr.GridWorld("S.T"))
     height = cr.transfer.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
     with pytest.raises(cr.errors.SettingError, match="StateShaping does not"):

@@ -32,6 +32,12 @@ class NetworkValues:
     without_source : bool
         Whether it is the one of two guarded networks that learnt without the source.
 
+    Attributes
+    ----------
+    policy, values_offset
+    plain : PlainNetwork or None
+        The same network for NumPy, if it is one of plain layers.
+
     Raises
     ------
     PotentialError
@@ -65,7 +71,7 @@ class NetworkValues:
         from curricle.deep.plain_networks import plain_network
 
         self.kind = found[0]
-        self._plain = plain_network(policy, self.kind)
+        self.plain = plain_network(policy, self.kind)
 
     @property
     def of_actions(self) -> bool:
@@ -131,8 +137,8 @@ class NetworkValues:
 
     def _outputs(self, observations: Any) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
-        if self._plain is not None and self._plain.takes(observations):
-            found = self._plain.read(observations).astype(np.float64)
+        if self.plain is not None and self.plain.takes(observations):
+            found = self.plain.read(observations).astype(np.float64)
         else:
             found = self._by_torch(observations)
         if self.kind == "quantile_net":

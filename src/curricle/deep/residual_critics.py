@@ -5,6 +5,7 @@ reward R + gamma Phi(s') - Phi(s). Advantages, and what r is fitted to, are then
 shaped rewards (Wiewiora 2003, for actor-critics), while rewards and V stay the task's own.
 """
 
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -14,6 +15,7 @@ from stable_baselines3.common.policies import (
     MultiInputActorCriticPolicy,
 )
 
+from curricle.deep.networks import NetworkValues
 from curricle.transfer.potentials import ObservationPotential
 
 
@@ -50,8 +52,27 @@ class _OnPhi:
             seen: Any = {name: part.cpu().numpy() for name, part in obs.items()}
         else:
             seen = obs.cpu().numpy()
-        phi = torch.as_tensor(self.potential.v(seen)[:, None], dtype=torch.float32)
+        source = self._source
+        if source is None:
+            phi = torch.as_tensor(self.potential.v(seen)[:, None], dtype=torch.float32)
+        elif source.plain is not None and source.plain.takes(seen):
+            phi = torch.from_numpy(source.plain.read(seen))
+        else:
+            with torch.no_grad():
+                phi = source.policy.predict_values(obs)
         return phi.to(self.value_net.weight.device)  # type: ignore[attr-defined]
+
+    @cached_property
+    def _source(self) -> NetworkValues | None:
+        """The network whose V is Phi, if it is that of one network as it is: quicker to read."""
+        (edge, *others), phi = self.potential.edges, self.potential
+        source = phi.values[0]
+        if others or not isinstance(source, NetworkValues):
+            return None
+        unscaled = (edge.scale, edge.shift, phi.scale, phi.shift) == (1.0, 0.0, 1.0, 0.0)
+        mapped = edge.mapping.observations is not None or edge.mapping.status is not None
+        own = source.kind == "value_net" and source.values_offset is None
+        return source if unscaled and own and not mapped else None
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {**super()._get_constructor_parameters(), "potential": self.potential}  # type: ignore[misc]
