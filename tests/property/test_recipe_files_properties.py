@@ -13,7 +13,7 @@ from curricle.study.recipes.toml_text import toml_value
 
 positive = st.floats(1e-300, 1e300)
 finite = st.floats(allow_nan=False, allow_infinity=False)
-draws = st.lists(st.tuples(finite, finite), max_size=5)
+draws = st.lists(st.tuples(positive, finite), max_size=5)
 trends = st.builds(Trend, positive, finite, positive, draws) | positive.map(Trend.constant)
 names = st.sampled_from(["size", "steps", "kind", "share", "changes", "a_b", "étage"])
 text = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)

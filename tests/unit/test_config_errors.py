@@ -14,7 +14,7 @@ from tests.studies import NUMBERED_HUNT as HUNT, complaints_of
 
 TYPES = (
     "maze, crop, pursuit, four_rooms, key_lock_pit, block_dude, river_swim, deep_sea, gymnasium, "
-    "tabulated, factory, family, observation_task, vector_pursuit"
+    "tabulated, factory, family, observation_task, distilled, vector_pursuit"
 )
 """Of tasks, in the order in which they are listed."""
 
@@ -114,8 +114,8 @@ def complaints(tmp_path, monkeypatch):
             "[learner]\nepsilon = 0.1",
             "shaping = 'StateShapping'",
             "line 4: shaping must be one of QInitialisation, LookAheadAdvice, LookBackAdvice, "
-            "StateShaping, DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse: got "
-            "'StateShapping', did you mean 'StateShaping'?",
+            "StateShaping, DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse, "
+            "Demonstrations: got 'StateShapping', did you mean 'StateShaping'?",
         ),
         (
             "[learner]\nepsilon = 0.1",

@@ -36,3 +36,31 @@ def test_exact_evaluations_are_counted(study_file, monkeypatch):
         for study in (read_study(study_file, set=[f"eval_freq={n}"]) for n in (100, 1))
     )
     assert often > 2 * rare  # in rare ones, learning takes most of the time
+
+
+DISTILLED = """
+name = "carts"
+[learner]
+type = "deep"
+algorithm = "PPO"
+[tasks.small]
+type = "distilled"
+members = ["FrozenLake-v1"]
+[tasks.large]
+type = "observation_task"
+id = "FrozenLake-v1"
+shaping = "PolicyReuse"
+[[transfers]]
+source = "small"
+target = "large"
+mapping = "identity"
+"""
+
+
+def test_a_distillation_takes_seconds_and_no_steps(tmp_path):
+    file = tmp_path / "carts.toml"
+    file.write_text(DISTILLED)
+    study = read_study(file)
+    (one,) = (each for each in cost.costs(study, Arms.of(study)) if each.task == "small")
+    assert one.steps == 0
+    assert one.seconds == len(study.seeds) * cost.DISTILLING

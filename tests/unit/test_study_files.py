@@ -80,7 +80,7 @@ def test_there_are_examples_of_each_kind_of_task():
         for task in tomllib.loads((FOLDER / name).read_text("utf-8"))["tasks"].values()
     }
     tables = {"maze", "crop", "pursuit", "gymnasium", "factory", "family"}
-    assert found == tables | {"vector_pursuit", "observation_task"}
+    assert found == tables | {"vector_pursuit", "observation_task", "distilled"}
 
 
 # The schema that editors check files by says the same. This much of JSON Schema it uses:

@@ -59,6 +59,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
         steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
+        steps = "no steps, by exact answers" if node.takes_no_steps else steps
         yield _wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):

@@ -21,6 +21,8 @@ NETWORK = 1e-3
 """Seconds that a small network takes to learn from a step on one processor, about."""
 FORWARD = 2e-4
 """Seconds that a small network takes to choose an action, about."""
+DISTILLING = 12.0
+"""Seconds in which a network is fitted to what miniatures teach, about."""
 OUTCOME = 8e-9
 """Seconds of one outcome in one step of an exact evaluation, about; after 1,000 steps most values
 no longer change."""
@@ -100,7 +102,12 @@ def _observed_pace(task: ObservationTask) -> float:
 
 
 def _exact_seconds(node: Node) -> float:
-    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts."""
+    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts.
+
+    Those of a distillation where exact answers teach.
+    """
+    if node.takes_no_steps:
+        return DISTILLING
     if node.deep or hasattr(node.evaluation.kernel(node.task), "episodes"):
         return 0.0
     if node.evaluation.method == "off" or not has_tables(node.task):
