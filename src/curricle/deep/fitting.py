@@ -1,0 +1,165 @@
+"""Fitting a network of Stable-Baselines3 to what is known of observations."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.deep.checkpoint import isolated
+from curricle.deep.distillation import Distillation
+from curricle.deep.knowledge import Knowledge, rows_of
+from curricle.deep.learner import DeepLearner
+from curricle.deep.models import model_for
+from curricle.errors import SettingError
+from curricle.tasks.observation_task import ObservationTask
+
+
+def fitted(
+    knowledge: Knowledge,
+    task: ObservationTask,
+    learner: DeepLearner,
+    settings: Distillation,
+    seed: int,
+) -> tuple[Any, float, float]:
+    """Return a learner's policy, fitted; its error of values, and the share of best actions.
+
+    As :func:`distil`; `seed` is below 2^32.
+    """
+    with isolated(learner.threads):
+        model = model_for(task, learner, seed=seed, steps=1)
+        model.env.close()
+        lesson = _lesson_for(model.policy, knowledge, task)
+        lesson.learn(settings, seed)
+        return model.policy, *lesson.errors()
+
+
+class _Lesson:
+    """What a policy of Stable-Baselines3 is to say of observations: V of an actor-critic, or Q."""
+
+    def __init__(self, policy: Any, knowledge: Knowledge, wanted: FloatArray):
+        self.policy, self.knowledge, self.wanted = policy, knowledge, wanted
+        self.weight = self._tensor(knowledge.states / knowledge.states.mean())
+        self.mean, self.spread = float(wanted.mean()), float(wanted.std()) or 1.0
+
+    def learn(self, settings: Distillation, seed: int) -> None:
+        """Fit the policy to values of mean 0 and spread 1, then rescale the layer of its values."""
+        self.policy.set_training_mode(True)
+        parameters = [one for one in self.policy.parameters() if one.requires_grad]
+        optimizer = torch.optim.Adam(parameters, settings.learning_rate)
+        for rows in settings.batches(len(self.wanted), seed):
+            optimizer.zero_grad()
+            self.loss(rows, settings.smoothing).backward()
+            optimizer.step()
+        self.policy.set_training_mode(False)
+        last = self.last_layer()
+        with torch.no_grad():
+            last.weight.mul_(self.spread)
+            last.bias.mul_(self.spread).add_(self.mean)
+
+    def loss(self, rows: IntArray, smoothing: float) -> torch.Tensor:
+        """Return the loss of some observations, each weighted by the states that look like it."""
+        found, logits = self.outputs(rows)
+        error = found - self._tensor((self.wanted[rows] - self.mean) / self.spread)
+        each = error.square().reshape(len(rows), -1).mean(dim=1)
+        if logits is not None:
+            policy = self._tensor(np.asarray(self.knowledge.policy)[rows])
+            smooth = (1 - smoothing) * policy + smoothing / policy.shape[1]
+            each = each + functional.cross_entropy(logits, smooth, reduction="none")
+        return (each * self.weight[rows]).mean()
+
+    def errors(self) -> tuple[float, float]:
+        """Return the root mean squared error, and the share of states with a best action."""
+        rows = np.arange(len(self.wanted))
+        parts = np.array_split(rows, -(-len(rows) // 4096))
+        with torch.no_grad():
+            found = [self.outputs(part) for part in parts]
+        values = torch.cat([one for one, _ in found]).cpu().numpy()
+        weight = self.knowledge.states / self.knowledge.states.sum()
+        squared = ((values - self.wanted) ** 2).reshape(len(rows), -1).mean(axis=1)
+        error = float(np.sqrt(weight @ squared))
+        policy = self.knowledge.policy
+        if policy is None:
+            return error, float("nan")
+        ranks = [one if logits is None else logits for one, logits in found]
+        chosen = torch.cat(ranks).argmax(dim=1).cpu().numpy()
+        right = policy[rows, chosen] >= policy.max(axis=1) - 1e-12
+        return error, float(weight @ right)
+
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """Return the values of some observations, and the logits of an actor."""
+        raise NotImplementedError
+
+    def last_layer(self) -> Any:
+        """Return the layer that computes values."""
+        raise NotImplementedError
+
+    def _seen(self, rows: IntArray) -> Any:
+        return self.policy.obs_to_tensor(rows_of(self.knowledge.observations, rows))[0]
+
+    def _tensor(self, each: FloatArray) -> torch.Tensor:
+        return torch.as_tensor(each, dtype=torch.float32, device=self.policy.device)
+
+
+class _ActorCriticLesson(_Lesson):
+    def last_layer(self) -> Any:
+        return self.policy.value_net
+
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
+        seen = self._seen(rows)
+        values = self.policy.predict_values(seen)[:, 0]
+        if self.knowledge.policy is None:
+            return values, None
+        return values, self.policy.get_distribution(seen).distribution.logits
+
+
+class _QLesson(_Lesson):
+    def last_layer(self) -> Any:
+        return self.policy.q_net.q_net[-1]
+
+    def learn(self, settings: Distillation, seed: int) -> None:
+        super().learn(settings, seed)
+        self.policy.q_net_target.load_state_dict(self.policy.q_net.state_dict())
+
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
+        return self.policy.q_net(self._seen(rows)), None
+
+
+class _QuantileLesson(_Lesson):
+    def last_layer(self) -> Any:
+        return self.policy.quantile_net.quantile_net[-1]
+
+    def learn(self, settings: Distillation, seed: int) -> None:
+        super().learn(settings, seed)
+        self.policy.quantile_net_target.load_state_dict(self.policy.quantile_net.state_dict())
+
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
+        return self.policy.quantile_net(self._seen(rows)).mean(dim=1), None
+
+
+def _lesson_for(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Lesson:
+    """Return what a policy is to be fitted to; SettingError where it cannot be."""
+    seen = knowledge.observations
+    if isinstance(seen, np.ndarray) and seen.shape[1:] != task.observations.shape:
+        raise SettingError(
+            f"knowledge to distil must be of the task's observations, {task.observations}: got "
+            f"arrays of shape {seen.shape[1:]}"
+        )
+    for name in ("policy", "action_values"):
+        known = getattr(knowledge, name)
+        if known is not None and known.shape[1] != task.n_actions:
+            raise SettingError(
+                f"knowledge to distil must be of the task's actions, {task.actions}: got "
+                f"{known.shape[1]} of them; a mapping's actions= says which is which"
+            )
+    if hasattr(policy, "value_net") and task.n_actions is not None:
+        return _ActorCriticLesson(policy, knowledge, knowledge.values)
+    kinds = {"q_net": _QLesson, "quantile_net": _QuantileLesson}
+    for kind, lesson in kinds.items():
+        if getattr(policy, kind, None) is not None and knowledge.action_values is not None:
+            return lesson(policy, knowledge, knowledge.action_values)
+    raise SettingError(
+        "a network to distil into must be an actor-critic of numbered actions, or DQN's or "
+        f"QR-DQN's where action values are known: got a {type(policy).__name__}"
+    )
