@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.deep.distillation import distil
+from curricle.deep.distilling import distil
 from curricle.deep.learner import DeepLearner
 from curricle.deep.miniature_task import Miniatures
 from curricle.deep.result import DeepResult
