@@ -70,6 +70,7 @@ def distil(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import curricle as cr
     >>> task = cr.observation_task("CartPole-v1")
     >>> carts = np.random.default_rng(0).normal(size=(100, 4)).astype(np.float32)
