@@ -70,16 +70,22 @@ class Knowledge(Frozen):
 
         Optimal actions are equally likely. Ends are left out: nobody acts there.
         """
+        _ = _observed(table)
         solution = solve(table)
-        rows = np.flatnonzero(~table.mdp.terminal)
-        seen = _observed(table).batch(rows)
-        return cls.of(seen, solution.action_values[rows], solution.policy[rows])
+        states = np.flatnonzero(~table.mdp.terminal)
+        return cls.of_states(table, states, solution.action_values, solution.policy)
 
     @classmethod
-    def learnt(cls, table: Any, action_values: FloatArray) -> Self:
-        """Return what Q (S, A), learnt in a table (:class:`TabulatedTask`), says of its states."""
-        rows = np.flatnonzero(~table.mdp.terminal)
-        return cls.of(_observed(table).batch(rows), action_values[rows])
+    def of_states(
+        cls,
+        table: Any,
+        states: IntArray,
+        action_values: FloatArray,
+        policy: FloatArray | None = None,
+    ) -> Self:
+        """Return what Q (S, A) and a policy (S, A) say of some states of a table, as :meth:`of`."""
+        chosen = None if policy is None else policy[states]
+        return cls.of(_observed(table).batch(states), action_values[states], chosen)
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:

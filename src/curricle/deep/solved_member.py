@@ -84,12 +84,12 @@ class SolvedMember:
     def knowledge(self, potential: Any = None) -> Knowledge:
         """Return what is known of the states that are taught; a potential may not know them all."""
         rows = np.flatnonzero(self.taught)
+        if potential is None:
+            solution = self.solution
+            return Knowledge.of_states(self.table, rows, solution.action_values, solution.policy)
         assert self.table.observations is not None
         seen = self.table.observations.batch(rows)
-        if potential is not None:
-            return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
-        solution = self.solution
-        return Knowledge.of(seen, solution.action_values[rows], solution.policy[rows])
+        return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
 
     def examined(self, values: Any) -> Examined:
         """Return how a network acts on the levels that are not taught."""
