@@ -1,4 +1,4 @@
-"""Solved miniatures teach networks: seven targets that nothing was tuned on, all steps charged.
+"""Networks distilled from solved miniatures, on seven targets that no setting was chosen on.
 
 Every arm has 60,000 steps in all. Miniatures take none: they have models, whose steps and whose
 seconds, with those of the distillation, are printed apart. Returns are the targets' own,
@@ -16,7 +16,7 @@ one set of settings for all targets.
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import partial
@@ -76,14 +76,13 @@ class Seen:
         return gym.wrappers.TransformAction(seen, self.actions.__getitem__, few)
 
 
-class CoarseCar(gym.Wrapper):
-    """A mountain car on a grid of places, each of its actions held for some steps."""
+class Coarse(gym.Wrapper):
+    """An environment of classic control on a grid of states; each action is held for some steps."""
 
-    def __init__(self, points: int = 150, held: int = 2):
-        super().__init__(gym.make("MountainCar-v0").unwrapped)
+    def __init__(self, name: str, ends: Sequence[tuple[float, float]], points: int, held: int):
+        super().__init__(gym.make(name).unwrapped)
+        self.axes = [np.linspace(*each, points) for each in ends]
         self.held = held
-        space = self.observation_space
-        self.axes = [np.linspace(*ends, points) for ends in zip(space.low, space.high, strict=True)]
 
     def reset(self, **given):
         _, info = self.env.reset(**given)
@@ -97,10 +96,15 @@ class CoarseCar(gym.Wrapper):
         return self._rounded(), reward, terminated, truncated, info
 
     def _rounded(self):
-        car = self.unwrapped
-        pairs = zip(self.axes, car.state, strict=True)
-        car.state = tuple(axis[np.abs(axis - x).argmin()] for axis, x in pairs)
-        return np.array(car.state, dtype=np.float32)
+        env = self.unwrapped
+        pairs = zip(self.axes, env.state, strict=True)
+        env.state = np.array([axis[np.abs(axis - x).argmin()] for axis, x in pairs])
+        return env._get_ob() if hasattr(env, "_get_ob") else env.state.astype(np.float32)
+
+
+def coarse(name: str, ends, *, points: int, held: int) -> cr.tasks.ObservationTask:
+    """Return an environment of classic control on a grid, as a miniature of the one it is of."""
+    return cr.observation_task(partial(Coarse, name, ends, points, held), discount=0.99)
 
 
 class Target(NamedTuple):
@@ -124,6 +128,9 @@ def rooms() -> list[cr.tasks.ObservationTask]:
 
 
 WALK, OPEN, FETCH, CARRY = (0, 1, 2), (0, 1, 2, 5), (0, 1, 2, 3, 5), (0, 1, 2, 3, 4, 5)
+CAR = ((-1.2, 0.6), (-0.07, 0.07))
+ACROBOT = ((-np.pi, np.pi),) * 2 + ((-2 * np.pi, 2 * np.pi), (-4.5 * np.pi, 4.5 * np.pi))
+"""Ends of position and velocity, or of two angles and their velocities."""
 TARGETS = {
     "crossing 9": levels("SimpleCrossingS9N3-v0", "SimpleCrossingS9N1-v0", actions=WALK),
     "crossing 11": levels("SimpleCrossingS11N5-v0", "SimpleCrossingS9N1-v0", actions=WALK),
@@ -133,19 +140,36 @@ TARGETS = {
     "corridor": levels("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", actions=CARRY),
     "car": Target(
         lambda: cr.observation_task("MountainCar-v0", discount=0.99),
-        lambda: [cr.observation_task(CoarseCar, discount=0.99)],
+        lambda: [
+            cr.observation_task(partial(Coarse, "MountainCar-v0", CAR, 150, 2), discount=0.99)
+        ],
         sampled=False,
     ),
 }
+"""What is reported."""
+DEVELOPMENT = {
+    "crossing 2": levels("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", actions=WALK),
+    "gap": levels("LavaGapS7-v0", "LavaGapS5-v0", "LavaGapS6-v0", actions=WALK),
+    "small door": levels("DoorKey-6x6-v0", "DoorKey-5x5-v0", actions=FETCH),
+    "acrobot": Target(
+        lambda: cr.observation_task("Acrobot-v1", discount=0.99),
+        lambda: [coarse("Acrobot-v1", ACROBOT, points=15, held=5)],
+        sampled=False,
+    ),
+}
+"""What settings are chosen on."""
+ALL = {**TARGETS, **DEVELOPMENT}
 
 
 def from_scratch(learner, target: Target) -> cr.Curriculum:
     return plan(target, {}, [], {"target": learner})
 
 
-def taught(shaping, target: Target, *, learner=PPO, teacher=None, shuffled=False) -> cr.Curriculum:
+def distilled(
+    shaping, target: Target, *, learner=PPO, source=None, shuffled=False
+) -> cr.Curriculum:
     small = replace(miniatures(*target.members()), shuffled=shuffled)
-    learners = {"small": teacher or learner, "target": learner}
+    learners = {"small": source or learner, "target": learner}
     return plan(target, {"small": small}, [cr.Transfer("small", "target")], learners, shaping)
 
 
@@ -174,22 +198,25 @@ def plan(
 SCRATCH = {"PPO": partial(from_scratch, PPO), "DQN": partial(from_scratch, DQN)}
 ARMS = {
     **SCRATCH,
-    "actor": partial(taught, PolicyReuse()),
-    "actor, placebo": partial(taught, PolicyReuse(), shuffled=True),
-    "actor and critic": partial(taught, WeightTransfer()),
-    "actor kept near": partial(taught, PolicyReuse(kl=1.0)),
-    "critic": partial(taught, WeightTransfer(parts="critic")),
-    "shaped": partial(taught, cr.StateShaping()),
+    "both kept near": partial(distilled, WeightTransfer(kl=1.0)),
+    "both kept near, placebo": partial(distilled, WeightTransfer(kl=1.0), shuffled=True),
+    "both kept near, guarded": partial(distilled, WeightTransfer(kl=1.0, guard=cr.Guard())),
+    "actor": partial(distilled, PolicyReuse()),
+    "actor, placebo": partial(distilled, PolicyReuse(), shuffled=True),
+    "actor and critic": partial(distilled, WeightTransfer()),
+    "actor kept near": partial(distilled, PolicyReuse(kl=1.0)),
+    "critic": partial(distilled, WeightTransfer(parts="critic")),
+    "shaped": partial(distilled, cr.StateShaping()),
     "weights of steps": weights_of_steps,
-    "DQN, residual": partial(taught, cr.QInitialisation(), learner=DQN),
-    "DQN, demonstrations": partial(taught, Demonstrations(), learner=DQN),
-    "DQN, guided by the actor": partial(taught, PolicyReuse(), learner=DQN, teacher=PPO),
+    "DQN, residual": partial(distilled, cr.QInitialisation(), learner=DQN),
+    "DQN, demonstrations": partial(distilled, Demonstrations(), learner=DQN),
+    "DQN, guided by the actor": partial(distilled, PolicyReuse(), learner=DQN, source=PPO),
 }
 
 
 def job(target: str, arm: str, seed: int, out: Path) -> dict:
     """Return the curve of one run, from its file if it is there."""
-    return trained(partial(ARMS[arm], TARGETS[target]), f"{target} {arm}", seed, out)
+    return trained(partial(ARMS[arm], ALL[target]), f"{target} {arm}", seed, out)
 
 
 def curves(target: str, arm: str, options) -> cr.statistics.Curve | None:
@@ -238,10 +265,10 @@ def shown(values: np.ndarray) -> str:
 def price(target: str) -> str:
     """Return what the miniatures of a target cost."""
     began = time.process_time()
-    small = miniatures(*TARGETS[target].members())
+    small = miniatures(*ALL[target].members())
     known = small.knowledge()
     solved = time.process_time() - began
-    fit = cr.deep.distil(known, TARGETS[target].task(), PPO)
+    fit = cr.deep.distil(known, ALL[target].task(), PPO)
     each = small.examined(fit.values)
     told = ", ".join(f"{one.regained:.0%} of {one.levels} levels" for one in each)
     return (
@@ -253,7 +280,7 @@ def price(target: str) -> str:
 
 def main() -> None:
     given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    given.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(TARGETS))
+    given.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(ALL))
     given.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS))
     given.add_argument("--seeds", type=int, default=5)
     given.add_argument("--workers", type=int, default=2)

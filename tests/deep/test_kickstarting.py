@@ -92,6 +92,18 @@ def test_the_pull_falls_to_0_at_half_of_the_budget():
     assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
 
 
+def test_a_whole_network_can_be_carried_over_and_kept_near():
+    observed, values, wanted = task_and_source()
+    shaping = cr.deep.WeightTransfer(source=source(observed, values), kl=2.0)
+    model, weights = model_for(observed, learner(), shaping, seed=9), Weights()
+    rows = np.eye(5, dtype=np.float32)
+    assert NetworkValues(model.policy).v(rows) == pytest.approx(values.v(rows), abs=1e-5)
+    assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
+    model.learn(STEPS, callback=weights)
+    assert weights.seen[1] > 0
+    assert model.policy.kl_weight == 0.0
+
+
 def test_a_strong_pull_keeps_the_policy_where_it_is():
     observed, values, _ = task_and_source()
     gaps = []
@@ -144,8 +156,14 @@ def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
     assert (resumed.values[0].v(rows) == whole.values[0].v(rows)).all()
 
 
-def test_a_pull_needs_an_actor_critic():
+@pytest.mark.parametrize("way", [cr.deep.PolicyReuse, cr.deep.WeightTransfer])
+def test_a_pull_needs_an_actor_critic(way):
     observed, values, _ = task_and_source()
-    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=1.0)
+    shaping = way(source=source(observed, values), kl=1.0)
     with pytest.raises(cr.errors.SettingError, match="an actor-critic that learns on-policy"):
         cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, shaping=shaping)
+
+
+def test_a_critic_alone_cannot_be_kept_near():
+    with pytest.raises(cr.errors.SettingError, match="a critic alone has no policy"):
+        cr.deep.WeightTransfer(parts="critic", kl=1.0)

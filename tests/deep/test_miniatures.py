@@ -55,9 +55,9 @@ def room(size=4, **settings):
 
 
 def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
-    taught = miniatures(room(), resets=6) if small is None else small
+    relatives = miniatures(room(), resets=6) if small is None else small
     return cr.Curriculum(
-        {"small": taught, "large": room(8)}, [cr.Transfer("small", "large")],
+        {"small": relatives, "large": room(8)}, [cr.Transfer("small", "large")],
         learner={"large": learner}, budget={"large": budget}, eval_freq=64,
         evaluation=ROLLOUTS, shaping=shaping, **settings,
     )  # fmt: skip
@@ -69,10 +69,10 @@ def test_levels_are_what_a_reset_can_reach_and_some_are_held_out():
     goals = {tuple(goal) for seed in range(40) for goal in [_goal(seed)]}
     assert member.levels == len(goals)
     starts = np.flatnonzero(member.table.mdp.start)
-    held = {member.level[state] for state in starts if not member.taught[state]}
+    held = {member.level[state] for state in starts if not member.training[state]}
     assert len(held) == round(0.25 * member.levels)
     known = small.knowledge()
-    assert known.states.sum() == member.taught.sum()
+    assert known.states.sum() == member.training.sum()
 
 
 def _goal(seed):
@@ -192,7 +192,7 @@ def test_a_forecast_says_what_holds_on_levels_that_were_not_taught():
     told = found.sources["small"]
     assert told.shares.shape == (2, 2)
     assert 0.5 < told.expected <= 1.0 + 1e-9
-    assert "of the way from random to optimal on levels that it was not taught" in str(told)
+    assert "held out, of the way from random to optimal" in str(told)
     assert found.used.verdict == "a network or its policy enters, and not the values"
 
 
@@ -224,7 +224,7 @@ shaping = "PolicyReuse"
 source = "small"
 target = "large"
 mapping = "identity"
-[arms.taught]
+[arms.distilled]
 [arms.placebo]
 tasks.small.shuffled = true
 [arms.critic.tasks.large.shaping]
@@ -242,20 +242,20 @@ def test_a_study_distils_and_is_stored(tmp_path):
     )
     (tmp_path / "study.toml").write_text(STUDY)
     study = cr.study.read_study(tmp_path / "study.toml")
-    plan = study.curricula["taught"]
+    plan = study.curricula["distilled"]
     (member,) = plan.tasks["small"].members
     assert str(member.make).endswith("rooms:room(size=4)")
     out = tmp_path / "results"
     cr.study.run_study(study, out)
     found = cr.study.StudyResults(out)
     assert not found.failed
-    for arm in ("scratch", "taught", "placebo", "critic"):
+    for arm in ("scratch", "distilled", "placebo", "critic"):
         assert np.isfinite(found.result(arm, "large").greedy_return).all()
         assert found.result(arm, "large").steps[-1] == 128
-    small = found.result("taught", "small", values=True)
+    small = found.result("distilled", "small", values=True)
     assert small.steps_used.tolist() == [0, 0]
     alone = plan.train([0, 1], only="small")["small"]
     for stored, trained in zip(small.values, alone.values, strict=True):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
-    assert (found.source_steps("taught") == 0).all()
+    assert (found.source_steps("distilled") == 0).all()

@@ -286,7 +286,7 @@ class _Plan:
         return self._arm(found, spent, control=True, level=level)
 
     def _placebo(self, curriculum: Curriculum, seeds: Sequence[int]) -> Arm:
-        """Return the control of a curriculum whose miniatures teach what is not so."""
+        """Return the control of a curriculum with miniatures: their answers, shuffled."""
         result = self._trained(shuffled_miniatures(curriculum), seeds)
         return self._arm(result[self.target], result.source_steps(self.target), control=True)
 

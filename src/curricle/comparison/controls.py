@@ -16,7 +16,7 @@
 they do, pays by what it knows.
 
 An observation task has no numbered states, so ``random_start`` is refused there, and ``placebo``
-unless its sources are miniatures: then each observation is taught what is right for another.
+unless its sources are miniatures: then each observation has the answer of another.
 ``scaled`` and ``constant`` need no dense tables.
 """
 
@@ -109,7 +109,7 @@ def _all_miniatures(curriculum: Curriculum) -> bool:
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
-    """Return a curriculum whose miniatures teach of each observation what is right for another."""
+    """Return a curriculum in whose miniatures each observation has the answer of another."""
     tasks: dict[str, Any] = dict(curriculum.tasks)
     for name, task in tasks.items():
         if isinstance(task, Miniatures):

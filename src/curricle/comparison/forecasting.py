@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from curricle.comparison.candidates import Candidate, candidates_of
+from curricle.comparison.distilled_sources import distilled_sources
 from curricle.comparison.forecasts import Forecast, ForecastRow
 from curricle.comparison.learnt_sources import source_learning
 from curricle.comparison.potential_words import AnyTarget, anti_knowledge, start_words
 from curricle.comparison.targets import transfers_into
-from curricle.comparison.taught_sources import taught_sources
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
@@ -169,9 +169,9 @@ def _judged(
 def _judged_sources(
     curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None
 ) -> dict[str, Any]:
-    """Return how much of its own task each source learnt, or was taught."""
+    """Return how much of its own task each source knows."""
     learnt = source_learning(curriculum, sources, workers=workers)
-    return {**learnt, **taught_sources(curriculum.tasks, sources)}
+    return {**learnt, **distilled_sources(curriculum.tasks, sources)}
 
 
 def _sources(

@@ -7,8 +7,8 @@ from textwrap import fill
 import numpy as np
 
 from curricle.checks import one_of
+from curricle.comparison.distilled_sources import DistilledSource
 from curricle.comparison.learnt_sources import SourceLearning
-from curricle.comparison.taught_sources import TaughtSource
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError
@@ -91,9 +91,9 @@ class Forecast:
         The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
     perfect : bool
         Whether the sources were solved instead of trained.
-    sources : dict of str to SourceLearning or TaughtSource
+    sources : dict of str to SourceLearning or DistilledSource
         How much of its own task each source learnt; of tables that were trained, and of networks
-        that miniatures taught.
+        distilled from miniatures.
     trial : Trial or None
         The comparison with learning from scratch, in the model or on a smaller relative.
     no_trial : str
@@ -109,7 +109,7 @@ class Forecast:
     exact: bool
     trained: Mapping[str, SourceValues] = field(repr=False)
     perfect: bool = False
-    sources: Mapping[str, SourceLearning | TaughtSource] = field(default_factory=dict)
+    sources: Mapping[str, SourceLearning | DistilledSource] = field(default_factory=dict)
     trial: Trial | None = None
     no_trial: str = ""
 

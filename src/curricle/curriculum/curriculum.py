@@ -185,10 +185,10 @@ class Curriculum(TaskGraph):
         return None
 
     def _default_learner(self, name: str) -> Any:
-        """Return the default learner of a task; miniatures teach the learner of their target."""
-        taught = [edge.target for edge in self.transfers if edge.source == name]
-        if taught and isinstance(self.tasks[name], Miniatures):
-            return self.setting("learner", taught[0])
+        """Return the default learner of a task; miniatures have that of their target."""
+        targets = [edge.target for edge in self.transfers if edge.source == name]
+        if targets and isinstance(self.tasks[name], Miniatures):
+            return self.setting("learner", targets[0])
         return SETTINGS["learner"]
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:

@@ -66,8 +66,8 @@ class Node:
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
         """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
-        taught = isinstance(task, Miniatures)
-        eval_freq = 1 if taught else spacing(eval_freq, settings["budget"])
+        distilled = isinstance(task, Miniatures)
+        eval_freq = 1 if distilled else spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
         for which, kind in {"learner": learner, **_KINDS}.items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
@@ -153,7 +153,7 @@ class Node:
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         """
         if self.takes_no_steps:
-            return self._taught(seeds, potentials)
+            return self._distilled(seeds, potentials)
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -183,10 +183,12 @@ class Node:
             **common,
         )
 
-    def _taught(self, seeds: Sequence[int], potentials: Sequence[AnyPotential]) -> LearningResult:
-        """Return networks that exact answers taught; ImportError without Stable-Baselines3."""
+    def _distilled(
+        self, seeds: Sequence[int], potentials: Sequence[AnyPotential]
+    ) -> LearningResult:
+        """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
         self.learner.algorithm_class()
-        from curricle.deep.taught import learn_miniatures
+        from curricle.deep.miniature_learning import learn_miniatures
 
         return learn_miniatures(
             self.task, self.learner, seeds, potentials, eval_freq=self.eval_freq

@@ -27,13 +27,13 @@ def fill_replay_buffer(model: Any, potential: ObservationPotential, n: int) -> N
     SettingError unless its sources are miniatures.
     """
     sources = [edge.mapping.source for edge in potential.edges]
-    taught = [one for one in sources if isinstance(one, Miniatures)]
-    if len(taught) < len(sources):
+    small = [one for one in sources if isinstance(one, Miniatures)]
+    if len(small) < len(sources):
         raise SettingError(
             "demonstrations are played in the tables of miniatures: got "
             f"{', '.join(type(one).__name__ for one in sources)}"
         )
-    members = [member for one in taught for member in one.solved]
+    members = [member for one in small for member in one.solved]
     rng = np.random.default_rng(model.seed)
     buffer, width = model.replay_buffer, model.n_envs
     for _ in range(-(-n // (width * len(members)))):

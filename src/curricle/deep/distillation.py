@@ -23,7 +23,7 @@ class Distillation:
     learning_rate : float
     smoothing : float
         Share of each policy that is spread over all actions (label smoothing, Szegedy et al. 2016).
-        An actor that is sure where it was not taught neither explores nor unlearns. Chosen on
+        An actor that is sure outside its training levels neither explores nor unlearns. Chosen on
         SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
         6: with 0.1 what is drawn from the actor returns .53, .25 and .38 there, with 0 .42, .09 and
         .09.

@@ -30,12 +30,12 @@ def fitted(
     with isolated(learner.threads):
         model = model_for(task, learner, seed=seed, steps=1)
         model.env.close()
-        lesson = _lesson_for(model.policy, knowledge, task)
-        lesson.learn(settings, seed)
-        return model.policy, *lesson.errors()
+        fit = _fit_of(model.policy, knowledge, task)
+        fit.learn(settings, seed)
+        return model.policy, *fit.errors()
 
 
-class _Lesson:
+class _Fit:
     """What a policy of Stable-Baselines3 is to say of observations: V of an actor-critic, or Q."""
 
     def __init__(self, policy: Any, knowledge: Knowledge, wanted: FloatArray):
@@ -102,7 +102,7 @@ class _Lesson:
         return torch.as_tensor(each, dtype=torch.float32, device=self.policy.device)
 
 
-class _ActorCriticLesson(_Lesson):
+class _ActorCriticFit(_Fit):
     def last_layer(self) -> Any:
         return self.policy.value_net
 
@@ -114,7 +114,7 @@ class _ActorCriticLesson(_Lesson):
         return values, self.policy.get_distribution(seen).distribution.logits
 
 
-class _QLesson(_Lesson):
+class _QFit(_Fit):
     def last_layer(self) -> Any:
         return self.policy.q_net.q_net[-1]
 
@@ -126,7 +126,7 @@ class _QLesson(_Lesson):
         return self.policy.q_net(self._seen(rows)), None
 
 
-class _QuantileLesson(_Lesson):
+class _QuantileFit(_Fit):
     def last_layer(self) -> Any:
         return self.policy.quantile_net.quantile_net[-1]
 
@@ -138,7 +138,7 @@ class _QuantileLesson(_Lesson):
         return self.policy.quantile_net(self._seen(rows)).mean(dim=1), None
 
 
-def _lesson_for(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Lesson:
+def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
     """Return what a policy is to be fitted to; SettingError where it cannot be."""
     seen = knowledge.observations
     if isinstance(seen, np.ndarray) and seen.shape[1:] != task.observations.shape:
@@ -154,11 +154,11 @@ def _lesson_for(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Le
                 f"{known.shape[1]} of them; a mapping's actions= says which is which"
             )
     if hasattr(policy, "value_net") and task.n_actions is not None:
-        return _ActorCriticLesson(policy, knowledge, knowledge.values)
-    kinds = {"q_net": _QLesson, "quantile_net": _QuantileLesson}
-    for kind, lesson in kinds.items():
+        return _ActorCriticFit(policy, knowledge, knowledge.values)
+    kinds = {"q_net": _QFit, "quantile_net": _QuantileFit}
+    for kind, fitting in kinds.items():
         if getattr(policy, kind, None) is not None and knowledge.action_values is not None:
-            return lesson(policy, knowledge, knowledge.action_values)
+            return fitting(policy, knowledge, knowledge.action_values)
     raise SettingError(
         "a network to distil into must be an actor-critic of numbered actions, or DQN's or "
         f"QR-DQN's where action values are known: got a {type(policy).__name__}"

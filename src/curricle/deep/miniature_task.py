@@ -1,4 +1,4 @@
-"""Miniatures: small relatives of a task that are solved exactly and teach a network."""
+"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ RESETS = 200
 MOST_STATES = 100_000
 """States of a miniature at most."""
 HELD_OUT = 0.2
-"""Share of the levels that are not taught."""
+"""Share of the levels that are held out."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Miniatures(ObservationTask):
     ----------
     members : tuple of ObservationTask
     tested_on : tuple of ObservationTask
-        Relatives that are solved too, but not taught.
+        Relatives that are solved too, all of whose levels are held out.
     resets : int
     held_out : float
     max_states : int
     shuffled : bool
-        Whether each observation is taught what is right for another: a placebo.
+        Whether each observation has the answer of another: a placebo.
     """
 
     members: tuple[ObservationTask, ...] = ()
@@ -57,14 +57,14 @@ class Miniatures(ObservationTask):
 
     @cached_property
     def solved_tests(self) -> tuple[SolvedMember, ...]:
-        """The relatives that are not taught, solved; all their levels are held out."""
+        """The relatives that are only tested on, solved; all their levels are held out."""
         return tuple(self._solved(one, 1.0) for one in self.tested_on)
 
     def _solved(self, member: ObservationTask, held_out: float) -> SolvedMember:
         return SolvedMember.of(member, self.resets, held_out, self.max_states)
 
     def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
-        """Return what is taught: exact answers, or what a potential says of the same observations.
+        """Return what is distilled: exact answers, or what a potential says of these observations.
 
         `seed` is for the order of shuffled answers.
         """
@@ -73,7 +73,7 @@ class Miniatures(ObservationTask):
         return known.shuffled(seed) if self.shuffled else known
 
     def examined(self, values: Any) -> tuple[Examined, ...]:
-        """Return how a network acts on the levels that it was not taught, by each member's tables.
+        """Return how a network acts on held-out levels, by each member's tables.
 
         Those of `tested_on` come last. Returns are exact, and no step is taken.
 
@@ -101,7 +101,7 @@ def miniatures(
 
     Each member is tabulated (:func:`tabulate`) from so many resets and solved. Resets of the same
     level count once. A level is what can be reached from one reset; a share of the levels is held
-    out, to see how well the network does on levels that it was not taught.
+    out, to see how well the network does there.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def miniatures(
     max_states : int
         Of each member; one with more is not small.
     tested_on : sequence of ObservationTask
-        Relatives that are not taught, best of growing size.
+        Relatives that are only tested on, best of growing size.
 
     Raises
     ------

@@ -62,7 +62,7 @@ def model_for(
     guided = _is_guided(shaping, settings)
     if guided:
         algorithm = reusing(algorithm)
-    near = isinstance(shaping, PolicyReuse) and shaping.kl > 0 and potential is not None
+    near = potential is not None and _pull(shaping) > 0
     if near:
         algorithm, policy = kickstarted(algorithm, policy)
     if derived is not None:
@@ -91,12 +91,17 @@ def _begin(
         model.guide = potential
     elif isinstance(shaping, PolicyReuse):
         carry_over(model, potential, "actor")
-        if shaping.kl > 0:
-            begin_near(model, shaping.kl)
     elif isinstance(shaping, WeightTransfer):
         carry_over(model, potential, shaping.parts)
     elif isinstance(shaping, Demonstrations):
         fill_replay_buffer(model, potential, shaping.steps)
+    if _pull(shaping) > 0:
+        begin_near(model, _pull(shaping))
+
+
+def _pull(shaping: Shaping | None) -> float:
+    """Return the weight of the pull to the source's policy, 0 where there is none."""
+    return shaping.kl if isinstance(shaping, PolicyReuse | WeightTransfer) else 0.0
 
 
 def environments(task: ObservationTask, learner: DeepLearner, shaping: Shaping | None) -> VecEnv:
@@ -130,7 +135,8 @@ def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
         raise SettingError(
             f"demonstrations need an algorithm with a replay buffer: {learner.algorithm} has none"
         )
-    if isinstance(shaping, PolicyReuse) and shaping.kl > 0 and "ent_coef" not in known:
+    on_policy = "ent_coef" in known and "buffer_size" not in known
+    if _pull(shaping) > 0 and not on_policy:
         raise SettingError(
             f"a pull by kl needs an actor-critic that learns on-policy: got {learner.algorithm}"
         )

@@ -46,6 +46,9 @@ class WeightTransfer(_OfNetworks):
     ----------
     parts : {"all", "critic"}
         Of an actor-critic, the whole or the critic alone; :class:`PolicyReuse` is for the actor.
+    kl : float
+        Weight of a pull to the source's policy, as that of :class:`PolicyReuse`. 0 for a critic
+        alone.
     source : ObservationPotential or NetworkValues, optional
         Filled in by a :class:`Curriculum`.
     guard : Guard, optional
@@ -58,10 +61,17 @@ class WeightTransfer(_OfNetworks):
     """
 
     parts: Parts = "all"
+    kl: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("parts of a WeightTransfer", self.parts, get_args(Parts), SettingError)
+        number("kl of a WeightTransfer", self.kl, SettingError, low=0)
+        if self.kl > 0 and self.parts == "critic":
+            raise SettingError(
+                f"a critic alone has no policy to be kept near: got kl {self.kl:g} with parts "
+                "'critic'"
+            )
 
 
 @dataclass(frozen=True)

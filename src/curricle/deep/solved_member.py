@@ -47,14 +47,14 @@ class SolvedMember:
     table : TabulatedTask
     level : (S,) int64
         The level of each state.
-    taught : (S,) bool
-        Whether its level is taught. Ends are not.
+    training : (S,) bool
+        Whether its level is not held out. False for ends.
     """
 
     member: ObservationTask
     table: TabulatedTask
     level: IntArray
-    taught: BoolArray
+    training: BoolArray
 
     @classmethod
     def of(
@@ -82,8 +82,8 @@ class SolvedMember:
         return len(np.unique(self.level[self.table.mdp.start > 0]))
 
     def knowledge(self, potential: Any = None) -> Knowledge:
-        """Return what is known of the states that are taught; a potential may not know them all."""
-        rows = np.flatnonzero(self.taught)
+        """Return what is known of the training levels; a potential may not know all states."""
+        rows = np.flatnonzero(self.training)
         if potential is None:
             solution = self.solution
             return Knowledge.of_states(self.table, rows, solution.action_values, solution.policy)
@@ -92,8 +92,8 @@ class SolvedMember:
         return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
 
     def examined(self, values: Any) -> Examined:
-        """Return how a network acts on the levels that are not taught."""
-        apart = np.where(self.taught, 0.0, self.table.mdp.start)
+        """Return how a network acts on the held-out levels."""
+        apart = np.where(self.training, 0.0, self.table.mdp.start)
         start = apart if apart.any() else self.table.mdp.start
         n_levels = len(np.unique(self.level[start > 0]))
         acting = values.policy

@@ -22,7 +22,7 @@ NETWORK = 1e-3
 FORWARD = 2e-4
 """Seconds that a small network takes to choose an action, about."""
 DISTILLING = 12.0
-"""Seconds in which a network is fitted to what miniatures teach, about."""
+"""Seconds in which a network is fitted to exact answers, about."""
 OUTCOME = 8e-9
 """Seconds of one outcome in one step of an exact evaluation, about; after 1,000 steps most values
 no longer change."""
@@ -104,7 +104,7 @@ def _observed_pace(task: ObservationTask) -> float:
 def _exact_seconds(node: Node) -> float:
     """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts.
 
-    Those of a distillation where exact answers teach.
+    Those of a distillation where answers are exact.
     """
     if node.takes_no_steps:
         return DISTILLING

@@ -153,9 +153,9 @@ Members = tuple[Annotated[Maker, BeforeValidator(_member, json_schema_input_type
 
 
 class DistilledTask(TaskTable):
-    """Small relatives that are solved, and teach a network in no steps.
+    """Small relatives that are solved; a network is distilled from them in no steps.
 
-    What their own sources say is taught instead of exact answers, if transfers lead to them.
+    What their own sources say takes the place of exact answers, if transfers lead to them.
     """
 
     type: Literal["distilled"] = "distilled"
@@ -164,7 +164,7 @@ class DistilledTask(TaskTable):
         min_length=1, description="Ids, or tables with id or factory, and arguments."
     )
     tested_on: Members = Field(
-        default=(), description="Relatives that are solved but not taught, of growing size."
+        default=(), description="Relatives that are only tested on, of growing size."
     )
     discount: Number = Field(default=0.99, description="In [0, 1].")
     encode: AnyEncoder | None = Field(
@@ -175,11 +175,11 @@ class DistilledTask(TaskTable):
         default=None, description="Steps after which an episode is cut; the environments' own."
     )
     resets: Count = Field(default=RESETS, description="Of each member; alike levels count once.")
-    held_out: Number = Field(default=HELD_OUT, description="Share of the levels not taught.")
+    held_out: Number = Field(default=HELD_OUT, description="Share of the levels that is held out.")
     max_states: Count = Field(default=MOST_STATES, description="Of each member.")
     shuffled: Flag = Field(
         default=False,
-        description="Whether each observation is taught what is right for another: a placebo.",
+        description="Whether each observation has the answer of another: a placebo.",
     )
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:

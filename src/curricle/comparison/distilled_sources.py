@@ -1,4 +1,4 @@
-"""How well the networks that miniatures taught act on levels that they were not taught."""
+"""How well networks distilled from miniatures act on held-out levels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from curricle.tasks.observation_task import made_by
 
 
 @dataclass(frozen=True, eq=False)
-class TaughtSource(Frozen):
+class DistilledSource(Frozen):
     """What networks of K seeds regain of the way from the random policy to the optimum.
 
     Exact, by the miniatures' tables. Prints as a sentence.
@@ -46,15 +46,15 @@ class TaughtSource(Frozen):
         each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
         told = [f"{share:.0%} on {n:,} levels of {member}" for share, n, member in each]
         return (
-            f"{self.name} teaches a policy that regains {', '.join(told)}, of the way from random "
-            "to optimal on levels that it was not taught"
+            f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
+            "optimal"
         )
 
 
-def taught_sources(
+def distilled_sources(
     tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
-) -> dict[str, TaughtSource]:
-    """Return how well each source among these tasks that miniatures taught acts."""
+) -> dict[str, DistilledSource]:
+    """Return how well each source that was distilled from miniatures acts, by its name."""
     found = {}
     for name, learnt in sources.items():
         task = tasks.get(name)
@@ -63,5 +63,5 @@ def taught_sources(
             shares = np.array([[one.regained for one in examined] for examined in each])
             members = tuple(made_by(one.member.make) for one in each[0])
             levels = tuple(one.levels for one in each[0])
-            found[name] = TaughtSource(name, members, levels, shares)
+            found[name] = DistilledSource(name, members, levels, shares)
     return found

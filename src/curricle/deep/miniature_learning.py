@@ -1,4 +1,4 @@
-"""Training a network on miniatures: :func:`learn_miniatures`."""
+"""Learning from miniatures, by distillation: :func:`learn_miniatures`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -29,7 +29,7 @@ def learn_miniatures(
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    levels that it was not taught, mean over members.
+    held-out levels, mean over members.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def learn_miniatures(
     SettingError
         As :func:`distil`.
     TaskError
-        When a network acts no better than at random on levels that it was not taught.
+        When a network acts no better than at random on held-out levels.
     """
     outcomes = []
     for k, seed in enumerate(seeds):
@@ -67,7 +67,7 @@ def _outcome(task: Miniatures, values: Any) -> Outcome:
     regained = np.nanmean([one.regained for one in examined])
     if regained < WORTH and not task.shuffled:
         raise TaskError(
-            "a network that miniatures teach must act better than at random on levels that it was "
-            f"not taught: it regains {regained:.0%} of the way to the optimum of {task}"
+            "a network distilled from miniatures must act better than at random on held-out "
+            f"levels: it regains {regained:.0%} of the way to the optimum of {task}"
         )
     return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0, visits=None)
