@@ -29,6 +29,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.evidence import curve_of, folder, place, trained
+from curricle.curriculum.defaults import PULL
 from curricle.deep import (
     DeepLearner,
     Demonstrations,
@@ -198,13 +199,13 @@ def plan(
 SCRATCH = {"PPO": partial(from_scratch, PPO), "DQN": partial(from_scratch, DQN)}
 ARMS = {
     **SCRATCH,
-    "both kept near": partial(distilled, WeightTransfer(kl=1.0)),
-    "both kept near, placebo": partial(distilled, WeightTransfer(kl=1.0), shuffled=True),
-    "both kept near, guarded": partial(distilled, WeightTransfer(kl=1.0, guard=cr.Guard())),
+    "distilled": partial(distilled, None),  # the default: the whole network, kl 0.1
+    "distilled, placebo": partial(distilled, None, shuffled=True),
+    "distilled, guarded": partial(distilled, WeightTransfer(kl=PULL, guard=cr.Guard())),
+    "kl 0": partial(distilled, WeightTransfer()),
+    "kl 1": partial(distilled, WeightTransfer(kl=1.0)),
     "actor": partial(distilled, PolicyReuse()),
-    "actor, placebo": partial(distilled, PolicyReuse(), shuffled=True),
-    "actor and critic": partial(distilled, WeightTransfer()),
-    "actor kept near": partial(distilled, PolicyReuse(kl=1.0)),
+    "actor, kl 1": partial(distilled, PolicyReuse(kl=1.0)),
     "critic": partial(distilled, WeightTransfer(parts="critic")),
     "shaped": partial(distilled, cr.StateShaping()),
     "weights of steps": weights_of_steps,

@@ -8,6 +8,7 @@ import pytest
 from gymnasium.spaces import Box
 
 import curricle as cr
+from curricle.curriculum.defaults import PULL
 from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
 from curricle.deep.demonstrations import fill_replay_buffer
 from curricle.deep.models import model_for
@@ -61,6 +62,23 @@ def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
         learner={"large": learner}, budget={"large": budget}, eval_freq=64,
         evaluation=ROLLOUTS, shaping=shaping, **settings,
     )  # fmt: skip
+
+
+def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
+    def shaping(learner, **others):
+        return plan(None, learner=learner, **others).node("large").shaping
+
+    kept_near = cr.deep.WeightTransfer(kl=PULL)
+    assert shaping(PPO) == kept_near
+    assert shaping(cr.deep.DeepLearner("DQN")) == cr.QInitialisation()
+    other = cr.deep.DeepLearner("A2C")
+    apart = plan(None).replace("large", learner=other)
+    assert apart.node("large").shaping == cr.QInitialisation()
+    learnt = {"small": room(), "large": room(8)}
+    by_steps = cr.Curriculum(learnt, [cr.Transfer("small", "large")], learner=PPO, budget=64)
+    assert by_steps.node("large").shaping == cr.QInitialisation()
+    result = plan(None).train(1)["large"]
+    assert np.isfinite(result.greedy_return).all()
 
 
 def test_levels_are_what_a_reset_can_reach_and_some_are_held_out():
@@ -219,7 +237,6 @@ discount = 0.9
 budget = 128
 eval_freq = 64
 evaluation = { episodes = 3 }
-shaping = "PolicyReuse"
 [[transfers]]
 source = "small"
 target = "large"

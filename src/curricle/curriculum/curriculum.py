@@ -72,7 +72,8 @@ class Curriculum(TaskGraph):
     shaping : Shaping or dict
         How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
         :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs, and
-        no sources are retrained.
+        no sources are retrained; for an actor-critic whose one source is distilled from
+        :func:`miniatures` as they are, ``WeightTransfer(kl=0.1)``.
     retrain : RetrainSources or dict, optional
         Train the sources further where the return of a task drops below its start.
     eval_freq : int or dict, optional
@@ -181,8 +182,18 @@ class Curriculum(TaskGraph):
             return value
         if which == "shaping":
             others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
-            return default_shaping(self.tasks[name], *others)
+            return default_shaping(
+                self.tasks[name], *others, distilled=self._source_is_distilled(name)
+            )
         return None
+
+    def _source_is_distilled(self, name: str) -> bool:
+        """Return whether a task's one source is a network like its own, from miniatures."""
+        edges = self.in_edges(name)
+        if len(edges) != 1 or not isinstance(self.tasks[edges[0].source], Miniatures):
+            return False
+        own, source = (self.setting("learner", one) for one in (name, edges[0].source))
+        return bool(own == source and edges[0].mapping.is_identity)
 
     def _default_learner(self, name: str) -> Any:
         """Return the default learner of a task; miniatures have that of their target."""

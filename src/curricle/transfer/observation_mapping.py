@@ -131,6 +131,11 @@ class ObservationMapping:
             table = self._checked_actions(self.actions, (self.target.n_actions,))
             object.__setattr__(self, "actions", table)
 
+    @property
+    def is_identity(self) -> bool:
+        """Whether observations and actions are left as they are, all of them mapped."""
+        return self.observations is None and self.actions is None and self.status is None
+
     def _describe(self) -> str:
         parts = {"observations": self.observations, "actions": self.actions}
         parts |= {} if self.status is None else {"status": self.status}
