@@ -86,7 +86,7 @@ def test_a_target_too_large_to_solve_is_judged_by_rollouts(trained):
     assert (found.solved, found.exact) == (False, False)
     assert np.isnan(found.optimum)
     assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
-    assert "optimum nan" in str(found)
+    assert ": random policy -" in " ".join(str(found).split())
     how = "(returns by rollouts; Q* estimated by the values of phi's own policy)"
     assert how in " ".join(str(found).split())
     assert "expect a fall from there under epsilon-greedy" in found["mean"].verdict

@@ -26,6 +26,8 @@ from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 5.0
 """Seconds of training on one processor, by the estimate, up to which a look beforehand is quick."""
+LONGEST_DISTILLED = 60.0
+"""The same where networks are distilled: there is no forecast without them."""
 LONGEST_LOOK = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
@@ -62,7 +64,13 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
     a_seed = sum(by_key[key] for key in sources)
     names = ", ".join(dict.fromkeys(sources.values()))
-    counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= LONGEST]
+    distilled = any(
+        one.node(source).takes_no_steps
+        for one in curricula.values()
+        for source in one.ancestors(one.target)
+    )
+    longest = LONGEST_DISTILLED if distilled else LONGEST
+    counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
         print(
             f"\ntraining {names} for one seed would take about {duration(a_seed)}, so these "

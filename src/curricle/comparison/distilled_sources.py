@@ -44,7 +44,7 @@ class DistilledSource(Frozen):
 
     def __str__(self) -> str:
         each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        told = [f"{share:.0%} on {n:,} levels of {member}" for share, n, member in each]
+        told = [f"{round(x, 2) + 0.0:.0%} on {n:,} levels of {member}" for x, n, member in each]
         return (
             f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
             "optimal"

@@ -15,11 +15,17 @@ from curricle.comparison.candidates import Candidate, candidates_of
 from curricle.comparison.distilled_sources import distilled_sources
 from curricle.comparison.forecasts import Forecast, ForecastRow
 from curricle.comparison.learnt_sources import source_learning
-from curricle.comparison.potential_words import AnyTarget, anti_knowledge, start_words
+from curricle.comparison.potential_words import (
+    AnyTarget,
+    anti_knowledge,
+    network_words,
+    start_words,
+)
 from curricle.comparison.targets import transfers_into
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
+from curricle.deep.policy_return import policy_return
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.target import Target
@@ -31,10 +37,7 @@ from curricle.transfer.edges import Calibrate, Transfer, transfer_names
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
-from curricle.transfer.quality import potential_quality
-
-NETWORK_ENTERS = "a network or its policy enters, and not the values"
-"""The verdict on a potential whose values are not read."""
+from curricle.transfer.quality import PotentialQuality, potential_quality
 
 
 def forecast(
@@ -121,12 +124,13 @@ def forecast(
         )
     _check_trial(each, trial)
     sources = _sources(curriculum, name, numbers, trained, perfect, workers)
-    rows = [_row(one, one.potentials(sources, numbers), any_target, workers) for one in each]
+    reads_values = curriculum.setting("shaping", name).reads_values
+    row = _row if reads_values else _row_of_networks
+    rows = [row(one, one.potentials(sources, numbers), any_target, workers) for one in each]
     found, no_trial = None, "no source is trained"
     if not perfect:
         found, no_trial = _trial(each, trial, threshold, workers)
     optimum, random_return = any_target.optimum, any_target.random_return
-    reads_values = curriculum.setting("shaping", name).reads_values
     rows = _judged(rows, found, any_target, reads_values=reads_values)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     return Forecast(
@@ -156,7 +160,7 @@ def _judged(
             gain=None if found is None or found.relative else found.gain(row.name),
             verdict=start_words(row, any_target, optimum, random_return)
             if reads_values
-            else NETWORK_ENTERS,
+            else network_words(row),
             anti_knowledge=anti_knowledge(row, random_return),
         )
         for row in rows
@@ -281,3 +285,13 @@ def _row(
     return ForecastRow(
         candidate.name, candidate.aggregate, candidate.used, tuple(seeds), calibrations
     )
+
+
+def _row_of_networks(
+    candidate: Candidate, potentials: Sequence[Any], target: Any, workers: int | None
+) -> ForecastRow:
+    """Return a row of networks whose values are not read: the returns of their policies."""
+    nan = float("nan")
+    starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
+    seeds = tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts)
+    return ForecastRow(candidate.name, candidate.aggregate, candidate.used, seeds, ())

@@ -158,15 +158,17 @@ class Forecast:
 
     def __str__(self) -> str:
         how = "exact" if self.exact else "returns by rollouts"
-        how += "" if self.solved else "; Q* estimated by the values of phi's own policy"
+        if not self.solved and self._values_are_read:
+            how += "; Q* estimated by the values of phi's own policy"
+        optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
         lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
         if self.trial is not None and not self.trial.relative and not self.best.used:
             lines.append(f"the highest gain in the trial: {self.best.name}")
         lines += map(str, self.sources.values())
         lines += [f"{one.name} {one.anti_knowledge}" for one in self._worse]
         lines += [
-            f"The start with phi, {self.computed_from}: optimum {self.optimum:.4g}, random "
-            f"policy {self.random_return:.4g} ({how})",
+            f"The start with phi, {self.computed_from}: {optimum}random policy "
+            f"{self.random_return:.4g} ({how})",
             *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]
         lines = [_wrapped(line) for line in lines]
@@ -174,11 +176,17 @@ class Forecast:
         gains = any(one.gain is not None for one in self.rows)
         lines.append(
             f"{'':{width}}{'gain':>10}"[: None if gains else width]
-            + f"{'start':>11}{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}"
+            + f"{'start':>11}"
+            + f"{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}" * self._values_are_read
         )
         lines += [self._line(one, width, gains) for one in self.rows]
         lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]
         return "\n".join(lines)
+
+    @property
+    def _values_are_read(self) -> bool:
+        """Whether potentials are compared with values; they are not where networks enter."""
+        return not all(np.isnan(one.mean("optimistic")) for one in self.rows)
 
     @property
     def _worse(self) -> list[ForecastRow]:
@@ -188,11 +196,14 @@ class Forecast:
 
     def _line(self, one: ForecastRow, width: int, gains: bool) -> str:
         """Return a row of the table."""
-        scale = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
         gain = "" if one.gain is None else f"{one.gain.estimate:.3g}"
+        start = "-" if np.isnan(one.mean("start")) else f"{one.mean('start'):.3g}"
+        line = f"{one.name + ' *' * one.used:{width}}{gain:>{10 * gains}}{start:>11}"
+        if not self._values_are_read:
+            return line
+        scale = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
         return (
-            f"{one.name + ' *' * one.used:{width}}{gain:>{10 * gains}}{one.mean('start'):>11.3g}"
-            f"{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
+            f"{line}{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
             f"{one.mean('rank'):>7.2f}{scale:>7}"
         )
 

@@ -78,6 +78,13 @@ def start_words(row: Judged, target: AnyTarget, optimum: float, random_return: f
     return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
 
 
+def network_words(row: Judged) -> str:
+    """Return what enters where values are not read, and what its policy returns, in words."""
+    start = row.mean("start")
+    policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
+    return f"its network or policy enters{policy}; its values are not read"
+
+
 def anti_knowledge(row: Judged, random_return: float) -> str:
     """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
 
