@@ -227,7 +227,6 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
         ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
-        ({"evaluation": cr.GreedyEvaluation("exact")}, "evaluated by rollouts"),
     ],
 )
 def test_what_makes_no_sense_is_refused(observed, arguments, words):

@@ -232,11 +232,6 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             "'RewardBonus'",
         ),
         (
-            "budget = 2_000",
-            "evaluation = { method = 'exact' }",
-            "line 16: tasks.hunt.evaluation.method must be 'auto', 'rollouts' or 'off' for hunt",
-        ),
-        (
             'project = { predator = "predator_1" }',
             'mapping = "same_position"',
             "line 21: transfers[0].mapping must be left out, or 'identity': hunt is seen through",

@@ -286,6 +286,8 @@ class Curriculum(TaskGraph):
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in self.order:
+            self.node(name).tabulate()  # what cannot be evaluated is refused before all training
+        for name in self.order:
             if name in sources or name not in wanted:
                 continue
             potentials[name] = self.potentials(name, sources)

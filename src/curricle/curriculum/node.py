@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, number
+from curricle.deep.exact_evaluation import evaluation_table
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.deep.miniature_task import Miniatures
@@ -107,13 +108,18 @@ class Node:
     @property
     def most_evaluation_steps(self) -> int:
         """A bound of the steps that a seed's greedy evaluations take; 0 where they take none."""
-        off = self.evaluation.method == "off" or self.takes_no_steps
-        if off or not (
-            self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)
-        ):
+        method = self.evaluation.method
+        if method == "off" or self.takes_no_steps or (self.deep and method == "exact"):
+            return 0
+        if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
             return 0
         episodes = (self.most_steps // self.eval_freq + 1) * self.evaluation.rollouts(self.task)
         return episodes * self.evaluation.horizon(self.task)
+
+    def tabulate(self) -> None:
+        """Tabulate what a network is evaluated exactly in; SettingError if it cannot be."""
+        if self.deep:
+            evaluation_table(self.task, self.evaluation)
 
     @property
     def deep(self) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 from curricle.array_types import IntArray
 from curricle.checks import instance
+from curricle.deep.exact_evaluation import evaluation_table
 from curricle.deep.learner import DeepLearner
 from curricle.deep.result import DeepResult
 from curricle.deep.spaces import check_spaces
@@ -66,7 +67,7 @@ def learn_deep(
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
-        By rollouts, 5 by default.
+        By rollouts, 5 by default; "exact" where the environment can be tabulated.
     saves : path, optional
         A folder for checkpoints, from which a killed run resumes, with the same result: network,
         optimizer, replay buffer, environments, generators.
@@ -158,6 +159,7 @@ def train_seeds(
     stopping = _stopping(budget, task)
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
+        evaluation_table(task, evaluation)  # SettingError where it would be exact without tables
     run = kind(
         task=task,
         learner=learner,

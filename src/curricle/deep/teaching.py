@@ -55,7 +55,7 @@ def teach_deep(
     shaping : Shaping or sequence of K Shaping, optional
         As in :func:`learn_deep`, of the target's potential; rewards are shaped by it in all tasks.
     evaluation : GreedyEvaluation, optional
-        By rollouts in the target, 5 by default; they are counted, and not charged.
+        In the target, as in :func:`learn_deep`; rollouts are counted, and not charged.
 
     Returns
     -------

@@ -11,6 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from curricle.deep import checkpoint
 from curricle.deep.curriculum_vec_env import TeachingRecord
+from curricle.deep.exact_evaluation import evaluation_table, exact_return
 from curricle.deep.guarding import (
     beside_each_other,
     guard_share,
@@ -28,7 +29,7 @@ from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_rollouts import evaluation_environments, mean_episode_return
+from curricle.transfer.observation_rollouts import Environments, mean_episode_return
 
 
 @dataclass(frozen=True)
@@ -171,8 +172,11 @@ class Recorder(BaseCallback):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
-        off = run.evaluation.method == "off"
-        self._environments = None if off else evaluation_environments(run.task, run.evaluation)
+        task, evaluation = run.task, run.evaluation
+        self._table, self._environments = evaluation_table(task, evaluation), None
+        if evaluation.method not in ("exact", "off"):
+            episodes, horizon = evaluation.rollouts(task), evaluation.horizon(task)
+            self._environments = Environments(task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
 
     def _on_training_start(self) -> None:
@@ -210,6 +214,8 @@ class Recorder(BaseCallback):
 
     def _evaluation(self, number: int) -> float:
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
+        if self._table is not None:
+            return exact_return(self._table, self.values(), self.run.evaluation, self.run.task)
         if self._environments is None:
             return float("nan")
         seed = splitmix64(self.start ^ (number + 1))

@@ -1,4 +1,4 @@
-"""How often a policy visits each state: the on-policy distribution."""
+"""How often a policy visits each state, and the return that its visits add up to."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.frozen_arrays import frozen
-from curricle.planning.solution import checked_policy
+from curricle.planning.solution import policy_table
 from curricle.tasks.mdp import NO_LIMIT, FiniteMDP
 from curricle.tasks.task import Task, tables
 
@@ -44,30 +44,70 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     array([0.33333333, 0.33333333, 0.33333333, 0.        ])
     """
     mdp = tables(task)
-    n_states, n_actions = mdp.outcome_row.shape
     if policy is None:
-        policy = np.full((n_states, n_actions), 1 / n_actions)
-    step = _transitions(mdp, checked_policy(policy, mdp.terminal, n_actions))
-    now, visits = mdp.start, np.zeros(n_states)
-    for _ in range(int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit):
-        visits += now
-        now = mdp.discount * (now @ step)
-        if now.sum() <= NEGLIGIBLE * visits.sum():
-            break
+        policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
+    horizon = int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit
+    visits = _visits(mdp, _chances(mdp, policy), mdp.discount, horizon)
     return frozen(np.asarray(visits / visits.sum()))
 
 
-def _transitions(mdp: FiniteMDP, policy: Any) -> Any:
+def expected_return(task: Task, policy: npt.ArrayLike, *, discount: float, horizon: int) -> float:
+    """Return the expected return of one episode of a policy, cut off after so many steps.
+
+    sum_s eta(s) sum_a pi(a | s) r(s, a) with eta of :func:`visit_distribution`, t below `horizon`:
+    :func:`evaluate` from the start distribution, but with a limit of time and another discount.
+
+    Parameters
+    ----------
+    task : Task
+        Any task with tables.
+    policy : (S,) int array or (S, A) float array
+    discount : float
+        Of the return: 1 for sums of rewards.
+    horizon : int
+        Steps.
+
+    Raises
+    ------
+    SettingError
+        When the policy is malformed.
+    TaskError
+        When the task has no tables.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld("S.T")
+    >>> [expected_return(maze, [1, 1, 0], discount=1.0, horizon=n) for n in (1, 2, 3)]
+    [-1.0, 198.0, 198.0]
+    """
+    mdp = tables(task)
+    chances = _chances(mdp, policy)
+    rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
+    return float(_visits(mdp, chances, discount, horizon) @ (chances * rewards).sum(axis=1))
+
+
+def _chances(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
+    """Return the probability of each action, (S, A), 0 where episodes have ended."""
+    return np.where(mdp.terminal[:, None], 0.0, policy_table(mdp, policy))
+
+
+def _visits(mdp: FiniteMDP, chances: FloatArray, discount: float, horizon: int) -> FloatArray:
+    """Return the expected discounted visits to each state within so many steps, eta, (S,)."""
+    step, now, visits = _transitions(mdp, chances), mdp.start, np.zeros(mdp.states.size)
+    for _ in range(horizon):
+        visits += now
+        now = discount * (now @ step)
+        if now.sum() <= NEGLIGIBLE * visits.sum():
+            break
+    return visits
+
+
+def _transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
     """Return the chance of each next state that goes on, a sparse (S, S) array."""
     from scipy.sparse import csr_array  # takes time, and few need it
 
-    n_states, n_actions = mdp.outcome_row.shape
-    chances = np.zeros((n_states, n_actions))
-    if np.ndim(policy) == 1:
-        chances[np.arange(n_states), policy] = 1.0
-    else:
-        chances[:] = policy
-    chances[mdp.terminal] = 0.0
+    n_states = mdp.states.size
     state, action = np.nonzero(chances)
     row = mdp.outcome_row[state, action]
     weight = chances[state, action][:, None] * mdp.probability[row]

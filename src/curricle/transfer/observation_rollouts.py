@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import FloatArray
-from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -90,13 +89,6 @@ class Environments:
         """Close the environments."""
         for environment in self.environments:
             environment.close()
-
-
-def evaluation_environments(task: ObservationTask, evaluation: GreedyEvaluation) -> Environments:
-    """Return environments for the evaluation of policies; SettingError if it is to be exact."""
-    if evaluation.method == "exact":
-        raise SettingError("a task with observations is evaluated by rollouts: got 'exact'")
-    return Environments(task, evaluation.rollouts(task), evaluation.horizon(task))
 
 
 def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
@@ -229,7 +221,8 @@ def _returns_to_go(
 class ObservationTarget:
     """A target whose optimum is unknown; as :class:`Target` is for tasks with tables.
 
-    Its `evaluation` is by rollouts.
+    Its `evaluation` is by rollouts, also where that of its learner is exact: tables of the
+    environment pay its own rewards, so that both are in the same units.
 
     Examples
     --------

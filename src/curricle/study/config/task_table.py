@@ -60,12 +60,6 @@ def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath
         yield ("start_states",), left_out
     if task.retrain is not None:
         yield ("retrain",), left_out
-    if task.evaluation.method == "exact":
-        yield (
-            ("evaluation", "method"),
-            f"must be 'auto', 'rollouts' or 'off' for {name}, which is seen through observations: "
-            "got 'exact'",
-        )
 
 
 def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
