@@ -210,7 +210,7 @@ ARMS = {
     "shaped": partial(distilled, cr.StateShaping()),
     "weights of steps": weights_of_steps,
     "DQN, residual": partial(distilled, cr.QInitialisation(), learner=DQN),
-    "DQN, demonstrations": partial(distilled, Demonstrations(), learner=DQN),
+    "DQN, demonstrations": partial(distilled, Demonstrations(), learner=DQN, source=PPO),
     "DQN, guided by the actor": partial(distilled, PolicyReuse(), learner=DQN, source=PPO),
 }
 
