@@ -22,7 +22,7 @@ def solved_maze():
 
 
 @pytest.mark.parametrize("algorithm", ["PPO", "A2C"])
-def test_an_actor_critic_learns_values_and_policy_by_heart(algorithm):
+def test_an_actor_critic_is_fitted_to_values_and_policy(algorithm):
     _, observed, known, solution, live = solved_maze()
     found = distil(known, observed, DeepLearner(algorithm, settings=SMALL), WELL)
     spread = solution.values[live].std()
@@ -33,7 +33,7 @@ def test_an_actor_critic_learns_values_and_policy_by_heart(algorithm):
 
 
 @pytest.mark.parametrize("algorithm", ["DQN", "QRDQN"])
-def test_a_q_network_learns_action_values_by_heart(algorithm):
+def test_a_q_network_is_fitted_to_action_values(algorithm):
     if algorithm == "QRDQN":
         pytest.importorskip("sb3_contrib")
     _, observed, known, solution, live = solved_maze()
@@ -70,7 +70,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not():
     assert any((fits[0][name] != fits[2][name]).any() for name in fits[0])
 
 
-def test_states_that_look_alike_are_taught_their_mean():
+def test_states_that_look_alike_get_their_mean():
     seen = np.array([[0.0], [0.0], [0.0], [1.0]], np.float32)
     q = np.array([[1.0, 0.0], [3.0, 0.0], [0.0, 5.0], [0.0, 2.0]])
     known = Knowledge.of(seen, q)
@@ -145,3 +145,39 @@ def test_knowledge_of_other_observations_actions_or_learners_is_refused():
     for wrong in ({"updates": 0}, {"batch_size": 1.5}, {"learning_rate": -1.0}):
         with pytest.raises(cr.errors.SettingError, match="of a distillation"):
             Distillation(**wrong)
+
+
+def test_the_policy_of_an_actor_critic_is_distilled_too():
+    _, observed, known, *_ = solved_maze()
+    source = distil(known, observed, DeepLearner("PPO", settings=SMALL), WELL).values
+    told = Knowledge.read(cr.transfer.ObservationPotential.of(observed, source), known.observations)
+    assert np.asarray(told.policy).sum(axis=1) == pytest.approx(1.0)
+    other = distil(told, observed, DeepLearner("A2C", settings=SMALL), WELL)
+    assert other.agreement == pytest.approx(1.0)
+
+
+Q = np.zeros((4, 4))
+SEEN = np.eye(4, 2, dtype=np.float32)
+ONE_BOX = Knowledge.of(SEEN, Q)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda task: Knowledge.of(SEEN, Q[:3]),
+        lambda task: Knowledge.of(SEEN, Q, Q[:, :2]),
+        lambda task: Knowledge.of(SEEN, Q, Q[:2]),
+        lambda task: Knowledge.of(SEEN, Q[:, 0]),
+        lambda task: Knowledge.of(SEEN[:0], Q[:0]),
+        lambda task: distil(Knowledge.of({"a": SEEN}, Q), task),
+        lambda task: distil(ONE_BOX, cr.GridWorld("S.T")),
+        lambda task: distil(ONE_BOX, task, "PPO"),
+        lambda task: distil(ONE_BOX, task, settings={"updates": 3}),
+        lambda task: distil(ONE_BOX, task, DeepLearner("PPO", "MultiInputPolicy")),
+    ],
+)
+def test_knowledge_that_does_not_fit_is_one_sentence(make):
+    _, observed, *_ = solved_maze()
+    with pytest.raises(cr.errors.CurricleError) as caught:
+        make(observed)
+    assert "\n" not in str(caught.value)

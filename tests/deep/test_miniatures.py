@@ -1,5 +1,6 @@
 """Small relatives, solved, as a source for networks."""
 
+from dataclasses import replace
 from functools import partial
 
 import gymnasium
@@ -12,6 +13,7 @@ from curricle.curriculum.defaults import PULL
 from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
 from curricle.deep.demonstrations import fill_replay_buffer
 from curricle.deep.models import model_for
+from curricle.deep.shaping import guided_actions
 
 ROOM = ["#######", "#.....#", "#.....#", "#.....#", "#.....#", "#######"]
 PPO = DeepLearner(
@@ -53,6 +55,10 @@ def save(env):
 
 def room(size=4, **settings):
     return cr.observation_task(partial(Room, size, **settings), discount=0.9, time_limit=30)
+
+
+def replaced_discount():
+    return cr.observation_task(partial(Room, 5), discount=0.5, time_limit=30)
 
 
 def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
@@ -99,14 +105,14 @@ def _goal(seed):
     return env.goal.tolist()
 
 
-def test_what_is_taught_is_exact():
+def test_what_is_distilled_is_exact():
     small = miniatures(room(), resets=40, held_out=0.0)
     known = small.knowledge()
     steps = np.abs(np.rint(10 * known.observations)).sum(axis=1)
     assert known.values == pytest.approx(0.9 ** (steps - 1))
 
 
-def test_it_takes_no_steps_and_teaches_what_holds_on_other_levels():
+def test_it_takes_no_steps_and_its_network_acts_well_on_other_levels():
     small = miniatures(room(), resets=40, tested_on=[room(6)])
     result = plan(PolicyReuse(), small=small).train(seeds=2)
     assert result.source_steps("large").tolist() == [0, 0]
@@ -133,7 +139,7 @@ def test_a_comparison_charges_no_steps_and_has_a_placebo():
     assert found.arms["transfer, placebo"].control
 
 
-def test_a_source_between_tables_and_networks_teaches_what_it_learnt():
+def test_what_a_source_of_miniatures_learnt_is_distilled():
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)
     edges = [cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))]
@@ -170,6 +176,16 @@ def test_demonstrations_are_optimal_steps_of_the_tables():
     assert (buffer.rewards[:n] == (after == 0)).all()
 
 
+def test_demonstrations_are_whole_episodes():
+    small = miniatures(room(), resets=6)
+    shaping = cr.deep.Demonstrations(_source_of(room(8), small), steps=100)
+    buffer = model_for(room(8), DeepLearner("DQN"), shaping, steps=10).replay_buffer
+    seen, after = (each[:100, 0] for each in (buffer.observations, buffer.next_observations))
+    ended = buffer.dones[:99, 0].astype(bool)
+    assert ended.any()
+    assert (seen[1:] == after[:-1]).all(axis=1)[~ended].all()
+
+
 def test_a_guide_without_action_values_is_followed_by_its_actor():
     curriculum = plan(
         PolicyReuse(), learner=DeepLearner("DQN", settings={"learning_starts": 10})
@@ -185,11 +201,14 @@ def test_a_guide_without_action_values_is_followed_by_its_actor():
         (lambda: miniatures(cr.GridWorld("S.T")), "must be"),
         (lambda: miniatures(room(), cr.observation_task("CartPole-v1")), "one space"),
         (lambda: miniatures(cr.observation_task("Pendulum-v1")), "numbered actions"),
+        (lambda: miniatures(miniatures(room())), "must be one environment"),
+        (lambda: miniatures(room(), replaced_discount()), "one discount"),
+        (lambda: miniatures(room(), tested_on=room()), "tested_on of miniatures"),
         (lambda: miniatures(room(), resets=0), "resets of miniatures"),
         (lambda: miniatures(room(), held_out=1.0), "held_out of miniatures"),
         (
             lambda: miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved,
-            "max_states",
+            "miniature CartPole-v1 has no tables.*max_states",
         ),
     ],
 )
@@ -213,6 +232,172 @@ def test_a_forecast_says_what_holds_on_held_out_levels():
     assert "held out, of the way from random to optimal" in str(told)
     assert found.used.verdict.startswith("its network or policy enters, which returns ")
     assert 0 <= found.used.mean("start") <= 1
+
+
+DQN = DeepLearner("DQN", envs=2, settings={"learning_starts": 10})
+SIDEWAYS = np.array([3, 2, 1, 0])
+
+
+def mapped(shaping, learner, own=None, **mapping):
+    curriculum = plan(shaping)
+    small, large = curriculum.tasks["small"], curriculum.tasks["large"]
+    edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(large, small, **mapping))
+    learners = {"large": learner, "small": own or learner}
+    return replace(curriculum, transfers=[edge], learner=learners)
+
+
+@pytest.mark.parametrize("held_out", [0.5, 0.9])
+@pytest.mark.parametrize("resets", [1, 2, 4])
+def test_a_level_of_each_member_is_left_to_be_distilled(resets, held_out):
+    (member,) = miniatures(room(), resets=resets, held_out=held_out).solved
+    assert member.training.any()
+    assert member.levels == 1 or not member.training[~member.table.mdp.terminal].all()
+
+
+@pytest.mark.parametrize(
+    ("shaping", "learner", "own"),
+    [
+        (WeightTransfer(), PPO, None),
+        (PolicyReuse(), PPO, None),
+        (PolicyReuse(), DQN, PPO),
+        (cr.deep.Demonstrations(steps=20), DQN, None),
+    ],
+)
+def test_a_mapping_of_actions_that_would_not_be_heeded_is_refused(shaping, learner, own):
+    with pytest.raises(cr.errors.SettingError, match=r"'small' has .*actions as 3 2 1 0"):
+        mapped(shaping, learner, own, actions=SIDEWAYS).train(1)
+
+
+def test_a_guide_with_action_values_is_read_through_its_mapping():
+    result = mapped(PolicyReuse(), DQN, actions=SIDEWAYS).train(1)
+    (phi,) = result.potentials["large"]
+    seen = np.array([[0.3, 0.0], [0.0, -0.3]], np.float32)
+    own = result["small"].values[0].act(seen)
+    assert guided_actions(phi, seen).tolist() == SIDEWAYS[own].tolist()
+
+
+def test_demonstrations_are_not_read_through_a_mapping():
+    curriculum = mapped(
+        cr.deep.Demonstrations(steps=20), DQN, observations=lambda seen: seen[:, ::-1]
+    )
+    with pytest.raises(cr.errors.SettingError, match="Demonstrations from this source"):
+        curriculum.train(1)
+
+
+@pytest.mark.parametrize("shaping", [PolicyReuse(), WeightTransfer(kl=0.1), PolicyReuse(kl=0.1)])
+def test_a_pull_ends_only_within_a_budget_in_steps(shaping):
+    learner = PPO if getattr(shaping, "kl", 0) else DQN
+    with pytest.raises(cr.errors.SettingError, match=r"a budget in steps: .* got 3 episodes"):
+        plan(shaping, learner=learner, budget=cr.Episodes(3)).train(1)
+    assert plan(None, budget=cr.Episodes(3)).node("large").shaping == WeightTransfer()
+
+
+def test_q_networks_have_no_critic_to_carry_over():
+    with pytest.raises(cr.errors.SettingError, match="has none apart from its policy"):
+        plan(WeightTransfer(parts="critic"), learner=DQN).train(1)
+
+
+@pytest.mark.parametrize(
+    ("shaping", "learner"),
+    [
+        (cr.deep.Demonstrations(), PPO),
+        (WeightTransfer(kl=0.1), DQN),
+        (WeightTransfer(kl=0.1), DeepLearner("TRPO")),
+    ],
+)
+def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(shaping, learner):
+    pytest.importorskip("sb3_contrib")
+    small = miniatures(room(), resets=6)
+    with pytest.raises(cr.errors.SettingError):
+        plan(shaping, learner=learner, small=small).train(1)
+    assert "solved" not in vars(small)
+
+
+def test_an_algorithm_that_does_not_take_numbered_actions_is_one_sentence():
+    with pytest.raises(cr.errors.SettingError, match=r"SAC must take its task.*Discrete") as caught:
+        plan(WeightTransfer(), learner=DeepLearner("SAC")).train(1)
+    assert "\n" not in str(caught.value)
+
+
+def test_networks_with_memory_are_refused():
+    pytest.importorskip("sb3_contrib")
+    recurrent = DeepLearner("RecurrentPPO", "MlpLstmPolicy", settings={"n_steps": 32})
+    with pytest.raises(cr.errors.SettingError, match="without memory"):
+        plan(WeightTransfer(), learner=recurrent).train(1)
+
+
+def test_demonstrations_need_a_buffer_that_keeps_each_step():
+    lazy = {"optimize_memory_usage": True}
+    lazy |= {"replay_buffer_kwargs": {"handle_timeout_termination": False}}
+    with pytest.raises(cr.errors.SettingError, match="keeps each step by itself"):
+        plan(cr.deep.Demonstrations(steps=20), learner=DeepLearner("DQN", settings=lazy)).train(1)
+
+
+class Pictures(Room):
+    observation_space = Box(0, 255, (9, 9, 3), np.uint8)
+
+    def seen(self):
+        picture = np.zeros((9, 9, 3), np.uint8)
+        picture[(*self.place, 0)] = picture[(*self.goal, 1)] = 255
+        return picture
+
+
+def test_demonstrations_of_pictures_have_channels_first():
+    task = cr.observation_task(partial(Pictures, 3), discount=0.9, time_limit=30)
+    small = replace(miniatures(task, resets=1), shuffled=True)
+    learner = DeepLearner(
+        "DQN", "CnnPolicy",
+        settings={"policy_kwargs": {"features_extractor_class": cr.deep.SmallCNN}},
+    )  # fmt: skip
+    phi = _source_of(task, small)
+    model = model_for(task, learner, cr.deep.Demonstrations(phi, steps=10), steps=20)
+    assert model.replay_buffer.observations.shape[2:] == (3, 9, 9)
+    assert (model.replay_buffer.observations[:10, 0].max(axis=(2, 3)) == [255, 255, 0]).all()
+    assert model.replay_buffer.buffer_size == 30  # steps to come push no demonstration out
+
+
+def _source_of(task, small):
+    known = cr.transfer.FunctionValues(state_values=lambda seen: np.zeros(len(seen)))
+    edge = cr.Transfer("small", "large", cr.transfer.ObservationMapping(task, small))
+    return cr.transfer.ObservationPotential(task, [edge], [known])
+
+
+class Endless(Room):
+    def step(self, action):
+        seen, reward, _, truncated, info = super().step(action)
+        return seen, reward, False, truncated, info
+
+
+def test_demonstrations_that_never_end_begin_again_at_the_time_limit():
+    task = cr.observation_task(partial(Endless, 8), discount=0.9, time_limit=12)
+    small = miniatures(task, resets=8)
+    shaping = cr.deep.Demonstrations(_source_of(task, small), steps=240)
+    buffer = model_for(task, DeepLearner("DQN"), shaping, steps=10).replay_buffer
+    seen, after = (each[:240, 0] for each in (buffer.observations, buffer.next_observations))
+    jumps = np.flatnonzero((seen[1:] != after[:-1]).any(axis=1)) + 1
+    assert set(jumps % 12) == {0}
+    assert not buffer.dones.any()
+
+
+def test_a_placebo_of_miniatures_with_a_source_of_their_own():
+    lake = cr.tabulate(room(3).environment, discount=0.9)
+    small = miniatures(room(3), resets=1)
+    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
+    curriculum = cr.Curriculum(
+        {"table": lake, "small": small, "large": room(5)},
+        [told, cr.Transfer("small", "large")], learner={"large": PPO},
+        budget={"table": cr.StoppingRule(500), "large": 640}, eval_freq={"large": 64},
+        evaluation={"large": ROLLOUTS},
+    )  # fmt: skip
+    found = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
+    assert found.arms["transfer, placebo"].control
+    with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
+        replace(curriculum, transfers=[replace(told, calibrate=True), curriculum.transfers[1]])
+
+
+def test_miniatures_are_not_learnt_by_steps():
+    with pytest.raises(cr.errors.SettingError, match="not learnt by steps"):
+        cr.deep.learn_deep(miniatures(room()), PPO, 64)
 
 
 STUDY = """

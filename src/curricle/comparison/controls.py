@@ -115,7 +115,12 @@ def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
         if isinstance(task, Miniatures):
             tasks[name] = replace(task, shuffled=True)
     transfers = [
-        replace(edge, mapping=replace(edge.mapping, source=tasks[edge.source]))
+        replace(
+            edge,
+            mapping=replace(edge.mapping, source=tasks[edge.source], target=tasks[edge.target]),
+        )
+        if isinstance(tasks[edge.source], Miniatures) or isinstance(tasks[edge.target], Miniatures)
+        else edge
         for edge in curriculum.transfers
     ]
     return replace(curriculum, tasks=tasks, transfers=transfers)

@@ -168,7 +168,13 @@ class Curriculum(TaskGraph):
                 "all transfers into a task are calibrated together and must agree on it: those "
                 f"into {name!r} do not"
             )
-        return settings.pop() if settings else None
+        calibration = settings.pop() if settings else None
+        if calibration is not None and isinstance(self.tasks[name], Miniatures):
+            raise CurriculumError(
+                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
+                f"{name!r} has calibrate={calibration}"
+            )
+        return calibration
 
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
@@ -182,9 +188,9 @@ class Curriculum(TaskGraph):
             return value
         if which == "shaping":
             others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
-            return default_shaping(
-                self.tasks[name], *others, distilled=self._source_is_distilled(name)
-            )
+            distilled = self._source_is_distilled(name)
+            budget = self.setting("budget", name) if distilled else None
+            return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
         return None
 
     def _source_is_distilled(self, name: str) -> bool:
@@ -285,6 +291,8 @@ class Curriculum(TaskGraph):
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
+        for name in wanted - set(sources):
+            self.node(name).check_network(shaped=bool(self.in_edges(name)))
         for name in self.order:
             self.node(name).tabulate()  # what cannot be evaluated is refused before all training
         for name in self.order:

@@ -84,11 +84,13 @@ def default_shaping(
     retrain: RetrainSources | None,
     *,
     distilled: bool = False,
+    budget: Budget | None = None,
 ) -> Shaping:
     """Return how potentials enter learning: as the start of Q, guarded where that is possible.
 
     An actor-critic whose one source is a network like its own, `distilled` from miniatures, starts
-    as that network and is kept near it.
+    as that network and is kept near it, unless its budget is one of episodes, of which no half is
+    known.
 
     A guard needs dense tables, a learner without a bonus, and sources that are not retrained. It
     does not depend on the machine's memory.
@@ -100,7 +102,7 @@ def default_shaping(
     Guard(share_behind=0.05, share_ahead=0.8, memory=20)
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
-        return WeightTransfer(kl=PULL)
+        return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
     possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticLearner)
     if possible and retrain is None and storage.kind != "sparse":
         generative = generative_model(task)

@@ -131,6 +131,18 @@ class Node:
         """Whether a network learns the task from exact answers, and not by steps."""
         return isinstance(self.task, Miniatures)
 
+    def check_network(self, *, shaped: bool) -> None:
+        """Raise SettingError unless a network's algorithm takes its settings and the shaping.
+
+        ImportError without Stable-Baselines3. Of tables nothing is checked.
+        """
+        if not self.deep:
+            return
+        self.learner.algorithm_class()
+        from curricle.deep.models import check_learner
+
+        check_learner(self.learner, self.shaping if shaped and not self.takes_no_steps else None)
+
     def train(
         self,
         seeds: Sequence[int],

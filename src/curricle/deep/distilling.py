@@ -8,6 +8,7 @@ from curricle.deep.distillation import Distillation
 from curricle.deep.knowledge import Knowledge
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
+from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -82,6 +83,10 @@ def distil(
     learner = DeepLearner("PPO") if learner is None else learner
     settings = Distillation() if settings is None else settings
     instance("knowledge to distil", knowledge, Knowledge, SettingError)
+    instance("task of a distillation", task, ObservationTask, SettingError)
+    instance("learner of a distillation", learner, DeepLearner, SettingError)
+    instance("settings of a distillation", settings, Distillation, SettingError)
+    check_spaces(task, learner)
     learner.algorithm_class()  # ImportError without Stable-Baselines3
     from curricle.deep.fitting import fitted
 

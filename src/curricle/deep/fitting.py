@@ -1,9 +1,11 @@
 """Fitting a network of Stable-Baselines3 to what is known of observations."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.vector.utils import create_empty_array
 from torch.nn import functional
 
 from curricle.array_types import FloatArray, IntArray
@@ -13,7 +15,7 @@ from curricle.deep.knowledge import Knowledge, rows_of
 from curricle.deep.learner import DeepLearner
 from curricle.deep.models import model_for
 from curricle.errors import SettingError
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, space_text
 
 
 def fitted(
@@ -140,11 +142,12 @@ class _QuantileFit(_Fit):
 
 def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
     """Return what a policy is to be fitted to; SettingError where it cannot be."""
-    seen = knowledge.observations
-    if isinstance(seen, np.ndarray) and seen.shape[1:] != task.observations.shape:
+    seen, space = knowledge.observations, task.observations
+    found, wanted = _shapes(rows_of(seen, slice(1))), _shapes(create_empty_array(space, 1))
+    if found != wanted:
         raise SettingError(
-            f"knowledge to distil must be of the task's observations, {task.observations}: got "
-            f"arrays of shape {seen.shape[1:]}"
+            f"knowledge to distil must be of the task's observations, {space_text(space)}: got "
+            f"arrays of shape {found}"
         )
     for name in ("policy", "action_values"):
         known = getattr(knowledge, name)
@@ -153,13 +156,21 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} of them; a mapping's actions= says which is which"
             )
-    if hasattr(policy, "value_net") and task.n_actions is not None:
+    recurrent = hasattr(policy, "lstm_actor")
+    if hasattr(policy, "value_net") and task.n_actions is not None and not recurrent:
         return _ActorCriticFit(policy, knowledge, knowledge.values)
     kinds = {"q_net": _QFit, "quantile_net": _QuantileFit}
     for kind, fitting in kinds.items():
         if getattr(policy, kind, None) is not None and knowledge.action_values is not None:
             return fitting(policy, knowledge, knowledge.action_values)
     raise SettingError(
-        "a network to distil into must be an actor-critic of numbered actions, or DQN's or "
-        f"QR-DQN's where action values are known: got a {type(policy).__name__}"
+        "a network to distil into must be an actor-critic of numbered actions without memory, or "
+        f"DQN's or QR-DQN's where action values are known: got a {type(policy).__name__}"
     )
+
+
+def _shapes(batch: Any) -> Any:
+    """Return the shape of each of n stacked observations, by their parts."""
+    if isinstance(batch, Mapping):
+        return {name: _shapes(part) for name, part in batch.items()}
+    return np.shape(batch)[1:]

@@ -4,6 +4,7 @@ from copy import deepcopy
 from typing import Any
 
 import torch
+from stable_baselines3.common.distributions import kl_divergence
 
 from curricle.deep.shaping import pull
 
@@ -32,9 +33,8 @@ class _NearSource:
     def _distance(self, obs: Any) -> torch.Tensor:
         """Return KL(source's policy || this one) in the observations just evaluated, (n,)."""
         with torch.no_grad():
-            wanted = self.source.get_distribution(obs).distribution
-        own = self.action_dist.distribution  # type: ignore[attr-defined]
-        each = torch.distributions.kl_divergence(wanted, own)
+            wanted = self.source.get_distribution(obs)
+        each = kl_divergence(wanted, self.action_dist)  # type: ignore[attr-defined]
         return each if each.dim() == 1 else each.sum(dim=1)
 
 

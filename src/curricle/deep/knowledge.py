@@ -1,4 +1,4 @@
-"""What is known of observations: the values and the policy that a network is to learn by heart."""
+"""What is known of observations: the values and the policy that a network is fitted to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, adopted
+from curricle.interop.tabulation.tabulated_task import action_probabilities
 from curricle.planning.solution import greedy_policy, solve
 
 
@@ -51,6 +52,16 @@ class Knowledge(Frozen):
             if found is not None:
                 object.__setattr__(self, name, adopted(found, np.float64))
         object.__setattr__(self, "states", adopted(self.states, np.int64))
+        n = len(self.states)
+        n_actions = () if self.action_values is None else self.action_values.shape[1:]
+        for name in ("values", "action_values", "policy"):
+            shape = np.shape(getattr(self, name))
+            wanted = (n,) if name == "values" else (n, *(n_actions or shape[1:]))
+            if getattr(self, name) is not None and (n == 0 or shape != wanted):
+                raise PotentialError(
+                    f"knowledge must have a row for each observation, at least one: of {n} there "
+                    f"are {name} of shape {shape}"
+                )
 
     @classmethod
     def of(
@@ -60,8 +71,14 @@ class Knowledge(Frozen):
 
         V is the largest of an observation's states' action values, then their mean.
         """
-        chosen = greedy_policy(action_values) if policy is None else policy
-        values = np.asarray(action_values, np.float64).max(axis=1)
+        action_values = np.asarray(action_values, np.float64)
+        if action_values.ndim != 2:
+            raise PotentialError(
+                "knowledge needs action values of shape (S, A): got an array of shape "
+                f"{action_values.shape}"
+            )
+        chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
+        values = action_values.max(axis=1)
         return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
 
     @classmethod
@@ -91,8 +108,9 @@ class Knowledge(Frozen):
     def read(cls, values: Any, observations: Any) -> Self:
         """Return what a :class:`ValueSource` says of n observations.
 
-        Its Q and the greedy policy where it has action values, else V alone. Observations of which
-        it knows nothing (NaN) are left out.
+        Its Q and the greedy policy where it has action values, else V, and the policy where it is
+        of one actor-critic that is read as it is. Observations of which it knows nothing (NaN) are
+        left out.
         """
         pairs = values.pairs(observations) if values.of_actions else None
         v = values.v(observations) if pairs is None else pairs.max(axis=1)
@@ -104,7 +122,9 @@ class Knowledge(Frozen):
         seen = rows_of(observations, known)
         if pairs is not None:
             return cls.of(seen, pairs[known])
-        return cls._merged(seen, v[known], None, None, np.ones(int(known.sum()), int))
+        actor = _actor_of(values)
+        policy = None if actor is None else action_probabilities(actor, seen)
+        return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -148,6 +168,12 @@ class Knowledge(Frozen):
         states: IntArray,
     ) -> Self:
         first, group = _distinct(observations)
+        for each in (values, action_values, policy):
+            if each is not None and len(each) != len(group):
+                raise PotentialError(
+                    "knowledge must have a row for each observation: got arrays of "
+                    f"{len(group)} and {len(each)} rows"
+                )
         weight = np.bincount(group, states)
 
         def mean(each: FloatArray | None) -> FloatArray | None:
@@ -160,6 +186,15 @@ class Knowledge(Frozen):
         seen = rows_of(observations, first)
         v = np.asarray(mean(values))
         return cls(seen, v, mean(action_values), mean(policy), weight)
+
+
+def _actor_of(values: Any) -> Any:
+    """Return the one network of a potential if it acts in the same observations; else None."""
+    edges: Any = getattr(values, "edges", ())
+    sources: Any = getattr(values, "values", ())
+    if len(sources) != 1 or not edges[0].mapping.is_identity:
+        return None
+    return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
 
 
 def rows_of(observations: Any, rows: IntArray | BoolArray | slice) -> Any:

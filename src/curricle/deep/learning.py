@@ -8,10 +8,12 @@ from curricle.array_types import IntArray
 from curricle.checks import instance
 from curricle.deep.exact_evaluation import evaluation_table
 from curricle.deep.learner import DeepLearner
+from curricle.deep.miniature_task import Miniatures
 from curricle.deep.result import DeepResult
+from curricle.deep.shaping import PolicyReuse
 from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
-from curricle.learning.budget import Budget, limits, longest_run, spacing
+from curricle.learning.budget import Budget, Episodes, limits, longest_run, spacing
 from curricle.learning.record import WarmUp
 from curricle.learning.result import learning_result
 from curricle.learning.seeds import seed_settings
@@ -140,6 +142,11 @@ def train_seeds(
     learner = DeepLearner() if learner is None else learner
     instance("a task for a deep learner", task, ObservationTask, SettingError)
     instance("learner", learner, DeepLearner, SettingError)
+    if isinstance(task, Miniatures):
+        raise SettingError(
+            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            f"steps: got {task}"
+        )
     check_spaces(task, learner)
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
@@ -151,7 +158,7 @@ def train_seeds(
         seeds,
         learner,
         (steps, episodes),
-        lambda one: _of_observations(task, learner, one),
+        lambda one: _of_observations(task, learner, one, budget),
         shaping=shaping,
         warm_up=warm_up,
         charged=charged,
@@ -191,7 +198,9 @@ def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:
     return budget.kernel()
 
 
-def _of_observations(task: ObservationTask, learner: DeepLearner, shaping: Shaping) -> Shaping:
+def _of_observations(
+    task: ObservationTask, learner: DeepLearner, shaping: Shaping, budget: Budget
+) -> Shaping:
     """Return the shaping with a potential of the task's observations."""
     potential = shaping.potential
     if potential is None:
@@ -204,6 +213,14 @@ def _of_observations(task: ObservationTask, learner: DeepLearner, shaping: Shapi
         )
     if shaping.guard is not None and task.longest is None:
         raise SettingError(f"a guard compares whole episodes: {task} needs a time limit")
+    acts = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
+    if isinstance(budget, Episodes) and (
+        getattr(shaping, "kl", 0.0) > 0 or (acts and task.n_actions is not None)
+    ):
+        raise SettingError(
+            "a source's policy pulls, or acts, over the first half of a budget in steps: "
+            f"{shaping.name} got {budget}"
+        )
     of_states = shaping.starts_at_potential and not potential.of_actions
     if of_states and "buffer_size" in learner.takes:
         raise SettingError(

@@ -63,8 +63,9 @@ def _outcome(task: Miniatures, values: Any) -> Outcome:
     """Return what one seed learnt; TaskError if it is worth nothing."""
     examined = task.examined(values)[: len(task.members)]
     record = Record.empty(1)
-    record.greedy_return[0] = np.mean([max(one.greedy, one.sampled) for one in examined])
-    regained = np.nanmean([one.regained for one in examined])
+    record.greedy_return[0] = np.mean([one.best for one in examined])
+    shares = [one.regained for one in examined if not np.isnan(one.regained)]
+    regained = np.mean(shares) if shares else 1.0
     if regained < WORTH and not task.shuffled:
         raise TaskError(
             "a network distilled from miniatures must act better than at random on held-out "

@@ -109,7 +109,7 @@ def miniatures(
         With the observations and the actions of the task that is to learn from them.
     resets : int
     held_out : float
-        Share of levels, up to 0.9; none of a member of one level.
+        Share of levels, up to 0.9; of each member at least one level is not held out.
     max_states : int
         Of each member; one with more is not small.
     tested_on : sequence of ObservationTask
@@ -118,8 +118,8 @@ def miniatures(
     Raises
     ------
     TaskError
-        When there is no member, or their spaces differ. When they are first asked for: a member
-        cannot be tabulated.
+        When there is no member, or their spaces or discounts differ. When they are first asked for:
+        a member cannot be tabulated.
 
     Examples
     --------
@@ -131,13 +131,18 @@ def miniatures(
     """
     if not members:
         raise TaskError("miniatures need at least one member: got none")
+    instance("tested_on of miniatures", tested_on, Sequence, TaskError)
     for one in (*members, *tested_on):
         instance("each of miniatures", one, ObservationTask, TaskError)
+        if isinstance(one, Miniatures):
+            raise TaskError(f"each of miniatures must be one environment: got {one}")
         if (one.observations, one.actions) != (members[0].observations, members[0].actions):
             raise TaskError(
                 f"miniatures must have one space of observations and actions: {members[0]} and "
                 f"{one} differ; an encoder makes observations alike"
             )
+        if one.discount != members[0].discount:
+            raise TaskError(f"miniatures must have one discount: {members[0]} and {one} differ")
     if members[0].n_actions is None:
         raise TaskError(f"miniatures need numbered actions: {members[0]} has {members[0].actions}")
     whole_number("resets of miniatures", resets, 1, TaskError)

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy.typing as npt
+from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
@@ -52,14 +53,16 @@ def model_for(
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
-        size = settings.get("buffer_size", 1_000_000)
-        settings["buffer_size"] = max(min(size, steps), learner.envs)
+        size, added = settings.get("buffer_size", 1_000_000), 0
+        if isinstance(shaping, Demonstrations):
+            added = shaping.steps
+        settings["buffer_size"] = max(min(size, steps + added), learner.envs)
     potential = None if shaping is None else shaping.potential
     if shaping is not None and shaping.starts_at_potential and potential is not None:
         policy = residual_policy(algorithm, learner.policy)
         given = settings.get("policy_kwargs") or {}
         settings["policy_kwargs"] = {**given, "potential": potential}
-    guided = _is_guided(shaping, settings)
+    guided = _is_guided(shaping, learner)
     if guided:
         algorithm = reusing(algorithm)
     near = potential is not None and _pull(shaping) > 0
@@ -68,25 +71,34 @@ def model_for(
     if derived is not None:
         algorithm = derived(algorithm)
     venv = environments(task, learner, shaping)
-    model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
+    try:
+        model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
+    except AssertionError as error:  # its spaces, and some of its settings, are only checked there
+        said = " ".join(str(error).split())
+        raise SettingError(
+            f"{learner.algorithm} must take its task and its settings: with {task} "
+            f"Stable-Baselines3 says {said!r}"
+        ) from error
     if potential is not None:
         _begin(model, shaping, potential, guided=guided)
     return model
 
 
-def _is_guided(shaping: Shaping | None, settings: Mapping[str, Any]) -> bool:
+def _is_guided(shaping: Shaping | None, learner: DeepLearner) -> bool:
     """Return whether an off-policy learner explores by what its sources do."""
     if not isinstance(shaping, PolicyReuse) or shaping.potential is None:
         return False
     values = shaping.potential.values
     acts = len(values) == 1 and getattr(values[0], "kind", "") == "value_net"
-    return "buffer_size" in settings and (shaping.potential.of_actions or acts)
+    return "buffer_size" in learner.takes and (shaping.potential.of_actions or acts)
 
 
 def _begin(
     model: Any, shaping: Shaping | None, potential: ObservationPotential, *, guided: bool
 ) -> None:
     """Give a new model what its sources hand on beside their values."""
+    if shaping is not None and not shaping.reads_values:
+        _check_mappings(shaping, potential, guided=guided)
     if guided:
         model.guide = potential
     elif isinstance(shaping, PolicyReuse):
@@ -97,6 +109,22 @@ def _begin(
         fill_replay_buffer(model, potential, shaping.steps)
     if _pull(shaping) > 0:
         begin_near(model, _pull(shaping))
+
+
+def _check_mappings(shaping: Shaping, potential: ObservationPotential, *, guided: bool) -> None:
+    """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
+    if guided and potential.of_actions:
+        return
+    # Weights are compared by shape, so that there a mapping may bridge spaces of other bounds.
+    weights = not guided and not isinstance(shaping, Demonstrations)
+    for edge in potential.edges:
+        mapping = edge.mapping
+        kept = mapping.actions is None and mapping.status is None
+        if not kept or not (weights or mapping.observations is None):
+            raise SettingError(
+                f"{shaping.name} from this source takes observations and actions as they are: the "
+                f"mapping of {edge.source!r} has {mapping.description}"
+            )
 
 
 def _pull(shaping: Shaping | None) -> float:
@@ -135,10 +163,10 @@ def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
         raise SettingError(
             f"demonstrations need an algorithm with a replay buffer: {learner.algorithm} has none"
         )
-    on_policy = "ent_coef" in known and "buffer_size" not in known
-    if _pull(shaping) > 0 and not on_policy:
+    if _pull(shaping) > 0 and not issubclass(algorithm, (PPO, A2C)):
         raise SettingError(
-            f"a pull by kl needs an actor-critic that learns on-policy: got {learner.algorithm}"
+            "a pull by kl needs an actor-critic that learns on-policy, PPO or A2C: got "
+            f"{learner.algorithm}"
         )
 
 
@@ -187,6 +215,11 @@ def carry_over(model: Any, potential: ObservationPotential, parts: str) -> None:
         for name in theirs
         if parts == "all" or name.startswith((*VALUE_HEAD, "critic")) == (parts == "critic")
     ]
+    if not names:
+        raise SettingError(
+            f"a critic is carried over from an actor-critic: a {type(source.policy).__name__} has "
+            "none apart from its policy"
+        )
     for name in names:
         if name not in mine or mine[name].shape != theirs[name].shape:
             here = tuple(mine[name].shape) if name in mine else "missing"

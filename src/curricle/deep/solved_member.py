@@ -10,10 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.deep.knowledge import Knowledge
+from curricle.errors import TaskError
 from curricle.interop.tabulation.tabulate import tabulate
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
 from curricle.planning.solution import Solution, evaluate, solve
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, made_by
 
 
 class Examined(NamedTuple):
@@ -31,11 +32,17 @@ class Examined(NamedTuple):
     sampled: float  # NaN without a policy of probabilities
 
     @property
+    def best(self) -> float:
+        """The better return of both ways to act."""
+        return float(np.nanmax([self.greedy, self.sampled]))
+
+    @property
     def regained(self) -> float:
-        """Share of the way from the random policy to the optimum, by the better of both ways."""
-        best = np.nanmax([self.greedy, self.sampled])
+        """Share of the way from the random policy to the optimum; NaN where they are equal."""
         gap = self.optimal - self.random
-        return float((best - self.random) / gap) if gap > 0 else float("nan")
+        if gap <= 1e-9 * max(abs(self.optimal), abs(self.random)):
+            return float("nan")
+        return (self.best - self.random) / gap
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +68,19 @@ class SolvedMember:
         cls, member: ObservationTask, resets: int, held_out: float, max_states: int
     ) -> "SolvedMember":
         """Return a member solved, with a share of its levels held out."""
-        table = tabulate(
-            member.environment, discount=member.discount, seeds=resets, max_states=max_states
-        )
+        try:
+            table = tabulate(
+                member.environment, discount=member.discount, seeds=resets, max_states=max_states
+            )
+        except TaskError as error:
+            raise TaskError(
+                f"the miniature {made_by(member.make)} has no tables: {error}"
+            ) from error
         level = levels_of(table)
         levels = np.unique(level[table.mdp.start > 0])
         n_held = int(held_out * len(levels) + 0.5)
+        if held_out < 1.0:
+            n_held = min(n_held, len(levels) - 1)  # one is left to be distilled
         held = np.random.default_rng(0).permutation(levels)[:n_held]
         apart = np.isin(level, held)
         return cls(member, table, level, ~apart & ~table.mdp.terminal)
@@ -96,8 +110,8 @@ class SolvedMember:
         apart = np.where(self.training, 0.0, self.table.mdp.start)
         start = apart if apart.any() else self.table.mdp.start
         n_levels = len(np.unique(self.level[start > 0]))
-        acting = values.policy
-        random = np.full((self.table.states.size, self.table.actions.size), 1.0)
+        n_actions = self.table.actions.size
+        random = np.full((self.table.states.size, n_actions), 1.0 / n_actions)
 
         def worth(policy: Any) -> float:
             found: FloatArray = evaluate(self.table, policy).values
@@ -108,8 +122,8 @@ class SolvedMember:
             n_levels,
             (~self.table.mdp.terminal).sum() / self.levels,
             float(self.solution.values @ start / start.sum()),
-            worth(random / random.shape[1]),
-            worth(self.table.policy(acting)),
+            worth(random),
+            worth(self.table.policy(values.policy)),
             worth(self.table.policy(values, deterministic=False))
             if values.kind == "value_net"
             else float("nan"),

@@ -156,7 +156,7 @@ class TabulatedTask(Frozen):
         table, n_states = self._observations(), self.states.size
         rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
         if not deterministic:
-            return np.concatenate([_probabilities(model, table.batch(each)) for each in rows])
+            return np.concatenate([action_probabilities(model, table.batch(each)) for each in rows])
         chosen = np.concatenate([_actions(model, table.batch(each), len(each)) for each in rows])
         if chosen.min() < 0 or chosen.max() >= self.actions.size:
             raise SettingError(
@@ -195,7 +195,7 @@ def _actions(model: Any, observations: Any, n: int) -> IntArray:
     return actions.astype(np.int64)
 
 
-def _probabilities(model: Any, observations: Any) -> FloatArray:
+def action_probabilities(model: Any, observations: Any) -> FloatArray:
     """Return the probability of each action under the policy of a model, (n, A)."""
     try:
         policy = model.policy
