@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow deep mutations lint format types doctest docs bench clean
+.PHONY: help paper test slow deep cluster mutations lint format types doctest docs bench clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
@@ -29,6 +29,9 @@ slow: .venv/test.stamp ## the statistical and long tests
 deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torch)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/deep $(ARGS)
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle/deep docs/howto/your_own_network.md
+
+cluster: .venv/cluster.stamp ## the tests of Dask and Ray (installs both)
+	$(BIN)/python -m pytest -n0 tests/cluster $(ARGS)
 
 mutations: .venv/test.stamp ## make mistakes in a copy; the fast tests must catch each (ARGS="lock")
 	$(BIN)/python tests/mutations.py --jobs $(WORKERS) $(ARGS)
@@ -77,4 +80,8 @@ clean: ## remove .venv, caches and builds (results stay)
 
 .venv/deep.stamp: .venv/test.stamp
 	@$(INSTALL) '.[deep]'
+	@touch $@
+
+.venv/cluster.stamp: .venv/test.stamp
+	@$(INSTALL) '.[dask,ray]'
 	@touch $@

@@ -12,9 +12,12 @@
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
     └── StudyError       a study's own code, or an executor, that failed
+        └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
 Every message is one sentence: the rule, the value that broke it, and the place.
 """
+
+from concurrent.futures import BrokenExecutor
 
 
 class CurricleError(Exception):
@@ -55,6 +58,10 @@ class StoreError(CurricleError):
 
 class StudyError(CurricleError):
     """A unit of a study failed; its cause is the exception that the study's own code raised."""
+
+
+class EngineError(StudyError, BrokenExecutor):
+    """A cluster that trains a study's units was lost, or a worker of it has other versions."""
 
 
 def in_words(error: BaseException) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study, running
+from curricle.study import StudyResults, read_study, run_study, scheduling
 from curricle.study.arms import Arms
 from curricle.study.results import ALL_DECISIONS, RESULTS
 from curricle.study.serialization import RUN
@@ -52,7 +52,7 @@ class LastFirst(Executor):
         self.submitted.append(work.unit)
         return self.held[-1][0]
 
-    def wait(self, futures, return_when):
+    def wait(self, futures, timeout, return_when):
         future, function, work = self.held.pop()
         future.set_result(function(work))
         return wait(futures, return_when=return_when)
@@ -104,7 +104,7 @@ def test_an_executor_that_trains_at_once_changes_nothing(study_file, finished, t
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(running, "wait", pool.wait)
+    monkeypatch.setattr(scheduling, "wait", pool.wait)
     run_study(
         read_study(study_file),
         tmp_path / "out",

@@ -61,6 +61,10 @@ def run(
         int | None, typer.Option(min=1, help="Threads; all processors by default.")
     ] = None,
     processes: Annotated[bool, typer.Option(help="Processes instead of threads.")] = False,
+    on: Annotated[
+        str | None,
+        typer.Option(help="A cluster: dask or ray, or dask://host:8786, ray://host:10001."),
+    ] = None,
     shard: Annotated[
         str, typer.Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
     ] = "1/1",
@@ -81,6 +85,8 @@ def run(
     from curricle.cli.study_preview import too_few, units_left
     from curricle.study.arms import Arms
 
+    if on is not None and processes:
+        raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
     _announce_imports()
     study = _read(file, seeds, changes)
     folder = out or Path(f"{file.stem}-results")
@@ -97,6 +103,7 @@ def run(
         keep_stale=keep_stale,
         workers=workers,
         processes=processes,
+        on=on,
         shard=_part(shard),
         trackers=track or [],
     )

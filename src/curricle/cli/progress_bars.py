@@ -23,7 +23,13 @@ from curricle.study.workers import WorkerProcesses
 
 
 def run_with_bars(
-    study: StudyConfig, path: Path, *, processes: bool, workers: int | None, **settings: Any
+    study: StudyConfig,
+    path: Path,
+    *,
+    processes: bool,
+    workers: int | None,
+    on: str | None,
+    **settings: Any,
 ) -> None:
     """Run a study and show its progress; the time left is for all seeds of a task."""
     console = Console(stderr=True)
@@ -49,7 +55,7 @@ def run_with_bars(
 
     with bars, ExitStack() as ending:
         pool: WorkerProcesses | None = None
-        if processes or Arms.of(study).live:
+        if on is None and (processes or Arms.of(study).live):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        run_study(study, path, workers=workers, executor=pool, progress=show, **settings)
+        run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)

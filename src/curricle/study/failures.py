@@ -6,7 +6,7 @@ from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
-from curricle.errors import CurricleError, StoreError, StudyError, in_words
+from curricle.errors import CurricleError, EngineError, StoreError, StudyError, in_words
 from curricle.statistics.curves import SCRATCH
 from curricle.study.store import StudyStore
 from curricle.study.units import Unit
@@ -72,7 +72,8 @@ class Failures:
         text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
         for other, error in others:
             text += f"; {other.label} failed too: {in_words(error)}"
-        found = StudyError(text)
+        lost = any(isinstance(error, EngineError) for _, error in self.each)
+        found = EngineError(text) if lost else StudyError(text)
         foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
         found.__cause__ = foreign[0] if foreign else None
         return found

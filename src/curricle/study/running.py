@@ -8,15 +8,8 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -27,24 +20,22 @@ from typing import Any
 from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
-from curricle.learning.result import LearningResult
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.engines.engine import ExecutorWorkers, Workers
+from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import FAILURES, Failures, read_failures
 from curricle.study.folders import CHECKPOINTS
 from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
-from curricle.study.serialization import UnitResult, result_of, without_snapshots
-from curricle.study.source_values import sources_read
+from curricle.study.scheduling import Scheduler
+from curricle.study.serialization import without_snapshots
 from curricle.study.store import StudyStore
-from curricle.study.stored_values import stored_values
-from curricle.study.units import Unit, UnitInput, train_unit, units_of
+from curricle.study.units import Unit, units_of
 
-AHEAD = 2
-"""Units submitted for each worker, so that none is idle between two."""
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
 OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
 """Optional libraries."""
@@ -73,6 +64,7 @@ def run_study(
     resume: bool = False,
     workers: int | None = None,
     executor: Executor | None = None,
+    on: str | None = None,
     shard: tuple[int, int] = (1, 1),
     keep_stale: bool = False,
     trackers: Sequence[str | Tracker] = (),
@@ -96,6 +88,9 @@ def run_study(
     executor : concurrent.futures.Executor, optional
         Trains the units instead; it is not shut down. A unit is a picklable function of picklable
         data (:func:`train_unit`), so processes and other machines can be used.
+    on : str, optional
+        A cluster that trains the units instead: "dask" or "ray", or one that is there, as in
+        "dask://host:8786" or "ray://host:10001". The study's own modules are sent along.
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
         together.
@@ -115,8 +110,8 @@ def run_study(
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written to.
     SettingError
-        When the arms cannot be compared, workers or shard make no sense, or a network is to learn
-        and Stable-Baselines3 is not installed.
+        When the arms cannot be compared, workers or shard make no sense, a network is to learn
+        and Stable-Baselines3 is not installed, or `on` names no cluster that can be used.
     ConfigError
         When Stable-Baselines3 does not accept a learner's settings.
     StudyError
@@ -134,9 +129,11 @@ def run_study(
     >>> found.results["scratch"]["line"].steps_used
     array([500, 500])
     """
-    workers = (os.cpu_count() or 1) if workers is None else workers
     instance("study", study, StudyConfig, SettingError)
-    workers = whole_number("workers", workers, 1, SettingError)
+    if workers is not None:
+        workers = whole_number("workers", workers, 1, SettingError)
+    if on is not None and executor is not None:
+        raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     part, parts = shard
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
@@ -155,6 +152,8 @@ def run_study(
     described = {**description, "record": plain(study_record(study, arms))}
     report = report or to_stderr
     with ExitStack() as ending:
+        # first: where a cluster is refused, no folder is made
+        places = _workers(study, arms, workers, executor, on, report, ending)
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         done = _begun(store, study, arms, report)
@@ -163,12 +162,9 @@ def run_study(
         ending.callback(tracking.close)
         report_progress = progress or (lambda _: None)
         report_progress(Progress(tuple(units)))
-        pool = executor or ThreadPoolExecutor(1 if arms.live else workers)
-        if executor is None:  # do not wait for units whose results would be thrown away
-            ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures = Failures(arms.keys)
-        scheduler = _Scheduler(given, arms, store, done, pool, workers * AHEAD, failures)
+        scheduler = Scheduler(given, arms, store, done, places, failures)
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
             report_progress(Progress(tuple(units), unit))
@@ -181,6 +177,28 @@ def run_study(
     if failures:
         raise failures.error()
     return found
+
+
+def _workers(
+    study: StudyConfig,
+    arms: Arms,
+    workers: int | None,
+    executor: Executor | None,
+    on: str | None,
+    report: Callable[[str], Any],
+    ending: ExitStack,
+) -> Workers:
+    """Return what trains the units of a run; what was started for it ends with it."""
+    if on is not None:
+        engine = ending.enter_context(opened_engine(on, workers))
+        link = f", {engine.link}" if engine.link else ""
+        report(f"{on}: {engine.workers()} workers{link}")
+        return workers_of(engine, on, arms, study.folder)
+    number = workers or os.cpu_count() or 1
+    if executor is None:  # do not wait for units whose results would be thrown away
+        executor = ThreadPoolExecutor(1 if arms.live else number)
+        ending.callback(executor.shutdown, wait=False, cancel_futures=True)
+    return ExecutorWorkers(executor, number)
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
@@ -199,93 +217,6 @@ def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
         store.write_json(FAILURES, rows)
     else:
         (store.path / FAILURES).unlink(missing_ok=True)
-
-
-@dataclass(frozen=True)
-class _Scheduler:
-    """Sends units through an executor, each after its sources, and stores their results."""
-
-    study: tuple[str, str, str]
-    """The first fields of :class:`UnitInput`."""
-    arms: Arms
-    store: StudyStore
-    done: Done
-    pool: Executor
-    ahead: int
-    failures: Failures
-
-    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
-        """Yield each unit with its result when it is stored.
-
-        When one fails, no more are started that only arms with a failure need.
-        """
-        waiting, running = list(units), dict[Future[Any], Unit]()
-        try:
-            while waiting or running:
-                for unit in [unit for unit in waiting if self._ready(unit)]:
-                    if len(running) >= self.ahead:
-                        break
-                    waiting.remove(unit)
-                    running[self._submit(unit)] = unit
-                ended, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in [future for future in running if future in ended]:
-                    unit = running.pop(future)
-                    if (error := _error_of(future)) is None:
-                        yield unit, self._store(unit, future.result())
-                    else:
-                        self.failures.add(unit, error)
-                        waiting = self.failures.left(waiting)
-                        kept = self.failures.left(running.values())
-                        running = {
-                            one: it for one, it in running.items() if it in kept or not one.cancel()
-                        }
-        finally:
-            for future in running:
-                future.cancel()
-
-    def _ready(self, unit: Unit) -> bool:
-        """Return whether all sources of a unit are trained."""
-        return all(
-            seed in self.done.get(key, ()) for key in unit.sources.values() for seed in unit.seeds
-        )
-
-    def _submit(self, unit: Unit) -> "Future[Any]":
-        given = self._input(unit)
-        try:
-            return self.pool.submit(train_unit, given)
-        except Exception as error:
-            broken = BrokenExecutor("the executor took no unit")
-            broken.__cause__ = error
-            refused: Future[Any] = Future()
-            refused.set_exception(broken)
-            return refused
-
-    def _input(self, unit: Unit) -> UnitInput:
-        curriculum = self.arms.curricula[unit.arm]
-        read = sources_read(curriculum, unit.task)
-        sources = {
-            name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
-            for name, key in unit.sources.items()
-        }
-        deep = curriculum.node(unit.task).deep
-        checkpoints = str(self.store.checkpoints(unit)) if deep else None
-        return UnitInput(*self.study, unit, sources, checkpoints)
-
-    def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
-        stored = self.store.write_unit(unit, result)
-        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
-        node = self.arms.curricula[unit.arm].node(unit.task)
-        return result_of(result.arrays, node.task, node.learner)
-
-
-def _error_of(future: "Future[Any]") -> Exception | None:
-    """Return why a unit failed, if it did; an interrupt is raised."""
-    if future.cancelled():
-        return BrokenExecutor("the executor cancelled it")
-    error = future.exception()
-    if error is not None and not isinstance(error, Exception):
-        raise error
-    return error
 
 
 def _provenance(study: StudyConfig) -> RunRecord:

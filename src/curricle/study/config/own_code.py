@@ -47,14 +47,30 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
     ['own.py', 'rules.py']
     """
     found = dict[str, str]()
+    for name, file in own_files(data, folder).items():
+        content = file.read_bytes().replace(b"\r\n", b"\n")
+        found[name] = hashlib.blake2b(content, digest_size=16).hexdigest()
+    return found
+
+
+def own_files(data: Any, folder: Path) -> dict[str, Path]:
+    """Return the files of the own modules that plain data name, as in :func:`code_of`.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> folder = Path(mkdtemp())
+    >>> _ = (folder / "own.py").write_text("LONG = 3")
+    >>> own_files({"factory": "own:line"}, folder) == {"own.py": folder / "own.py"}
+    True
+    """
+    found = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
     for words in (tuple(module.split(".")) for module in sorted(modules)):
         root = folder if any(_files(folder, words)) else _other_folder(words)
         if root is not None:
             for file in sorted(_closure(root, words)):
-                content = file.read_bytes().replace(b"\r\n", b"\n")
-                digest = hashlib.blake2b(content, digest_size=16).hexdigest()
-                found[file.relative_to(root).as_posix()] = digest
+                found[file.relative_to(root).as_posix()] = file
     return found
 
 

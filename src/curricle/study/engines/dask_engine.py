@@ -1,0 +1,74 @@
+"""Dask: a cluster that is there, or processes on this machine."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import suppress
+from typing import Any
+
+from distributed import Client, LocalCluster
+
+REACHED_IN = 10
+"""Seconds in which a scheduler must answer."""
+
+
+class DaskEngine:
+    """A Dask cluster through its client.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    cluster : distributed.LocalCluster, optional
+        One that was started here.
+    """
+
+    def __init__(self, client: Client, cluster: LocalCluster | None):
+        self.client, self.cluster = client, cluster
+        self.executor: Executor = client.get_executor(pure=False)
+        self._workers = 1
+
+    @property
+    def link(self) -> str | None:
+        """Of Dask's dashboard."""
+        with suppress(KeyError):  # of a scheduler without one
+            return self.client.dashboard_link or None
+        return None
+
+    @property
+    def local(self) -> bool:
+        """Whether it was started here."""
+        return self.cluster is not None
+
+    def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
+        """Return the future result of a call."""
+        return self.executor.submit(function, argument)
+
+    def workers(self) -> int:
+        """How many threads the workers have; the last number where the scheduler does not answer.
+
+        Its futures say that it is lost.
+        """
+        with suppress(Exception):
+            self._workers = sum(self.client.nthreads().values())
+        return self._workers
+
+    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+        """Return what a call returns on every worker, or its exception, by address."""
+        found: Mapping[str, Any] = self.client.run(function, on_error="return")
+        return found
+
+    def close(self) -> None:
+        """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
+        with suppress(Exception):  # a scheduler that is gone cannot be left
+            self.client.close(timeout=2)
+        if self.cluster is not None:
+            self.cluster.close(timeout=5)
+
+
+def connected(address: str | None, workers: int | None) -> DaskEngine:
+    """Return the scheduler at host:port, or one started here with processes of one thread each."""
+    if address is not None:
+        return DaskEngine(Client(f"tcp://{address}", timeout=REACHED_IN), None)
+    cluster = LocalCluster(
+        n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
+    )
+    return DaskEngine(Client(cluster), cluster)

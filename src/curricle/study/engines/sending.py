@@ -1,0 +1,98 @@
+"""What a worker on another machine does: take the study's own modules, and train a unit."""
+
+import atexit
+import hashlib
+import json
+import platform
+import shutil
+from collections.abc import Mapping
+from contextlib import nullcontext
+from importlib import metadata
+from pathlib import Path
+from tempfile import mkdtemp
+from threading import Lock
+from typing import NamedTuple
+
+from curricle.errors import EngineError
+from curricle.study.serialization import UnitResult
+from curricle.study.units import UnitInput, train_unit
+
+FOLDERS = dict[str, Path]()
+"""The folders of modules that this process has written, by a digest of their files."""
+WRITING, LIVE = Lock(), Lock()
+
+
+class SentUnit(NamedTuple):
+    """A unit with all that a worker needs which has no folder of the study."""
+
+    given: UnitInput
+    files: Mapping[str, bytes]
+    """The study's own modules, by path in its folder."""
+    versions: Mapping[str, str]
+    """Of the run: a worker that came later is compared with them too."""
+    live: bool
+    """Whether units must not run side by side in one process."""
+
+
+def train_sent(sent: SentUnit) -> UnitResult:
+    """Return what a unit's seeds learn; EngineError where versions differ from those of the run."""
+    if differ := difference(sent.versions, versions_here()):
+        raise EngineError(f"worker {platform.node()} has {differ}")
+    folder = written(sent.files)
+    with LIVE if sent.live else nullcontext():
+        return train_unit(sent.given._replace(folder=str(folder)))
+
+
+def versions_here() -> dict[str, str]:
+    """Return the versions that must be equal everywhere.
+
+    Of Python these are the first two numbers: the third changes no result.
+
+    Examples
+    --------
+    >>> sorted(versions_here())
+    ['Python', 'curricle', 'numba']
+    """
+    found = {name: metadata.version(name) for name in ("curricle", "numba")}
+    return {**found, "Python": ".".join(platform.python_version_tuple()[:2])}
+
+
+def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
+    """Return how versions differ, in words; nothing if they are equal.
+
+    Examples
+    --------
+    >>> difference({"numba": "0.68.1"}, {"numba": "0.67.0"})
+    'numba 0.67.0 and the run has 0.68.1'
+    """
+    each = [
+        f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
+    ]
+    return ", ".join(each)
+
+
+def written(files: Mapping[str, bytes]) -> Path:
+    """Return a folder with these files, written once in a process and removed when it ends.
+
+    It has a name of its own: in one that others could guess they could put code.
+
+    Examples
+    --------
+    >>> folder = written({"rules/own.py": b"LONG = 3"})
+    >>> (folder / "rules" / "own.py").read_text()
+    'LONG = 3'
+    >>> written({"rules/own.py": b"LONG = 3"}) == folder
+    True
+    """
+    named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
+    digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
+    with WRITING:
+        if digest not in FOLDERS:
+            folder = Path(mkdtemp(prefix="curricle-"))
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
+            for name, content in files.items():
+                place = folder / name
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes(content)
+            FOLDERS[digest] = folder
+        return FOLDERS[digest]

@@ -1,0 +1,154 @@
+"""The words for engines, the window of units, and what is sent to a worker; no engine is needed."""
+
+from concurrent.futures import Future
+from types import SimpleNamespace
+
+import pytest
+
+from curricle.errors import ConfigError, EngineError, SettingError, StudyError
+from curricle.study import read_study, run_study, running, scheduling
+from curricle.study.arms import Arms
+from curricle.study.engines import opening
+from curricle.study.engines.engine import EngineWorkers
+from curricle.study.engines.opening import check_versions, opened_engine, parsed, workers_of
+from curricle.study.engines.sending import SentUnit, train_sent, versions_here
+from tests.sent_folders import RULES, STUDY
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+class FakeEngine:
+    """Holds what is submitted; each time it is asked for its workers, it may call one function."""
+
+    link, local = None, False
+
+    def __init__(self, numbers):
+        self.numbers, self.held, self.most = list(numbers), [], []
+
+    def submit(self, function, argument):
+        self.held.append((Future(), function, argument))
+        return self.held[-1][0]
+
+    def workers(self):
+        if len(self.numbers) > 1:
+            return self.numbers.pop(0)
+        return self.numbers[0]
+
+    def wait(self, futures, timeout, return_when):
+        """Return nothing while the number of workers changes, else the first that was held."""
+        self.most.append(len(futures))
+        if len(self.numbers) > 1:
+            return set(), set(futures)
+        future, function, argument = self.held.pop(0)
+        future.set_result(function(argument))
+        return {future}, set()
+
+
+@pytest.fixture
+def own(tmp_path):
+    (tmp_path / "rules.py").write_text(RULES)
+    (tmp_path / "own.toml").write_text(STUDY)
+    return read_study(tmp_path / "own.toml")
+
+
+def sent_units(engine, monkeypatch, study, out):
+    monkeypatch.setattr(scheduling, "wait", engine.wait)
+    given = workers_of(engine, "fake", Arms.of(study), study.folder)
+    monkeypatch.setattr(running, "_workers", lambda *_: given)
+    return run_study(study, out)
+
+
+@pytest.mark.parametrize("on", ["slurm", "", "dask://", "dask://host", "ray://a b:1", "DASK", 3])
+def test_an_unknown_word_is_refused(on, study_file, tmp_path):
+    with pytest.raises(SettingError, match="on is dask or ray, or one of them at an address"):
+        parsed(on)
+    with pytest.raises(SettingError, match="on is dask or ray"):
+        run_study(read_study(study_file), tmp_path / "out", on=on)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_package_names_its_extra(monkeypatch):
+    monkeypatch.setattr(opening, "PACKAGES", {"dask": "no_such_package"})
+    with (
+        pytest.raises(SettingError, match=r"not installed: pip install curricle\[dask\]"),
+        opened_engine("dask", None),
+    ):
+        pass
+
+
+def test_a_cluster_with_an_executor_or_with_workers_is_refused(study_file, tmp_path):
+    study = read_study(study_file)
+    with pytest.raises(SettingError, match="in one place: got on='dask' and an executor"):
+        run_study(study, tmp_path / "out", on="dask", executor=FakeEngine([1]))
+    with pytest.raises(SettingError, match="has workers of its own: workers=2"):
+        run_study(study, tmp_path / "out", on="dask://host:1", workers=2)
+
+
+def test_other_versions_name_the_worker_and_what_differs():
+    here = versions_here()
+    with pytest.raises(SettingError, match=r"tcp://b:1 has numba 0\.1 and the run has "):
+        check_versions("dask", {"tcp://a:1": here, "tcp://b:1": {**here, "numba": "0.1"}})
+    with pytest.raises(SettingError, match="tcp://c:1 answered ModuleNotFoundError: No module"):
+        check_versions("dask", {"tcp://c:1": ModuleNotFoundError("No module named 'curricle'")})
+
+
+def test_a_worker_that_came_later_is_compared_too():
+    sent = SentUnit(None, {}, {**versions_here(), "numba": "0.1"}, False)
+    with pytest.raises(EngineError, match=r"has numba .* and the run has 0\.1"):
+        train_sent(sent)
+
+
+def test_the_window_follows_the_number_of_workers(own, tmp_path, monkeypatch):
+    study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
+    engine = FakeEngine([0, 1, 3, 1])
+    sent_units(engine, monkeypatch, study, tmp_path / "out")
+    assert scheduling.AHEAD == 2
+    assert engine.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker
+    assert max(engine.most[8:]) == 2
+
+
+def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path, monkeypatch):
+    engine = FakeEngine([1])
+
+    def cancelled(futures, timeout, return_when):
+        for future, *_ in engine.held:
+            future.cancel()
+        return set(futures), set()
+
+    engine.wait = cancelled
+    with pytest.raises(EngineError, match="fake was lost or cancelled it: go on with --resume"):
+        sent_units(engine, monkeypatch, read_study(study_file), tmp_path / "out")
+
+
+def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
+    arms, sent = Arms.of(own), []
+    engine = SimpleNamespace(submit=lambda function, given: sent.append(given) or Future())
+    given = workers_of(engine, "fake", arms, tmp_path)
+    assert given.files == {"rules.py": RULES.encode()}
+    whole = FakeEngine([2])
+    monkeypatch.setattr(scheduling, "wait", whole.wait)
+    monkeypatch.setattr(
+        running,
+        "_workers",
+        lambda *_: EngineWorkers(whole, "fake", given.files, given.versions, True),
+    )
+    first = []
+    submit = whole.submit
+    whole.submit = lambda function, one: first.append(one) or submit(function, one)
+    (tmp_path / "rules.py").rename(tmp_path / "gone.py")
+    assert run_study_from(own, arms, tmp_path / "out", monkeypatch).seeds == (0, 1)
+    assert first[0].given.checkpoints is None
+    other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
+    with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
+        train_sent(other)
+
+
+def run_study_from(study, arms, out, monkeypatch):
+    """Run a study whose modules the driver has read before and which are gone."""
+    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
+    return run_study(study, out)
+
+
+def test_a_lost_engine_is_a_study_error_with_words_of_its_own():
+    assert issubclass(EngineError, StudyError)
+    assert str(EngineError("fake was lost")) == "fake was lost"
