@@ -132,8 +132,6 @@ def run_study(
     instance("study", study, StudyConfig, SettingError)
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
-    if on is not None and executor is not None:
-        raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     part, parts = shard
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
@@ -189,6 +187,8 @@ def _workers(
     ending: ExitStack,
 ) -> Workers:
     """Return what trains the units of a run; what was started for it ends with it."""
+    if on is not None and executor is not None:
+        raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""

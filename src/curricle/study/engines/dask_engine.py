@@ -1,5 +1,6 @@
 """Dask: a cluster that is there, or processes on this machine."""
 
+import logging
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import suppress
@@ -7,6 +8,7 @@ from typing import Any
 
 from distributed import Client, LocalCluster
 
+LOGGER = logging.getLogger("distributed")
 REACHED_IN = 10
 """Seconds in which a scheduler must answer."""
 
@@ -25,6 +27,8 @@ class DaskEngine:
         self.client, self.cluster = client, cluster
         self.executor: Executor = client.get_executor(pure=False)
         self._workers = 1
+        self.level = LOGGER.level
+        LOGGER.setLevel(logging.CRITICAL)  # that a scheduler is lost, its futures say
 
     @property
     def link(self) -> str | None:
@@ -62,6 +66,7 @@ class DaskEngine:
             self.client.close(timeout=2)
         if self.cluster is not None:
             self.cluster.close(timeout=5)
+        LOGGER.setLevel(self.level)
 
 
 def connected(address: str | None, workers: int | None) -> DaskEngine:
