@@ -160,22 +160,6 @@ class Curriculum(TaskGraph):
         given = self.setting("unknown_value", name)
         return super().unmapped_is_free(name) and given == SETTINGS["unknown_value"]
 
-    def calibration(self, name: str) -> Calibrate | None:
-        """Return how the potential of a task is calibrated; None if it is not."""
-        settings = {transfer.calibration for transfer in self.in_edges(name)}
-        if len(settings) > 1:
-            raise CurriculumError(
-                "all transfers into a task are calibrated together and must agree on it: those "
-                f"into {name!r} do not"
-            )
-        calibration = settings.pop() if settings else None
-        if calibration is not None and isinstance(self.tasks[name], Miniatures):
-            raise CurriculumError(
-                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
-                f"{name!r} has calibrate={calibration}"
-            )
-        return calibration
-
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
         given = getattr(self, which)

@@ -6,11 +6,12 @@ from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
 from curricle.checks import fit_name, instance, one_of
+from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
 from curricle.transfer.chosen_mapping import with_mapping
-from curricle.transfer.edges import Transfer
+from curricle.transfer.edges import Calibrate, Transfer
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +98,22 @@ class TaskGraph:
         """Return the transfers into a task."""
         one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
+
+    def calibration(self, name: str) -> Calibrate | None:
+        """Return how the potential of a task is calibrated; None if it is not."""
+        settings = {transfer.calibration for transfer in self.in_edges(name)}
+        if len(settings) > 1:
+            raise CurriculumError(
+                "all transfers into a task are calibrated together and must agree on it: those "
+                f"into {name!r} do not"
+            )
+        calibration = settings.pop() if settings else None
+        if calibration is not None and isinstance(self.tasks[name], Miniatures):
+            raise CurriculumError(
+                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
+                f"{name!r} has calibrate={calibration}"
+            )
+        return calibration
 
     def unmapped_is_free(self, name: str) -> bool:
         """Return whether a mapping that is found may state a value where it knows nothing.

@@ -119,6 +119,19 @@ def _plain_run(**settings: Any) -> Any:
     return DeepRun(**settings)
 
 
+def _check(task: Any, learner: Any) -> None:
+    """Raise SettingError unless a deep learner can learn a task by steps."""
+    instance("a task for a deep learner", task, ObservationTask, SettingError)
+    instance("learner", learner, DeepLearner, SettingError)
+    if isinstance(task, Miniatures):
+        raise SettingError(
+            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            f"steps: got {task}"
+        )
+    check_spaces(task, learner)
+    learner.algorithm_class()
+
+
 def train_seeds(
     kind: Callable[..., Any],
     task: ObservationTask,
@@ -140,20 +153,12 @@ def train_seeds(
     `kind` makes the run of all seeds, a :class:`DeepRun`, of its fields.
     """
     learner = DeepLearner() if learner is None else learner
-    instance("a task for a deep learner", task, ObservationTask, SettingError)
-    instance("learner", learner, DeepLearner, SettingError)
-    if isinstance(task, Miniatures):
-        raise SettingError(
-            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
-            f"steps: got {task}"
-        )
-    check_spaces(task, learner)
+    _check(task, learner)
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
     instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     longest = longest_run(task.longest, budget, eval_freq)
-    learner.algorithm_class()
     each = seed_settings(
         seeds,
         learner,
