@@ -43,7 +43,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 # The others are real and not public.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:class", "ValueError|Exception"),
+    ("py:class", r"ValueError|Exception|concurrent\.futures\._base\.BrokenExecutor"),
     ("py:exc", r"pydantic\.ValidationError"),
     ("py:class", "Arms|FactoredModel"),
     ("py:func", "right_states|shared_limits|arm_styles"),
