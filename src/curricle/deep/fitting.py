@@ -117,27 +117,24 @@ class _ActorCriticFit(_Fit):
 
 
 class _QFit(_Fit):
+    """Of DQN's network, or of QR-DQN's, whose value is the mean of its quantiles."""
+
+    @property
+    def name(self) -> str:
+        """The policy's name for its network, and the network's for its layers."""
+        return "quantile_net" if hasattr(self.policy, "quantile_net") else "q_net"
+
     def last_layer(self) -> Any:
-        return self.policy.q_net.q_net[-1]
+        return getattr(getattr(self.policy, self.name), self.name)[-1]
 
     def learn(self, settings: Distillation, seed: int) -> None:
         super().learn(settings, seed)
-        self.policy.q_net_target.load_state_dict(self.policy.q_net.state_dict())
+        learnt = getattr(self.policy, self.name).state_dict()
+        getattr(self.policy, f"{self.name}_target").load_state_dict(learnt)
 
     def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
-        return self.policy.q_net(self._seen(rows)), None
-
-
-class _QuantileFit(_Fit):
-    def last_layer(self) -> Any:
-        return self.policy.quantile_net.quantile_net[-1]
-
-    def learn(self, settings: Distillation, seed: int) -> None:
-        super().learn(settings, seed)
-        self.policy.quantile_net_target.load_state_dict(self.policy.quantile_net.state_dict())
-
-    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
-        return self.policy.quantile_net(self._seen(rows)).mean(dim=1), None
+        found = getattr(self.policy, self.name)(self._seen(rows))
+        return (found if found.dim() == 2 else found.mean(dim=1)), None
 
 
 def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
@@ -159,10 +156,9 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
     recurrent = hasattr(policy, "lstm_actor")
     if hasattr(policy, "value_net") and task.n_actions is not None and not recurrent:
         return _ActorCriticFit(policy, knowledge, knowledge.values)
-    kinds = {"q_net": _QFit, "quantile_net": _QuantileFit}
-    for kind, fitting in kinds.items():
-        if getattr(policy, kind, None) is not None and knowledge.action_values is not None:
-            return fitting(policy, knowledge, knowledge.action_values)
+    has_q = any(getattr(policy, name, None) is not None for name in ("q_net", "quantile_net"))
+    if has_q and knowledge.action_values is not None:
+        return _QFit(policy, knowledge, knowledge.action_values)
     raise SettingError(
         "a network to distil into must be an actor-critic of numbered actions without memory, or "
         f"DQN's or QR-DQN's where action values are known: got a {type(policy).__name__}"
