@@ -50,6 +50,7 @@ def test_a_few_mistakes_are_refused(study, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The system font")  # of pygame, where a mistake opens a window
 @pytest.mark.parametrize("study", STUDIES, ids=named)
 def test_every_mistake_is_refused_in_a_sentence(study, tmp_path):
     counts, bad = outcomes(study, range(MANY), tmp_path, previewed)

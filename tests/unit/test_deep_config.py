@@ -261,6 +261,11 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             'observations = "own:leanin"',
             "transfers[0] is refused: own:leanin names no function",
         ),
+        (
+            "learning_rate = 1e-3",
+            "policy_kwargs = 8",
+            "policy_kwargs of a deep learner must be a Mapping: got 8",
+        ),
         ("predators = 2", "predaters = 2", "tasks.hunt.predaters is unknown, did you mean"),
         (
             "[tasks.chase]",

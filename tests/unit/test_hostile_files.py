@@ -177,6 +177,18 @@ def test_a_preview_of_a_target_too_large_to_count():
         curriculum.transfers[0].mapping.coverage()
 
 
+def test_a_forecast_that_solves_an_enormous_source_is_not_begun(capsys, monkeypatch):
+    monkeypatch.setattr("curricle.cli.forecast_preview.LONGEST_LOOK", 5.0)
+    maze = "tasks.{} = {{ type = 'maze', map = '{}', discount = 0.99, time_limit = 9, budget = 9 }}"
+    mazes = [maze.format("far", f"S{300_000 * '.'}T"), maze.format("near", "S..T")]
+    edge = "transfers = [{ source = 'far', target = 'near', mapping = 'same_position' }]"
+    Path("study.toml").write_text("\n".join(["name = 'far'", *mazes, edge]))
+    study = read_study("study.toml")
+    arms = Arms.of(study)
+    print_forecasts(study, arms, costs(study, arms))
+    assert "no forecast: to compare the potentials in near could take" in capsys.readouterr().out
+
+
 def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
     text = textwrap.dedent("""
         name = "endless"

@@ -20,8 +20,9 @@ from curricle.errors import CurricleError, SettingError
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.cost import Cost, duration
-from curricle.tasks.task import generative_model, has_tables
+from curricle.study.cost import MOST_SWEEPS, OUTCOME, Cost, duration
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 5.0
@@ -109,7 +110,7 @@ def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) ->
 
 
 def _look(curriculum: Curriculum, step_seconds: float) -> float:
-    """Return the seconds that comparing an arm's potentials in its target takes at most, a seed."""
+    """Return the seconds that judging an arm's potentials and sources takes at most, a seed."""
     node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
     potentials = len(AGGREGATES) + 1 + len(edges) if len(edges) > 1 else 1
     try:
@@ -120,12 +121,24 @@ def _look(curriculum: Curriculum, step_seconds: float) -> float:
         return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
     model = generative_model(node.task)
     pairs = model.states.size * model.actions.size
+    solving = sum(_solving(curriculum.tasks[edge.source]) for edge in edges)
     rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
     if not has_tables(node.task) or pairs > LARGEST_SOLVED:
-        return potentials * rollouts
+        return solving + potentials * rollouts
     if pairs * horizon <= LARGEST_EVALUATED:
         rollouts = 0.0
-    return potentials * (pairs * PAIR_SECONDS + rollouts)
+    return solving + potentials * (pairs * PAIR_SECONDS + rollouts)
+
+
+def _solving(source: Any) -> float:
+    """Return the seconds that solving a source twice takes at most: trained, and learnt perfectly.
+
+    In a chain of states each sweep carries values one state further.
+    """
+    if is_observation_task(source) or not has_tables(source):
+        return 0.0
+    outcomes = tables(source).probability.size
+    return 2 * outcomes * min(generative_model(source).states.size, MOST_SWEEPS) * OUTCOME
 
 
 def _print_trained(

@@ -70,6 +70,10 @@ class DeepLearner:
                 "a deep learner's settings must leave out what Curricle sets itself: got "
                 f"{', '.join(sorted(taken))}"
             )
+        for name in ("policy_kwargs", "replay_buffer_kwargs"):
+            given = self.settings.get(name)
+            if given is not None:
+                instance(f"{name} of a deep learner", given, Mapping, SettingError)
         object.__setattr__(self, "settings", dict(self.settings))
 
     def __repr__(self) -> str:

@@ -24,8 +24,9 @@ FORWARD = 2e-4
 DISTILLING = 12.0
 """Seconds in which a network is fitted to exact answers, about."""
 OUTCOME = 8e-9
-"""Seconds of one outcome in one step of an exact evaluation, about; after 1,000 steps most values
-no longer change."""
+"""Seconds of one outcome in one sweep over a task's tables, about."""
+MOST_SWEEPS = 1000
+"""After so many sweeps most values no longer change."""
 SLOWER = 3.0
 """How many times as long as a random step a step of learning in a table takes, about."""
 
@@ -114,7 +115,7 @@ def _exact_seconds(node: Node) -> float:
         return 0.0
     outcomes = tables(node.task).probability.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return checkpoints * outcomes * min(node.evaluation.horizon(node.task), 1000) * OUTCOME
+    return checkpoints * outcomes * min(node.evaluation.horizon(node.task), MOST_SWEEPS) * OUTCOME
 
 
 def _bytes(node: Node) -> int:
