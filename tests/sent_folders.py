@@ -1,14 +1,19 @@
 """A folder of results from somewhere else, and ways to change it as an attacker would."""
 
+import io
+import json
 import shutil
 import time
+import zipfile
 
+import numpy as np
 import pytest
 
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.sealed_json import digest_of, sealed, unsealed
+from curricle.study.sealed_json import as_json, sealed, unsealed
+from curricle.study.unit_file import SEAL, sealed_archive
 
 RULES = """
 import curricle as cr
@@ -69,15 +74,39 @@ def change(path, edit):
 
 
 def a_unit(folder):
-    """The unit that has snapshots and sources."""
-    return next((folder / "units").glob("maze-*/*/snapshots.npz")).parent
+    """The file of the unit that has snapshots and sources."""
+    files = (folder / "units").glob("maze-*/*.npz")
+    return next(file for file in files if "snapshot_steps" in np.load(file).files)
 
 
-def put(unit, name, content):
-    """Put a file into a unit, and its size and checksum into the unit's description."""
-    (unit / name).write_bytes(content)
-    row = [len(content), digest_of(content)]
-    change(unit / "unit.json", lambda found: found["files"].update({name: row}))
+def put(unit, change=None, **members):
+    """Change the members of a unit's file, as somebody would who wants it to be read.
+
+    A member is its content, its content and how it is compressed, or None, for none.
+    """
+    with zipfile.ZipFile(unit) as archive:
+        found = {one.filename: (archive.read(one), one.compress_type) for one in archive.infolist()}
+    for name, member in members.items():
+        stored = (member, zipfile.ZIP_STORED) if isinstance(member, bytes) else member
+        found[name.replace("__", ".")] = stored
+    if change is not None:
+        about = json.loads(found["unit.json"][0])
+        change(about)
+        found["unit.json"] = as_json(about), zipfile.ZIP_STORED
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, member in found.items():
+            if member is not None:
+                archive.writestr(name, *member)
+        archive.comment = bytes(SEAL)
+    unit.write_bytes(sealed_archive(buffer.getvalue()[:-SEAL], archive.start_dir))
+
+
+def npy(array):
+    """The content of an array's file."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array)
+    return buffer.getvalue()
 
 
 def read_all(folder):

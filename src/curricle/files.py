@@ -4,8 +4,11 @@ import errno
 import hashlib
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
+from typing import BinaryIO
 from urllib.parse import quote
 
 LONGEST_NAME = 100
@@ -50,13 +53,20 @@ def read_bounded(path: Path, most: int) -> bytes:
     OSError
         Whose ``strerror`` says what is wrong: it is no regular file, too large, or cannot be read.
     """
+    with opened_regular(path) as (file, size):
+        if size > most:
+            raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
+        return file.read(most)
+
+
+@contextmanager
+def opened_regular(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """Open a regular file to read it, and tell its bytes; OSError as :func:`read_bounded`."""
     with open(path, "rb", opener=_at_once) as file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
-        if about.st_size > most:
-            raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
-        return file.read(most)
+        yield file, about.st_size
 
 
 def _at_once(path: str, flags: int) -> int:

@@ -15,11 +15,11 @@ def folder(sent_folder):
     return sent_folder
 
 
-FILES = ["study.json", "analysis.json", "runs.json", "unit.json", "run.npz", "curves.parquet"]
+FILES = ["study.json", "analysis.json", "runs.json", "seeds-0-1.npz"]
 
 
 def place_of(folder, name):
-    return folder / name if (folder / name).exists() else a_unit(folder) / name
+    return folder / name if (folder / name).exists() else a_unit(folder)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
@@ -37,7 +37,7 @@ def test_what_is_no_file_is_not_waited_for(folder, name, kind):
     refuses(folder, name.replace(".", r"\."))
 
 
-@pytest.mark.parametrize("name", ["study.json", "analysis.json", "runs.json", "unit.json"])
+@pytest.mark.parametrize("name", ["study.json", "analysis.json", "runs.json"])
 @pytest.mark.parametrize("text", ["[" * 10**5, '{"a":' * 10**5, "[]", "{}", "null", "[1]", "\xff"])
 def test_other_json_is_refused(folder, name, text):
     path = place_of(folder, name)
@@ -124,4 +124,4 @@ def test_names_are_text_in_a_page(folder):
 
 def test_another_version_is_refused_in_one_sentence(folder):
     change(folder / "study.json", lambda study: study.update(schema_version=1))
-    refuses(folder, r"has schema version 1 and this Curricle reads 2: run the study again")
+    refuses(folder, r"has schema version 1 and this Curricle reads 3: run the study again")

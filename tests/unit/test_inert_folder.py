@@ -4,6 +4,7 @@ import io
 import os
 import re
 import socket
+import struct
 import subprocess
 import sys
 import zipfile
@@ -16,9 +17,10 @@ import pytest
 import curricle as cr
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
-from curricle.study import StudyResults
-from curricle.study.serialization import SCHEMAS, as_parquet
-from tests.sent_folders import a_unit, change, put, refuses
+from curricle.study import StudyResults, StudyStore, merge
+from curricle.study.serialization import DECISION_SCHEMA, as_parquet
+from curricle.study.unit_file import SEAL, sealed_archive
+from tests.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 EVIL = """
@@ -83,7 +85,7 @@ def test_reading_imports_and_runs_nothing_of_a_study(folder, tmp_path):
             arm["transfers"][0]["factory"] = "rules:same"
 
     change(folder / "study.json", hostile)
-    for place in (tmp_path, folder, a_unit(folder)):
+    for place in (tmp_path, folder, a_unit(folder).parent):
         (place / "rules.py").write_text(EVIL)
         (place / "conftest.py").write_text(EVIL)
     (folder / ".checkpoints").mkdir()
@@ -103,7 +105,7 @@ def test_nothing_in_a_folder_names_the_machine_or_its_user(sent):
     words = ["a_distinctive_home", "of_somebody", str(sent.parent), sys.prefix, sys.executable]
     words += [rf"\b{one}\b" for one in (socket.gethostname(), getuser()) if len(one) > 1]
     files = [path for path in sent.rglob("*") if path.is_file()]
-    assert len(files) > 10
+    assert len(files) > 7
     for path in files:
         assert not [word for word in words if re.search(word.encode(), path.read_bytes())], path
 
@@ -126,23 +128,14 @@ class Pickled:
 
 def test_pickles_in_an_archive_of_arrays_are_refused(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    buffer = io.BytesIO()
-    np.savez(buffer, steps=np.array([Pickled()], dtype=object))
-    put(a_unit(folder), "run.npz", buffer.getvalue())
-    refuses(folder, r"run\.npz is not as .*must not hold Python objects, which are pickles")
+    put(a_unit(folder), steps__npy=npy(np.array([Pickled()], dtype=object)))
+    refuses(folder, r"\.npz is not as .*must not hold Python objects, which are pickles")
     assert not (tmp_path / "ran").exists()
 
 
-def packed(name, *arrays):
-    """An archive of one compressed array whose file is `arrays`, one after the other."""
-    buffer = io.BytesIO()
-    with (
-        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open(f"{name}.npy", "w", force_zip64=True) as file,
-    ):
-        for each in arrays:
-            file.write(each)
-    return buffer.getvalue()
+def packed(*parts):
+    """A compressed member."""
+    return b"".join(parts), zipfile.ZIP_DEFLATED
 
 
 def header(shape):
@@ -152,12 +145,25 @@ def header(shape):
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize("name", ["snapshots.npz", "run.npz", "values.npz"])
+@pytest.mark.parametrize("name", ["snapshot_values", "steps", "values"])
 def test_a_small_archive_of_much_is_refused(folder, name):
-    bomb = packed("snapshot_values", header((64, 2**18)), *[b"\0" * 2**20 for _ in range(64)])
-    assert len(bomb) < 2**18
-    put(a_unit(folder), name, bomb)
-    refuses(folder, rf"{name} is not as .*(at most [\d,]+ bytes|must not be compressed)")
+    unit = a_unit(folder)
+    put(unit, **{f"{name}__npy": packed(header((64, 2**18)), bytes(2**26))})
+    assert unit.stat().st_size < 2**18
+    refuses(folder, r"\.npz is not as .*(at most [\d,]+ bytes|must not be compressed)")
+
+
+def test_members_that_share_their_bytes_are_refused(folder):
+    unit = a_unit(folder)
+    content = unit.read_bytes()[:-SEAL]
+    directory, end = content.index(b"PK\1\2"), content.index(b"PK\5\6")
+    entries = content[directory:end]
+    more = 50 * (entries.count(b"PK\1\2"),)  # the directory lists all of them again and again
+    sizes = struct.pack("<HHI", *[sum(more)] * 2, len(more) * len(entries))
+    tail = content[end : end + 8] + sizes + content[end + 16 :]
+    content = content[:directory] + len(more) * entries + tail
+    unit.write_bytes(sealed_archive(content, directory))
+    refuses(folder, "its members must differ, and have their own bytes")
 
 
 def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatch):
@@ -168,9 +174,9 @@ def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatc
             task["states"] = 10**12
 
     change(folder / "study.json", edit)
-    for unit in (one.parent for one in (folder / "units").glob("*/*/snapshots.npz")):
-        put(unit, "snapshots.npz", packed("snapshot_values", *[b"\0" * 2**20] * 64))
-    refuses(folder, r"snapshots\.npz is not as .*at most 33,619,968 bytes")
+    for unit in (folder / "units").glob("*/*.npz"):
+        put(unit, snapshot_values__npy=packed(bytes(2**26)))
+    refuses(folder, r"\.npz is not as .*at most 33,619,968 bytes")
 
 
 @pytest.mark.parametrize(
@@ -178,18 +184,19 @@ def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatc
     [
         ((10**6, 10**6), "does not fill its file"),
         ((10**30,), "does not fill its file"),
-        ((-1,), r"snapshots\.npz"),
+        ((-1,), r"\.npz"),
     ],
 )
 def test_an_array_larger_than_its_file_is_refused(folder, shape, words):
-    put(a_unit(folder), "snapshots.npz", packed("snapshot_values", header(shape), b"\0" * 8))
+    put(a_unit(folder), snapshot_values__npy=packed(header(shape), bytes(8)))
     refuses(folder, words)
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero")
 def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
     unit = a_unit(folder)
-    with np.load(unit / "run.npz") as arrays:
+    whole = unit.read_bytes()
+    with np.load(unit) as arrays:
         found = dict(arrays)
     for name, array, words in (
         ("greedy_return", found["steps"], "greedy_return must be an array of shape"),
@@ -201,42 +208,52 @@ def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
         ("source_steps", found["source_steps"].astype(np.int8), "must be an array of int64"),
         ("seeds", found["seeds"][::-1], "seeds must be those of its unit"),
     ):
-        buffer = io.BytesIO()
-        np.savez(buffer, **{**found, name: array})
-        put(unit, "run.npz", buffer.getvalue())
+        unit.write_bytes(whole)
+        put(unit, **{f"{name}__npy": npy(np.ascontiguousarray(array))})
         refuses(folder, words)
 
 
 def test_units_without_what_belongs_to_them_are_refused(folder):
     unit = a_unit(folder)
-    change(unit / "unit.json", lambda found: found["files"].pop("run.npz"))
-    (unit / "run.npz").unlink()
+    put(unit, steps__npy=None)
     refuses(folder, "it has no steps")
-    with pytest.raises(StoreError, match=r"run\.npz is not as Curricle writes it: it has no steps"):
+    with pytest.raises(StoreError, match=r"\.npz is not as Curricle writes it: it has no steps"):
         StudyResults(folder).table("decisions.parquet")
-    change(unit / "unit.json", lambda found: found.update(task="../maze"))
-    refuses(folder, "must hold results of 'maze': got '../maze'")
 
 
-@pytest.mark.parametrize("name", ["curves.parquet", "decisions.parquet"])
-def test_tables_that_are_none_or_too_long_are_refused(folder, name):
+@pytest.mark.parametrize("about", [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}])
+def test_a_unit_that_says_to_be_another_is_not_used(folder, about):
     unit = a_unit(folder)
-    put(unit, name, b"PAR1 not at all PAR1")
-    refuses(folder, rf"{name} is not as .*no table")
-    put(unit, name, as_parquet(pa.table({"seed": [0]})))
-    refuses(folder, f"{name}.*must have the columns")
-    rows = {column: pa.nulls(10**5, kind) for column, kind in SCHEMAS[name].items()}
-    put(unit, name, as_parquet(pa.table(rows)))
-    refuses(folder, f"{name}.*must have at most .* rows")
-    put(unit, name, as_parquet(pa.table({column: one[:1] for column, one in rows.items()})))
-    refuses(folder, f"{name}.*must have a value in each row")
+    put(unit, lambda found: found.update(about))
+    assert StudyStore(folder).damaged_units() == [unit]
+    with pytest.raises(StoreError, match=re.escape(str(unit))):
+        merge(folder.parent / "whole", [folder])
+    assert not (folder.parent / "whole").exists()
 
 
-@pytest.mark.parametrize("name", ["curves.parquet", "decisions.parquet"])
-def test_a_small_table_of_long_texts_is_refused(folder, name):
+def test_decisions_that_are_none_or_too_long_are_refused(folder):
+    unit = a_unit(folder)
+
+    def put_table(columns):
+        put(unit, decisions__parquet=as_parquet(pa.table(columns)))
+
+    put(unit, decisions__parquet=b"PAR1 not at all PAR1")
+    refuses(folder, r"\.npz is not as .*no table")
+    put(unit, decisions__parquet=None)
+    refuses(folder, r"\.npz is not as .*must have decisions\.parquet")
+    put_table({"seed": [0]})
+    refuses(folder, "must have the columns")
+    rows = {column: pa.nulls(10**5, kind) for column, kind in DECISION_SCHEMA.items()}
+    put_table(rows)
+    refuses(folder, "must have at most .* rows")
+    put_table({column: one[:1] for column, one in rows.items()})
+    refuses(folder, "must have a value in each row")
+
+
+def test_a_small_table_of_long_texts_is_refused(folder):
     rows = {"int64": [0] * 3, "double": [0.0] * 3, "bool": [True] * 3, "string": [""] * 3}
-    columns = {column: pa.array(rows[kind], kind) for column, kind in SCHEMAS[name].items()}
+    columns = {column: pa.array(rows[kind], kind) for column, kind in DECISION_SCHEMA.items()}
     content = as_parquet(pa.table({**columns, "task": ["x" * 10**8] * 3}))
     assert len(content) < 2**26
-    put(a_unit(folder), name, content)
-    refuses(folder, f"{name}.*its texts must have at most .* bytes")
+    put(a_unit(folder), decisions__parquet=content)
+    refuses(folder, "its texts must have at most .* bytes")

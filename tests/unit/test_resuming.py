@@ -10,7 +10,7 @@ from curricle.cli.study_preview import units_left
 from curricle.errors import StoreError, StudyError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.arms import arms_from_json
-from curricle.study.results import ALL_DECISIONS, RESULTS
+from curricle.study.results import DECISIONS, RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -98,7 +98,7 @@ def change(file):
 def assert_as_from_scratch(folder, *, set=()):
     """The tables in out/ are those of a run into a new folder."""
     run_study(read_study(folder / "own.toml", set=set), folder / "fresh", workers=1)
-    for name in (RESULTS, ALL_DECISIONS):
+    for name in (RESULTS, DECISIONS):
         assert (folder / "out" / name).read_bytes() == (folder / "fresh" / name).read_bytes(), name
     shutil.rmtree(folder / "fresh")
 
@@ -324,7 +324,7 @@ def test_all_at_once_gives_what_a_run_from_scratch_gives(own):
 
 def test_a_dry_run_tells_the_same_and_changes_nothing(own, contents):
     change(own / "aggregates.py")
-    damaged = next((own / "out" / "units").glob("short-*/*/values.npz"))
+    damaged = next((own / "out" / "units").glob("short-*/*.npz"))
     damaged.write_bytes(damaged.read_bytes()[::-1])
     before, study = contents(own), read_study(own / "own.toml")
     lines = [*units_left(study, own / "out", (1, 1), keep_stale=False)]

@@ -64,7 +64,7 @@ def test_unfinished_files_of_a_killed_run_are_removed(tmp_path):
 def test_a_damaged_file_is_named(tmp_path):
     store = opened(tmp_path)
     store.write("claims.json", b"{")
-    with pytest.raises(StoreError, match=r"claims\.json must be JSON"):
+    with pytest.raises(StoreError, match=r"claims\.json is not as .* it must be JSON"):
         store.read_json("claims.json")
 
 

@@ -12,16 +12,9 @@ import pytest
 from curricle.errors import StoreError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.failures import without_folders
+from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-UNIT_FILES = (
-    "unit.json",
-    "run.npz",
-    "values.npz",
-    "snapshots.npz",
-    "curves.parquet",
-    "decisions.parquet",
-)
 
 
 def read_everything(folder):
@@ -113,8 +106,7 @@ def test_a_folder_that_cannot_be_written_is_refused(study_file, copied, refused)
 def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, copied, contents):
     (copied / ".study123.part").write_text("{")
     unit = StudyStore(copied).units()[0].path
-    (unit.parent / ".tmp.part").mkdir()
-    (unit.parent / ".tmp.part" / "unit.json").write_text("{")
+    (unit.parent / ".tmp.part").write_bytes(unit.read_bytes()[:99])
     read_everything(copied)
     run_study(read_study(study_file), copied, resume=True)
     assert contents(copied) == contents(finished)
@@ -160,14 +152,14 @@ def flipped(content):
 
 
 @pytest.mark.parametrize("harm", [cut, emptied, flipped, Path.unlink])
-@pytest.mark.parametrize("name", UNIT_FILES)
-def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, name, harm):
-    file = StudyStore(copied).units()[0].path / name  # the first has snapshots
+@pytest.mark.parametrize("number", [0, -1])
+def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, number, harm):
+    file = StudyStore(copied).units()[number].path  # the first has snapshots
     if harm is Path.unlink:
         file.unlink()
     else:
         file.write_bytes(harm(file.read_bytes()))
-    before, gone = contents(copied), not (file.parent / "unit.json").exists()
+    before, gone = contents(copied), not file.exists()
     if not gone:  # then there is no unit
         with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")) as caught:
             read_everything(copied)
@@ -201,14 +193,35 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
     assert contents(copied) == contents(finished)
 
 
-def test_no_flipped_bit_of_a_units_description_goes_unnoticed(copied):
-    folder = StudyStore(copied)
-    file = folder.units()[0].path / "unit.json"
+def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
+    file = StudyStore(copied).units()[0].path
     whole, draws = file.read_bytes(), np.random.default_rng(0)
-    for place, bit in zip(range(len(whole)), draws.integers(0, 8, len(whole)), strict=True):
-        file.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :])
-        with pytest.raises(StoreError, match=re.escape(str(file.parent))):
-            folder.units()
+    assert StoredUnit.at(file).whole
+    for place in draws.integers(0, len(whole), 2000):
+        bit = 1 << int(draws.integers(0, 8))
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
+        unit = StoredUnit.at(file)
+        assert not unit.whole
+        with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")):
+            StudyStore(copied).arrays(unit, "run")
+
+
+def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
+    monkeypatch.setattr("curricle.study.unit_file.READ_AT_ONCE", 0)
+    store = StudyStore(copied)
+    unit = store.units()[0]
+    whole, draws = unit.path.read_bytes(), np.random.default_rng(0)
+    wanted = store.arrays(unit, "run")
+    for place in draws.integers(0, len(whole), 2000):
+        bit = 1 << int(draws.integers(0, 8))
+        unit.path.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
+        try:
+            found = store.arrays(unit, "run")
+        except StoreError:
+            continue
+        assert {name: array.tobytes() for name, array in found.items()} == {
+            name: array.tobytes() for name, array in wanted.items()
+        }
 
 
 @pytest.mark.parametrize("name", ["results.parquet", "decisions.parquet"])

@@ -12,7 +12,7 @@ import curricle as cr
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, scheduling
 from curricle.study.arms import Arms
-from curricle.study.results import ALL_DECISIONS, RESULTS
+from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
 from curricle.study.source_values import StoredValues
 from curricle.study.units import UnitInput, train_unit, units_of
@@ -66,7 +66,7 @@ def assert_equal(found, wanted, *, values=True):
 
 def assert_same_results(folder, finished):
     """Two folders hold the same results, bit for bit."""
-    for name in (RESULTS, ALL_DECISIONS):
+    for name in (RESULTS, DECISIONS):
         assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
     found, wanted = StudyResults(folder), StudyResults(finished)
     for arm, node in wanted.record.keys:

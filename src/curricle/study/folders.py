@@ -8,7 +8,7 @@ from curricle.errors import StoreError
 from curricle.files import PART
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
-UNITS, MANIFEST = "units", "unit.json"
+UNITS = "units"
 CHECKPOINTS = ".checkpoints"
 """Where networks in training are saved, to go on from."""
 

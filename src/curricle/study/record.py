@@ -349,13 +349,12 @@ class Analysis(Plain):
 
 
 class UnitRecord(Plain):
-    """A unit of work: its files, each with its size and its checksum, and what it depended on."""
+    """A unit of work, and what it depended on."""
 
     key: str
     dependencies: dict[str, Any]
     task: str
     seeds: tuple[Count, ...] = Field(min_length=1)
-    files: dict[Annotated[str, Field(pattern=r"^[a-z]+\.(npz|parquet)$")], tuple[Count, str]]
 
 
 class RunRecord(Plain):

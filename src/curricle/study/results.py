@@ -26,19 +26,18 @@ from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
 from curricle.study.sealed_json import sealed
 from curricle.study.serialization import (
-    CURVES,
-    DECISIONS,
     RUN,
     SNAPSHOTS,
     VALUES,
     check_arrays,
+    curve_table,
     result_of,
 )
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
 
-RESULTS, ALL_DECISIONS = "results.parquet", "decisions.parquet"
+RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
 MOST_CHECKPOINTS = 10_000_000
 """Of a curve in a comparison: 80 MB a seed."""
@@ -114,13 +113,13 @@ class StudyResults:
         if not units:
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
         snapshots = self.record.task(arm, task).view is not None
-        names = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
-        return joined_results([result_of(self._arrays(arm, one, *names)) for one in units])
+        groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
+        return joined_results([result_of(self._arrays(arm, task, one, *groups)) for one in units])
 
-    def _arrays(self, arm: str, unit: StoredUnit, *names: str) -> dict[str, Any]:
+    def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
-        task = self.record.task(arm, unit.task)
-        arrays = self.store.arrays(unit, *names, most=self.most_bytes)
+        task = self.record.task(arm, name)
+        arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
         return self.store.checked(
             str(unit.path.relative_to(self.store.path)),
             lambda: check_arrays(arrays, unit.seeds, (task.states, task.actions)),
@@ -202,11 +201,7 @@ class StudyResults:
         one_of("an arm", arm, self.record.arms, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
         by_seed = self.stored.get(self.record.keys[arm, task], {})
-        units = list(dict.fromkeys(by_seed.values()))
-        for unit in units:
-            if unit.task != task:
-                raise StoreError(f"{unit.path} must hold results of {task!r}: got {unit.task!r}")
-        return units
+        return list(dict.fromkeys(by_seed.values()))
 
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
@@ -251,7 +246,7 @@ class StudyResults:
         By default before its target.
         """
         name = self.record.target if task is None else task
-        runs = [self._arrays(arm, unit, RUN) for unit in self._units(arm, name)]
+        runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds = np.concatenate([run["seeds"] for run in runs])
         steps: IntArray = np.concatenate([run["source_steps"] for run in runs])
         return steps[np.argsort(seeds)]
@@ -263,7 +258,7 @@ class StudyResults:
         one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
         tables = []
         for arm, task in self.record.keys:
-            if parts := [self.store.table(unit, name) for unit in self._units(arm, task)]:
+            if parts := [self._table(name, arm, task, unit) for unit in self._units(arm, task)]:
                 whole = pa.concat_tables(parts)
                 whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
                 tables.append(whole.add_column(0, "arm", pa.array([arm] * len(whole))))
@@ -271,11 +266,16 @@ class StudyResults:
             raise StoreError(f"{self.store.path} holds no results yet")
         return pa.concat_tables(tables)
 
+    def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
+        if name == CURVES:
+            return curve_table(task, self._arrays(arm, task, unit, RUN))
+        return self.store.decisions(unit)
+
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
         if self.stored:
             self.store.write_table(RESULTS, self.table(CURVES))
-            self.store.write_table(ALL_DECISIONS, self.table(DECISIONS))
+            self.store.write_table(DECISIONS, self.table(DECISIONS))
 
     def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
@@ -289,7 +289,7 @@ class StudyResults:
         """Return a column of the decisions in a task by seed."""
         found: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            rows: list[Mapping[str, Any]] = self.store.table(unit, DECISIONS).to_pylist()
+            rows: list[Mapping[str, Any]] = self.store.decisions(unit).to_pylist()
             for row in rows:
                 found.setdefault(row["seed"], []).append(row[column])
         return dict(sorted(found.items()))

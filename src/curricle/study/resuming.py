@@ -1,6 +1,5 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
-import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -31,10 +30,10 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     on is as it was.
     """
     damaged = store.damaged_units()
-    remarks = [f"{file} is damaged: its unit is trained again" for file in damaged.values()]
+    remarks = [f"{file} is damaged: its unit is trained again" for file in damaged]
     if remove_damaged:
-        for folder in damaged:
-            shutil.rmtree(folder)
+        for file in damaged:
+            file.unlink()
     done = store.finished(without=damaged)
     return done, [*remarks, *_stale(arms, done)]
 

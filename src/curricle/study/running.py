@@ -11,7 +11,7 @@ import subprocess
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -303,7 +303,7 @@ def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
                     result = store.result(unit, new)
                     if first not in new:  # a study keeps the snapshots of its first seed alone
                         result = without_snapshots(result)
-                    taken = target.write_unit(replace(unit, seeds=new), result)
+                    taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
                     there |= dict.fromkeys(new, taken)
             merged = StudyResults(path)
             merged.write_tables()

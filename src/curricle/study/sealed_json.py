@@ -31,6 +31,22 @@ def unsealed(content: bytes) -> dict[str, Any] | None:
     return dict(found) if whole else None
 
 
+def parsed_json(content: bytes) -> Any:
+    """Return the value of JSON; ValueError if it is none, or nested deeply.
+
+    Examples
+    --------
+    >>> parsed_json(b"[1, 2]")
+    [1, 2]
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("it must be JSON that is not nested deeply") from None
+    except ValueError as error:
+        raise ValueError(f"it must be JSON: {error}") from None
+
+
 def as_json(value: Any) -> bytes:
     """Return indented JSON, numbers of a list in one line."""
     text = json.dumps(value, indent=1)

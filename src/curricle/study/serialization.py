@@ -3,8 +3,6 @@
 import io
 import math
 import re
-import zipfile
-import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import IO, Any, NamedTuple
@@ -24,9 +22,8 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 OTHERS = ("task", "learner", "seeds", "values", "visits", "snapshots")
 PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
 """The arrays of a result by seed, and ``steps``."""
-RUN, VALUES, SNAPSHOTS = "run.npz", "values.npz", "snapshots.npz"
-CURVES, DECISIONS = "curves.parquet", "decisions.parquet"
-"""The files of a unit."""
+RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
+"""Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
 
 CURVE_SCHEMA = {
     "task": "string",
@@ -43,7 +40,6 @@ DECISION_SCHEMA = {
     **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
     "reason": "string",
 }
-SCHEMAS = {CURVES: CURVE_SCHEMA, DECISIONS: DECISION_SCHEMA}
 """Columns of the tables of a unit, and their types."""
 DTYPES = {
     **dict.fromkeys(("steps", "seeds", "source_steps", "episodes", "snapshot_steps"), "int64"),
@@ -194,29 +190,24 @@ def check_arrays(
     return arrays
 
 
-def read_npz(content: bytes, *, packed: bool, most: int | None) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an npz file, without pickles.
+def group_of(name: str) -> str:
+    """Return the group of an array.
 
-    A `packed` one may be compressed, and unpack to `most` bytes; ValueError otherwise.
+    Examples
+    --------
+    >>> group_of("steps"), group_of("values_0/net.weight"), group_of("snapshot_steps")
+    ('run', 'values', 'snapshots')
     """
-    found = dict[str, npt.NDArray[Any]]()
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            each = archive.infolist()
-            if not packed and any(one.compress_type != zipfile.ZIP_STORED for one in each):
-                raise ValueError("its arrays must not be compressed")
-            if packed and most is not None and sum(one.file_size for one in each) > most:
-                raise ValueError(f"its arrays must have at most {most:,} bytes")
-            for one in each:
-                with archive.open(one) as file:
-                    found[one.filename.removesuffix(".npy")] = _read_npy(file, one.file_size)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, NotImplementedError):
-        raise ValueError("it is no archive of arrays") from None
-    return found
+    if name.startswith("snapshot_"):
+        return SNAPSHOTS
+    return VALUES if re.match(r"values|states|visits", name) else RUN
 
 
-def _read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Return an array of as many bytes as its file has left after the header."""
+def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
+    """Return an array of as many bytes as its file has left after the header, without pickles.
+
+    ValueError where the header says something else.
+    """
     version = np.lib.format.read_magic(file)
     if version != (1, 0):
         raise ValueError(f"its arrays must be of format 1.0: got {version}")
@@ -272,28 +263,7 @@ def without_snapshots(result: UnitResult) -> UnitResult:
     return result._replace(arrays=kept)
 
 
-def files_of(task: str, result: UnitResult) -> dict[str, bytes]:
-    """Return a unit's files: curves and counts, values, snapshots, and tables as Parquet."""
-    arrays: dict[str, dict[str, npt.NDArray[Any]]] = {}
-    for name, array in result.arrays.items():
-        values = VALUES if re.match(r"values|states|visits", name) else RUN
-        file = SNAPSHOTS if name.startswith("snapshot_") else values
-        arrays.setdefault(file, {})[name] = array
-    return {
-        CURVES: as_parquet(_curve_table(task, result.arrays)),
-        DECISIONS: as_parquet(pa.Table.from_pylist(result.decisions)),
-        **{file: _npz(each, compressed=file == SNAPSHOTS) for file, each in arrays.items()},
-    }
-
-
-def _npz(arrays: Arrays, *, compressed: bool) -> bytes:
-    buffer = io.BytesIO()
-    save: Any = np.savez_compressed if compressed else np.savez
-    save(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def _curve_table(task: str, arrays: Arrays) -> pa.Table:
+def curve_table(task: str, arrays: Arrays) -> pa.Table:
     """Return a unit's curves as a tidy table, each seed up to its own end."""
     steps = arrays["steps"]
     reached = steps[None, :] <= arrays["steps_used"][:, None]

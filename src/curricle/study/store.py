@@ -1,13 +1,11 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
 import json
-import os
-import re
 import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,13 +14,12 @@ import pyarrow as pa
 from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
-from curricle.files import PART, part_in, read_bounded, write_whole
+from curricle.files import PART, read_bounded, write_whole
 from curricle.study.dependencies import Dependencies
 from curricle.study.description import differences, shown
 from curricle.study.folders import (
     CHECKPOINTS,
     LOCK,
-    MANIFEST,
     RUNS,
     STUDY,
     UNITS,
@@ -30,25 +27,28 @@ from curricle.study.folders import (
     write_errors,
 )
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
-from curricle.study.sealed_json import as_json, digest_of, sealed, unsealed
+from curricle.study.sealed_json import as_json, parsed_json, sealed, unsealed
 from curricle.study.serialization import (
-    CURVES,
-    DECISIONS,
     RUN,
-    SCHEMAS,
     SNAPSHOTS,
     VALUES,
     UnitResult,
     as_parquet,
     checkpoints_of,
-    files_of,
     of_seeds,
-    read_npz,
-    read_parquet,
 )
-from curricle.study.units import Unit, seed_ranges
+from curricle.study.unit_file import (
+    ENDING,
+    Damaged,
+    UnitFile,
+    is_whole,
+    opened_unit,
+    place_of,
+    unit_content,
+)
+from curricle.study.units import Unit, seed_ranges, seeds_in
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
 LARGEST_JSON = 2**26
 """Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
@@ -57,13 +57,72 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class StoredUnit:
-    """A unit in the store: its folder, its key, what that is a hash of, and its seeds."""
+    """A unit in the store: its file, its key and its seeds, all of which its place says."""
 
     path: Path
     key: str
-    dependencies: Dependencies = field(hash=False, repr=False)
-    task: str
     seeds: tuple[int, ...]
+
+    @classmethod
+    def at(cls, path: Path) -> "StoredUnit":
+        """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
+        seeds = seeds_in(path.stem.removeprefix("seeds-"))
+        if seeds is None:
+            seeds = read_unit(path, UnitFile.about).seeds
+        return cls(path, path.parent.name.rpartition("-")[2], seeds)
+
+    @cached_property
+    def about(self) -> UnitRecord:
+        """What its file says of it; StoreError where that is damaged or of another unit."""
+        found: UnitRecord = read_unit(self.path, UnitFile.about)
+        if (found.key, found.seeds) != (self.key, self.seeds):
+            raise damage(self.path)
+        return found
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is as it was stored; all of it is read."""
+        try:
+            return is_whole(self.path) and bool(self.about)
+        except StoreError:
+            return False
+
+    @property
+    def task(self) -> str:
+        """The name of its task."""
+        return self.about.task
+
+    @property
+    def dependencies(self) -> Dependencies:
+        """What its key is a hash of."""
+        return self.about.dependencies
+
+
+def read_unit(path: Path, read: Callable[[UnitFile], Result]) -> Result:
+    """Return what a function reads of a unit's file; StoreError where that cannot be."""
+    try:
+        with opened_unit(path) as file:
+            return read(file)
+    except Damaged:
+        raise damage(path) from None
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
+
+
+def damage(file: Path) -> StoreError:
+    """Return the error that a file is damaged."""
+    if file.name == STUDY:
+        return StoreError(
+            f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
+            "delete it and run the study again with --resume"
+        )
+    how = "run" if file.suffix == ENDING else "delete it and run"
+    return StoreError(
+        f"{file} is damaged: its checksum does not fit; {how} the study again with --resume, "
+        "which trains only what is missing or damaged"
+    )
 
 
 class StudyStore:
@@ -171,12 +230,8 @@ class StudyStore:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
-        for part in [*path.rglob(f".*{PART}")]:
-            # A killed run left it; it is not complete.
-            if part.is_dir() and not part.is_symlink():
-                shutil.rmtree(part)
-            else:
-                part.unlink(missing_ok=True)
+        for part in [*path.rglob(f".*{PART}")]:  # a killed run left it; it is not complete
+            part.unlink(missing_ok=True)
         with write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
@@ -208,18 +263,13 @@ class StudyStore:
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file; StoreError if it is damaged."""
-        try:
-            return json.loads(self._bytes(name, LARGEST_JSON))
-        except RecursionError:
-            raise StoreError(f"{self.path / name} must be JSON that is not nested deeply") from None
-        except ValueError as error:
-            raise StoreError(f"{self.path / name} must be JSON: {error}") from None
+        return self.checked(name, lambda: parsed_json(self._bytes(name, LARGEST_JSON)))
 
     def read_sealed(self, name: str) -> dict[str, Any]:
         """Return what ``sealed`` was called on; StoreError if the file has changed since."""
         found = unsealed(self._bytes(name, LARGEST_JSON))
         if found is None:
-            raise self._damage(self.path / name)
+            raise damage(self.path / name)
         return found
 
     def _bytes(self, name: str, most: int) -> bytes:
@@ -254,124 +304,54 @@ class StudyStore:
     # -- units ---------------------------------------------------------------------------------
 
     def units(self) -> list[StoredUnit]:
-        """Return the units in the store, by path; StoreError names one that is damaged."""
-        return [self._stored(manifest) for manifest in self._manifests()]
+        """Return the units in the store, by path."""
+        found = self.path.glob(f"{UNITS}/*/*{ENDING}")
+        return [StoredUnit.at(path) for path in sorted(found)]
 
     def finished(self, without: Collection[Path] = ()) -> dict[str, dict[int, StoredUnit]]:
-        """Return the unit that holds each seed, key -> seed -> unit, `without` some folders."""
+        """Return the unit that holds each seed, key -> seed -> unit, `without` some files."""
         found: dict[str, dict[int, StoredUnit]] = {}
-        for manifest in self._manifests():
-            if manifest.parent not in without:
-                stored = self._stored(manifest)
+        for stored in self.units():
+            if stored.path not in without:
                 found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
         return found
 
-    def damaged_units(self) -> dict[Path, Path]:
-        """Return the folders of units that are damaged, each with a file that is; all are read."""
-        found = dict[Path, Path]()
-        for manifest in self._manifests():
-            file = manifest
-            try:
-                for name in self._manifest(manifest).files:
-                    file = manifest.parent / name
-                    self._content(file)
-            except StoreError:
-                found[manifest.parent] = file
-        return found
+    def damaged_units(self) -> list[Path]:
+        """Return the files of units that are damaged; all are read."""
+        return [stored.path for stored in self.units() if not stored.whole]
 
-    def _manifests(self) -> list[Path]:
-        found = self.path.glob(f"{UNITS}/*/*/{MANIFEST}")
-        return sorted(path for path in found if not path.parent.name.endswith(PART))
-
-    def _stored(self, manifest: Path) -> StoredUnit:
-        found = self._manifest(manifest)
-        for name, (size, _) in found.files.items():
-            file = manifest.parent / name
-            if not file.is_file() or file.stat().st_size != size:
-                raise self._damage(file)
-        return StoredUnit(manifest.parent, found.key, found.dependencies, found.task, found.seeds)
-
-    def _manifest(self, path: Path) -> UnitRecord:
-        found = self.read_sealed(self._name(path))
-        return self.checked(self._name(path), partial(read_record, UnitRecord, found))
-
-    def _damage(self, file: Path) -> StoreError:
-        if file.name == STUDY:
-            return StoreError(
-                f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
-                "delete it and run the study again with --resume"
-            )
-        how = "delete it and run" if file.parent == self.path else "run"
-        return StoreError(
-            f"{file} is damaged: its checksum does not fit; {how} the study again with --resume, "
-            "which trains only what is missing or damaged"
-        )
-
-    def write_unit(self, unit: Unit | StoredUnit, result: UnitResult) -> StoredUnit:
+    def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
-        name = re.sub(r"[^\w-]+", "_", unit.task)[:40]
-        place = self.path / UNITS / f"{name}-{unit.key}" / _short(unit.seeds)
-        files = files_of(unit.task, result)
-        sizes = {file: [len(content), digest_of(content)] for file, content in files.items()}
-        about = {
-            "key": unit.key,
-            "task": unit.task,
-            "seeds": unit.seeds,
-            "files": sizes,
-            "dependencies": unit.dependencies,
-        }
-        with write_errors(self.path):
-            place.parent.mkdir(parents=True, exist_ok=True)
-            part = part_in(place.parent)
-            part.mkdir()
-            try:
-                for file, content in {**files, MANIFEST: sealed(about)}.items():
-                    write_whole(part / file, content)
-                shutil.rmtree(place, ignore_errors=True)  # without a manifest it is not complete
-                os.replace(part, place)
-                shutil.rmtree(self.checkpoints(unit), ignore_errors=True)
-            except BaseException:
-                shutil.rmtree(part, ignore_errors=True)
-                raise
-        return StoredUnit(place, unit.key, unit.dependencies, unit.task, unit.seeds)
+        about = UnitRecord(
+            key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=unit.seeds
+        )
+        place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
+        self.write(place, unit_content(about, result))
+        shutil.rmtree(self.checkpoints(unit), ignore_errors=True)
+        return StoredUnit(self.path / place, unit.key, unit.seeds)
 
-    def checkpoints(self, unit: Unit | StoredUnit) -> Path:
+    def checkpoints(self, unit: Unit | UnitRecord) -> Path:
         """Return the folder for checkpoints of a unit's training until it is stored."""
-        return self.path.resolve() / CHECKPOINTS / unit.key / _short(unit.seeds)
+        place = place_of(unit.key, "", seed_ranges(unit.seeds))
+        return (self.path.resolve() / CHECKPOINTS / place).with_suffix("")
 
     def arrays(
-        self, stored: StoredUnit, *names: str, most: int | None = None
+        self, stored: StoredUnit, *groups: str, most: int | None = None
     ) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of those of some files, such as ``run.npz``, that a unit has.
+        """Return the arrays of some groups, such as ``run``, that a unit has.
 
-        Those that are compressed may unpack to `most` bytes; StoreError names one that has more.
+        Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
         """
-        found = dict[str, npt.NDArray[Any]]()
-        for file in (stored.path / name for name in names):
-            if file.exists():
-                content, packed = self._content(file), file.name == SNAPSHOTS
-                found |= self.checked(
-                    self._name(file), partial(read_npz, content, packed=packed, most=most)
-                )
-        return found
+        return read_unit(stored.path, lambda file: file.arrays(*groups, most=most))
 
-    def table(self, stored: StoredUnit, name: str) -> pa.Table:
-        """Return a unit's Parquet table."""
-        content, run = self._content(stored.path / name), self.arrays(stored, RUN)
-        n = self.checked(self._name(stored.path / RUN), partial(checkpoints_of, run))
-        read = partial(read_parquet, content, SCHEMAS[name], len(stored.seeds) * (1 + n))
-        return self.checked(self._name(stored.path / name), read)
+    def decisions(self, stored: StoredUnit) -> pa.Table:
+        """Return the table of a unit's decisions."""
 
-    def _content(self, file: Path) -> bytes:
-        files = self._manifest(file.parent / MANIFEST).files
-        size, digest = files.get(file.name, (0, ""))
-        content = self._bytes(self._name(file), size)
-        if digest_of(content) != digest:
-            raise self._damage(file)
-        return content
+        def read(file: UnitFile) -> pa.Table:
+            n = checkpoints_of(file.arrays(RUN))
+            return file.decisions(len(stored.seeds) * (1 + n))
 
-    def _name(self, file: Path) -> str:
-        return str(file.relative_to(self.path))
+        return read_unit(stored.path, read)
 
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
@@ -380,12 +360,8 @@ class StudyStore:
 
         `most` is as in :meth:`arrays`.
         """
-        self._content(stored.path / CURVES)
+        if not stored.whole:
+            raise damage(stored.path)
         arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS, most=most)
-        rows = self.table(stored, DECISIONS).to_pylist()
+        rows = self.decisions(stored).to_pylist()
         return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
-
-
-def _short(seeds: tuple[int, ...]) -> str:
-    name = "seeds-" + seed_ranges(seeds)
-    return name if len(name) < 60 else name[:40] + "-" + digest_of(name.encode())

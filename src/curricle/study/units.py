@@ -1,7 +1,9 @@
 """Units of work: one task of one arm for some seeds, a pure function of the study."""
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy as np
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.learning.budget import ended_by
+from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
@@ -71,6 +74,25 @@ def seed_ranges(seeds: Iterable[int]) -> str:
         else:
             runs.append([seed, seed])
     return "+".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+
+
+def seeds_in(ranges: str) -> tuple[int, ...] | None:
+    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many.
+
+    Examples
+    --------
+    >>> seeds_in("0-2+7"), seeds_in("0-2_0f")
+    ((0, 1, 2, 7), None)
+    """
+    if not re.fullmatch(r"\d{1,19}(-\d{1,19})?(\+\d{1,19}(-\d{1,19})?)*", ranges):
+        return None
+    found = list[range]()
+    for each in ranges.split("+"):
+        first, _, last = each.partition("-")
+        found.append(range(int(first), int(last or first) + 1))
+    if sum(map(len, found)) > MOST_SEEDS:
+        return None
+    return tuple(chain.from_iterable(found))
 
 
 def units_of(
