@@ -147,7 +147,7 @@ MUTATIONS = [
     ),
     Mutation(
         "the lock not taken",
-        "study/store.py",
+        "study/folders.py",
         "lock.acquire(timeout=0)",
         "pass",
         ("tests/unit/test_study_folder.py::test_only_one_process_works_on_a_study",),

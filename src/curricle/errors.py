@@ -64,6 +64,17 @@ class EngineError(StudyError, BrokenExecutor):
     """A cluster that trains a study's units was lost, or a worker of it has other versions."""
 
 
+def reason(error: OSError) -> str:
+    r"""Return why a file cannot be used, in a line.
+
+    Examples
+    --------
+    >>> reason(PermissionError(13, "Permission denied")), reason(OSError("no\nbucket"))
+    ('Permission denied', 'no bucket')
+    """
+    return error.strerror or " ".join(str(error).split())
+
+
 def in_words(error: BaseException) -> str:
     """Return an error as words, with its type unless it is the library's own.
 

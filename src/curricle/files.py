@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
-from typing import BinaryIO
+from typing import IO
 from urllib.parse import quote
+
+from curricle.remote_path import Place, RemotePath
 
 LONGEST_NAME = 100
 """Characters of a file's name before its checksum; file systems allow 255 bytes in all."""
@@ -43,7 +45,7 @@ def part_in(folder: Path) -> Path:
     return folder / f".{token_hex(8)}{PART}"
 
 
-def read_bounded(path: Path, most: int) -> bytes:
+def read_bounded(path: Place, most: int) -> bytes:
     """Return the content of a regular file of at most `most` bytes.
 
     A pipe or a device in its place is not waited for.
@@ -60,8 +62,12 @@ def read_bounded(path: Path, most: int) -> bytes:
 
 
 @contextmanager
-def opened_regular(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
     """Open a regular file to read it, and tell its bytes; OSError as :func:`read_bounded`."""
+    if isinstance(path, RemotePath):
+        with path.opened() as found:
+            yield found
+        return
     with open(path, "rb", opener=_at_once) as file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
@@ -73,8 +79,8 @@ def _at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place and move it there when it is complete.
+def write_whole(path: Place, content: bytes) -> None:
+    """Write a file beside its place and move it there when it is complete; at a URL, at once.
 
     Raises
     ------
@@ -90,6 +96,9 @@ def write_whole(path: Path, content: bytes) -> None:
     >>> place.read_bytes()
     b'whole'
     """
+    if isinstance(path, RemotePath):
+        path.write(content)
+        return
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "what is there is no regular file", str(path))
     temporary = part_in(path.parent)

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from curricle.study import StudyConfig
 
 File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
-Folder = Annotated[Path, typer.Argument(help="A study's folder.", show_default=False)]
+Folder = Annotated[
+    str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
+]
 Seeds = Annotated[
     str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
@@ -53,7 +55,7 @@ def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
 def run(
     file: File,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results; FILE-results by default.")
+        str | None, typer.Option(help="Folder or URL for the results; FILE-results by default.")
     ] = None,
     seeds: Seeds = None,
     changes: Changes = None,
@@ -89,7 +91,7 @@ def run(
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
     _announce_imports()
     study = _read(file, seeds, changes)
-    folder = out or Path(f"{file.stem}-results")
+    folder = out or f"{file.stem}-results"
     if dry_run:
         for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
             typer.echo(line)
@@ -111,8 +113,8 @@ def run(
 
 
 def merge(
-    out: Annotated[Path, typer.Argument(help="Folder for all of it.", show_default=False)],
-    parts: Annotated[list[Path], typer.Argument(help="Folders of the parts.", show_default=False)],
+    out: Annotated[str, typer.Argument(help="Folder or URL for all of it.", show_default=False)],
+    parts: Annotated[list[str], typer.Argument(help="Folders of the parts.", show_default=False)],
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
@@ -161,7 +163,7 @@ def report(
 
 def compare(
     folders: Annotated[
-        list[Path], typer.Argument(help="Folders of studies of one target.", show_default=False)
+        list[str], typer.Argument(help="Folders of studies of one target.", show_default=False)
     ],
     against: Annotated[
         str | None, typer.Option(help="Also whether each other arm gains more than this one.")

@@ -3,7 +3,6 @@
 import sys
 from collections import Counter
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -16,6 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.running import Progress, run_study
@@ -24,7 +24,7 @@ from curricle.study.workers import WorkerProcesses
 
 def run_with_bars(
     study: StudyConfig,
-    path: Path,
+    path: str | Place,
     *,
     processes: bool,
     workers: int | None,

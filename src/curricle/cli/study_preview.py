@@ -1,13 +1,13 @@
 """What ``curricle check`` prints: a study's tasks, its cost and a forecast, before it is run."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from textwrap import fill
 
 from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.terminal_tables import print_table, table
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
+from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -87,12 +87,12 @@ def _print_cost(each: list[Cost]) -> None:
 
 
 def units_left(
-    study: StudyConfig, path: Path, shard: tuple[int, int], *, keep_stale: bool
+    study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
     done: Done = {}
-    if (path / STUDY).exists():
+    if (place_at(path) / STUDY).exists():
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
         yield from remarks
     left = units_of(study, arms, done, shard)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from curricle.remote_path import Place
 from curricle.report.page import ShownStudy, page_of
 from curricle.report.templates import write_page
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
@@ -9,14 +10,15 @@ from curricle.study.results import StudyResults
 from curricle.study.units import seed_ranges
 
 
-def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
+def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     """Write the report of a study's folder, and return its path.
 
     Parameters
     ----------
-    folder : path
+    folder : path or str
+        Or a URL.
     out : path, optional
-        ``report.html`` in the folder by default.
+        ``report.html`` in the folder by default; NAME-report.html here for the URL of NAME.
 
     Raises
     ------
@@ -24,8 +26,9 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
         When there is nothing to compare yet, or the page cannot be written.
     """
     study = StudyResults(folder)
-    path = Path(out) if out is not None else study.store.path / "report.html"
-    return write_page(_page(study), path)
+    place = study.store.path
+    default = place / "report.html" if isinstance(place, Path) else f"{place.name}-report.html"
+    return write_page(_page(study), Path(default if out is None else out))
 
 
 def _page(study: StudyResults) -> str:

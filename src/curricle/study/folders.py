@@ -4,8 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from curricle.errors import StoreError
+from filelock import FileLock, Timeout
+
+from curricle.errors import StoreError, reason
 from curricle.files import PART
+from curricle.remote_path import Place
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
@@ -13,7 +16,7 @@ CHECKPOINTS = ".checkpoints"
 """Where networks in training are saved, to go on from."""
 
 
-def check_ours(path: Path, resume: bool) -> None:
+def check_ours(path: Place, resume: bool) -> None:
     """Raise StoreError if a path is a file, or a folder that holds other things than results."""
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
@@ -25,12 +28,46 @@ def check_ours(path: Path, resume: bool) -> None:
 
 
 @contextmanager
-def write_errors(path: Path) -> Iterator[None]:
+def locked(path: Place) -> Iterator[None]:
+    """Lock a folder, made if need be, against other processes; StoreError when one holds it.
+
+    The lock ends with the process, also when it is killed. There is none at a URL: two runs that
+    write there store the same units, so that the last of each stays.
+    """
+    if not isinstance(path, Path):
+        yield
+        return
+    with write_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path / LOCK)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise StoreError(
+                f"only one run at a time can write to a folder: another is at work on {path}"
+            ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def read_errors(path: Place) -> Iterator[None]:
+    """Turn a failure to read into a StoreError."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read: {reason(error)}") from None
+
+
+@contextmanager
+def write_errors(path: Place) -> Iterator[None]:
     """Turn a failure to write into a StoreError that says what is safe."""
     try:
         yield
     except OSError as error:
         raise StoreError(
-            f"results cannot be written to {path} ({error.strerror}): what was stored before is "
+            f"results cannot be written to {path} ({reason(error)}): what was stored before is "
             "whole, and a run with --resume goes on from there"
         ) from error

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from curricle.deep.policy import TrainedPolicy, policies_of
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
+from curricle.remote_path import Place
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
@@ -68,7 +68,7 @@ class StudyResults:
         The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Place):
         self.store = StudyStore(path)
         study = self.store.description
         if "record" not in study:
@@ -121,7 +121,7 @@ class StudyResults:
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
         return self.store.checked(
-            str(unit.path.relative_to(self.store.path)),
+            unit.path,
             lambda: check_arrays(arrays, unit.seeds, (task.states, task.actions)),
         )
 

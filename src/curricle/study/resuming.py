@@ -1,8 +1,8 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
+from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
@@ -15,9 +15,9 @@ Done = dict[str, dict[int, StoredUnit]]
 """Key -> seed -> unit."""
 
 
-def arms_in(study: StudyConfig, path: str | Path, *, keep_stale: bool) -> Arms:
+def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
     """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
-    if not keep_stale or not (Path(path) / STUDY).exists():
+    if not keep_stale or not (place_at(path) / STUDY).exists():
         return Arms.of(study)
     store = StudyStore(path)
     return Arms.of(study, key_in(store.finished(without=store.damaged_units())))

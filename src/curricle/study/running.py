@@ -6,7 +6,6 @@ Parts that were run in several folders are merged into one.
 import json
 import os
 import platform
-import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -20,13 +19,13 @@ from typing import Any
 from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
+from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import FAILURES, Failures, read_failures
-from curricle.study.folders import CHECKPOINTS
 from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
@@ -59,7 +58,7 @@ class Progress:
 
 def run_study(
     study: StudyConfig,
-    path: str | Path,
+    path: str | Place,
     *,
     resume: bool = False,
     workers: int | None = None,
@@ -76,8 +75,8 @@ def run_study(
     Parameters
     ----------
     study : StudyConfig
-    path : path
-        The folder; made if need be.
+    path : path or str
+        The folder; made if need be. Or a URL such as "s3://bucket/study" (:class:`RemotePath`).
     resume : bool
         Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
         of it is damaged, or if it is stale: there is one of its task, but that depended on other
@@ -156,7 +155,8 @@ def run_study(
         store = ending.enter_context(opened)
         done = _begun(store, study, arms, report)
         units = units_of(study, arms, done, shard)
-        tracking = open_trackers(trackers, study.name, description, store.path, report)
+        beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
+        tracking = open_trackers(trackers, study.name, description, beside, report)
         ending.callback(tracking.close)
         report_progress = progress or (lambda _: None)
         report_progress(Progress(tuple(units)))
@@ -168,7 +168,7 @@ def run_study(
             report_progress(Progress(tuple(units), unit))
         _write_failures(store, failures.rows())
         if not failures:
-            shutil.rmtree(store.path / CHECKPOINTS, ignore_errors=True)
+            store.remove_checkpoints()
         found = StudyResults(path)
         found.write_tables()
         analyse(found, arms)
@@ -255,7 +255,7 @@ def _commit(folder: Path) -> str | None:
     return found.stdout.strip() or None
 
 
-def merge(path: str | Path, parts: Sequence[str | Path]) -> StudyResults:
+def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     """Merge the parts of a study, run in several folders, into one folder; return its results.
 
     The parts do not change. A unit that several have is taken once, since equal units have equal

@@ -11,19 +11,20 @@ from typing import Any, TypeVar
 
 import numpy.typing as npt
 import pyarrow as pa
-from filelock import FileLock, Timeout
 
 from curricle.errors import StoreError
 from curricle.files import PART, read_bounded, write_whole
+from curricle.remote_path import Place, place_at
 from curricle.study.dependencies import Dependencies
 from curricle.study.description import differences, shown
 from curricle.study.folders import (
     CHECKPOINTS,
-    LOCK,
     RUNS,
     STUDY,
     UNITS,
     check_ours,
+    locked,
+    read_errors,
     write_errors,
 )
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
@@ -59,12 +60,12 @@ Result = TypeVar("Result")
 class StoredUnit:
     """A unit in the store: its file, its key and its seeds, all of which its place says."""
 
-    path: Path
+    path: Place
     key: str
     seeds: tuple[int, ...]
 
     @classmethod
-    def at(cls, path: Path) -> "StoredUnit":
+    def at(cls, path: Place) -> "StoredUnit":
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
         seeds = seeds_in(path.stem.removeprefix("seeds-"))
         if seeds is None:
@@ -98,20 +99,18 @@ class StoredUnit:
         return self.about.dependencies
 
 
-def read_unit(path: Path, read: Callable[[UnitFile], Result]) -> Result:
+def read_unit(path: Place, read: Callable[[UnitFile], Result]) -> Result:
     """Return what a function reads of a unit's file; StoreError where that cannot be."""
     try:
-        with opened_unit(path) as file:
+        with read_errors(path), opened_unit(path) as file:
             return read(file)
     except Damaged:
         raise damage(path) from None
-    except OSError as error:
-        raise StoreError(f"{path} cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
 
 
-def damage(file: Path) -> StoreError:
+def damage(file: Place) -> StoreError:
     """Return the error that a file is damaged."""
     if file.name == STUDY:
         return StoreError(
@@ -154,10 +153,11 @@ class StudyStore:
     DIR holds results of other settings: seeds is 30 there and 5 here; choose another folder
     """
 
-    def __init__(self, path: str | Path):
-        self.path = Path(path)
-        if not (self.path / STUDY).exists():
-            raise StoreError(f"a folder of results holds a {STUDY}: {self.path} has none")
+    def __init__(self, path: str | Place):
+        self.path = place_at(path)
+        with read_errors(self.path):
+            if not (self.path / STUDY).exists():
+                raise StoreError(f"a folder of results holds a {STUDY}: {self.path} has none")
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
@@ -171,7 +171,7 @@ class StudyStore:
     @contextmanager
     def opened(
         cls,
-        path: str | Path,
+        path: str | Place,
         description: Mapping[str, Any],
         *,
         resume: bool,
@@ -197,25 +197,15 @@ class StudyStore:
         StoreError
             When the folder is in use, or holds results of another description or other files.
         """
-        path = Path(path)
+        path = place_at(path)
         with write_errors(path):
             check_ours(path, resume)
-            path.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(path / LOCK)
-            try:
-                lock.acquire(timeout=0)
-            except Timeout:
-                raise StoreError(
-                    f"only one run at a time can write to a folder: another is at work on {path}"
-                ) from None
-        try:
+        with locked(path):
             yield cls._claimed(path, json.loads(json.dumps(description)), resume, check)
-        finally:
-            lock.release()
 
     @classmethod
     def _claimed(
-        cls, path: Path, description: dict[str, Any], resume: bool, check: bool
+        cls, path: Place, description: dict[str, Any], resume: bool, check: bool
     ) -> "StudyStore":
         if (path / STUDY).exists():
             store = cls(path)
@@ -230,8 +220,9 @@ class StudyStore:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
-        for part in [*path.rglob(f".*{PART}")]:  # a killed run left it; it is not complete
-            part.unlink(missing_ok=True)
+        if isinstance(path, Path):
+            for part in [*path.rglob(f".*{PART}")]:  # a killed run left it; it is not complete
+                part.unlink(missing_ok=True)
         with write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
@@ -254,7 +245,8 @@ class StudyStore:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
         path = self.path / name
         with write_errors(self.path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+            if isinstance(path, Path):
+                path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, content)
 
     def write_json(self, name: str, content: Any) -> None:
@@ -273,10 +265,8 @@ class StudyStore:
         return found
 
     def _bytes(self, name: str, most: int) -> bytes:
-        try:
+        with read_errors(self.path / name):
             return read_bounded(self.path / name, most)
-        except OSError as error:
-            raise StoreError(f"{self.path / name} cannot be read: {error.strerror}") from None
 
     def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike] | pa.Table) -> None:
         """Write a tidy table, a dict of column name to values of one length, as Parquet."""
@@ -294,21 +284,23 @@ class StudyStore:
             raise StoreError(f"{self.path / RUNS} must be a list of runs")
         return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in found])
 
-    def checked(self, name: str, read: Callable[[], Result]) -> Result:
+    def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
         try:
             return read()
         except ValueError as error:
-            raise StoreError(f"{self.path / name} is not as Curricle writes it: {error}") from None
+            file = self.path / name if isinstance(name, str) else name
+            raise StoreError(f"{file} is not as Curricle writes it: {error}") from None
 
     # -- units ---------------------------------------------------------------------------------
 
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path."""
-        found = self.path.glob(f"{UNITS}/*/*{ENDING}")
+        with read_errors(self.path):
+            found: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
         return [StoredUnit.at(path) for path in sorted(found)]
 
-    def finished(self, without: Collection[Path] = ()) -> dict[str, dict[int, StoredUnit]]:
+    def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
         """Return the unit that holds each seed, key -> seed -> unit, `without` some files."""
         found: dict[str, dict[int, StoredUnit]] = {}
         for stored in self.units():
@@ -316,7 +308,7 @@ class StudyStore:
                 found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
         return found
 
-    def damaged_units(self) -> list[Path]:
+    def damaged_units(self) -> list[Place]:
         """Return the files of units that are damaged; all are read."""
         return [stored.path for stored in self.units() if not stored.whole]
 
@@ -327,13 +319,24 @@ class StudyStore:
         )
         place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
         self.write(place, unit_content(about, result))
-        shutil.rmtree(self.checkpoints(unit), ignore_errors=True)
+        if (checkpoints := self.checkpoints(unit)) is not None:
+            shutil.rmtree(checkpoints, ignore_errors=True)
         return StoredUnit(self.path / place, unit.key, unit.seeds)
 
-    def checkpoints(self, unit: Unit | UnitRecord) -> Path:
-        """Return the folder for checkpoints of a unit's training until it is stored."""
+    def checkpoints(self, unit: Unit | UnitRecord) -> Path | None:
+        """Return the folder for checkpoints of a unit's training until it is stored.
+
+        None where results are at a URL: there are none.
+        """
+        if not isinstance(self.path, Path):
+            return None
         place = place_of(unit.key, "", seed_ranges(unit.seeds))
         return (self.path.resolve() / CHECKPOINTS / place).with_suffix("")
+
+    def remove_checkpoints(self) -> None:
+        """Remove those of all units."""
+        if isinstance(self.path, Path):
+            shutil.rmtree(self.path / CHECKPOINTS, ignore_errors=True)
 
     def arrays(
         self, stored: StoredUnit, *groups: str, most: int | None = None

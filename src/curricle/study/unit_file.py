@@ -10,7 +10,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from curricle.files import opened_regular
+from curricle.remote_path import Place
 from curricle.study.record import UnitRecord, plain, read_record
 from curricle.study.sealed_json import as_json, digest_of, parsed_json
 from curricle.study.serialization import (
@@ -80,7 +80,7 @@ def sealed_archive(content: bytes, directory: int) -> bytes:
     return content + digest_of(content).encode()
 
 
-def is_whole(path: Path) -> bool:
+def is_whole(path: Place) -> bool:
     """Return whether a file can be read and is as it was sealed; all of it is read."""
     try:
         with opened_regular(path) as (file, _):
@@ -157,7 +157,7 @@ class UnitFile:
 
 
 @contextmanager
-def opened_unit(path: Path) -> Iterator[UnitFile]:
+def opened_unit(path: Place) -> Iterator[UnitFile]:
     """Open a unit's file to read some of it.
 
     Raises

@@ -1,0 +1,177 @@
+"""Files at a URL, by what a :class:`pathlib.Path` of a local folder offers of them."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import IO, TYPE_CHECKING, Any
+from urllib.parse import parse_qsl, urlsplit
+
+from curricle.errors import StoreError
+
+if TYPE_CHECKING:
+    from pyarrow.fs import FileInfo, FileSystem
+
+SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
+"""Options of a URL that would be stored, shown and sent with it."""
+
+
+class RemotePath:
+    """A file or a folder of a file system that pyarrow opens, such as S3 or Google Cloud Storage.
+
+    A file is written in one request or sealed by its content: there is no move of a whole file, and
+    no lock.
+
+    Parameters
+    ----------
+    system : pyarrow.fs.FileSystem
+    key : str
+        The path in it.
+    root : str
+        What stands before the key when it is shown.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> place = RemotePath.of("file://" + mkdtemp()) / "data" / "a.txt"
+    >>> place.write(b"whole")
+    >>> place.name, place.exists(), (place.parent / "b.txt").exists()
+    ('a.txt', True, False)
+    """
+
+    def __init__(self, system: "FileSystem", key: str, root: str):
+        self.system, self.key, self._root = system, PurePosixPath(key), root
+
+    @classmethod
+    def of(cls, url: str) -> "RemotePath":
+        """Return the folder at a URL; StoreError if it has a password, or no file system opens it.
+
+        Options are those of ``pyarrow.fs.FileSystem.from_uri``.
+        """
+        parts = urlsplit(url)
+        secret = next((name for name, _ in parse_qsl(parts.query) if SECRETS.search(name)), None)
+        if "@" in parts.netloc or secret:
+            raise StoreError(
+                "a URL must have no password, key or token, since it is shown and stored: give "
+                f"them as {parts.scheme} does, such as by the environment; got "
+                f"{secret or 'one before @'}"
+            )
+        from pyarrow.fs import FileSystem  # a local folder does not need it
+
+        try:
+            system, key = FileSystem.from_uri(url)
+        except (OSError, ValueError, NotImplementedError) as error:
+            raise StoreError(f"a URL must be one that pyarrow opens, not {url}: {error}") from None
+        shown = f"{parts.scheme}://{parts.netloc}{parts.path}".rstrip("/")
+        return cls(system, key, shown.removesuffix(key.rstrip("/")))
+
+    def __str__(self) -> str:
+        return f"{self._root}{self.key}"
+
+    def __repr__(self) -> str:
+        return f"RemotePath({str(self)!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RemotePath) and str(self) == str(other)
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+    def __lt__(self, other: "RemotePath") -> bool:
+        return str(self) < str(other)
+
+    def __truediv__(self, name: str) -> "RemotePath":
+        return RemotePath(self.system, str(self.key / name), self._root)
+
+    @property
+    def parent(self) -> "RemotePath":
+        """The folder that it is in."""
+        return RemotePath(self.system, str(self.key.parent), self._root)
+
+    @property
+    def name(self) -> str:
+        """The last part."""
+        return self.key.name
+
+    @property
+    def stem(self) -> str:
+        """The last part without its ending."""
+        return self.key.stem
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the last part."""
+        return self.key.suffix
+
+    @property
+    def _kind(self) -> str:
+        """NotFound, File or Directory."""
+        return str(self.system.get_file_info(str(self.key)).type.name)
+
+    def exists(self) -> bool:
+        """Return whether a file or a folder is there."""
+        return self._kind != "NotFound"
+
+    def is_dir(self) -> bool:
+        """Return whether a folder is there."""
+        return self._kind == "Directory"
+
+    def glob(self, pattern: str) -> Iterator["RemotePath"]:
+        """Yield the files below whose path from here is as in a pattern, by one listing."""
+        before = pattern.partition("*")[0].rpartition("/")[0]
+        for info in _listed(self.system, str(self.key / before), recursive=True):
+            if info.is_file and PurePosixPath(info.path).match(pattern):
+                yield RemotePath(self.system, info.path, self._root)
+
+    def iterdir(self) -> Iterator["RemotePath"]:
+        """Yield what is in the folder."""
+        for info in _listed(self.system, str(self.key), recursive=False):
+            yield RemotePath(self.system, info.path, self._root)
+
+    def unlink(self, missing_ok: bool = False) -> None:
+        """Delete the file."""
+        if not missing_ok or self.exists():
+            self.system.delete_file(str(self.key))
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[IO[bytes], int]]:
+        """Open the file to read it, and tell its bytes."""
+        with self.system.open_input_file(str(self.key)) as file:
+            yield file, file.size()
+
+    def write(self, content: bytes) -> None:
+        """Write the file, its folders made where the file system has any."""
+        try:
+            self._write(content)
+        except FileNotFoundError:
+            self.system.create_dir(str(self.key.parent), recursive=True)
+            self._write(content)
+
+    def _write(self, content: bytes) -> None:
+        with self.system.open_output_stream(str(self.key)) as file:
+            file.write(content)
+
+
+def _listed(system: "FileSystem", key: str, *, recursive: bool) -> "list[FileInfo]":
+    from pyarrow.fs import FileSelector
+
+    selector = FileSelector(key, allow_not_found=True, recursive=recursive)
+    found: list[FileInfo] = system.get_file_info(selector)
+    return found
+
+
+Place = Path | RemotePath
+"""Where files are."""
+
+
+def place_at(path: Any) -> Place:
+    """Return a folder of this machine, or the one at a URL.
+
+    Examples
+    --------
+    >>> place_at("results").name, place_at("file:///tmp/results").name
+    ('results', 'results')
+    """
+    if isinstance(path, RemotePath):
+        return path
+    return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)

@@ -1,0 +1,119 @@
+"""Results at a URL: the same files as in a folder, by whatever file system pyarrow opens."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from curricle.cli.app import main
+from curricle.errors import StoreError
+from curricle.remote_path import RemotePath
+from curricle.report.study_report import write_report
+from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study.store import StoredUnit
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+def url_of(folder):
+    return f"file://{folder}"
+
+
+def files(folder):
+    """The bytes of all files but the lock and what says when a run began, by path."""
+    found = (path for path in folder.rglob("*") if path.is_file())
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in found
+        if path.name not in (".lock", "runs.json")
+    }
+
+
+def test_a_run_at_a_url_stores_the_same_files(study_file, finished, tmp_path):
+    url = url_of(tmp_path / "out")
+    study = run_study(read_study(study_file), url, workers=2)
+    assert files(tmp_path / "out") == files(finished)
+    assert str(study.comparison) == str(StudyResults(finished).comparison)
+    assert len(study.runs) == 1
+    assert str(study.store.path) == url
+
+
+def test_going_on_at_a_url_trains_what_is_missing_or_damaged(study_file, finished, tmp_path):
+    out = shutil.copytree(finished, tmp_path / "out")
+    units = StudyStore(url_of(out)).units()
+    first, last = (tmp_path / "out" / str(units[k].path).split("/out/")[1] for k in (0, -1))
+    first.unlink()
+    last.write_bytes(last.read_bytes()[:-1])
+    told, stored = [], []
+    run_study(
+        read_study(study_file),
+        url_of(out),
+        resume=True,
+        report=told.append,
+        progress=lambda one: stored.append(one.stored),
+    )
+    assert told == [f"{units[-1].path} is damaged: its unit is trained again"]
+    assert len(stored) == 1 + 2
+    assert files(out) == files(finished)
+    with pytest.raises(StoreError, match=r"file://.* already holds results, 16 units"):
+        run_study(read_study(study_file), url_of(out))
+
+
+def test_parts_at_urls_are_merged(study_file, finished, tmp_path):
+    study = read_study(study_file)
+    parts = [tmp_path / f"part-{i}" for i in (1, 2)]
+    for i, part in enumerate(parts):
+        run_study(study, url_of(part), shard=(i + 1, 2))
+    merge(url_of(tmp_path / "whole"), list(map(url_of, parts)))
+    assert files(tmp_path / "whole").keys() == files(finished).keys()
+    for name in ("results.parquet", "decisions.parquet"):
+        assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
+
+
+def test_a_report_of_a_url_is_written_here(finished, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = write_report(url_of(finished))
+    assert str(page) == f"{finished.name}-report.html"
+    assert page.read_text() == write_report(finished, tmp_path / "local.html").read_text()
+
+
+def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypatch):
+    unit = StudyStore(url_of(finished)).units()[0]
+    store = StudyStore(finished)
+    wanted = store.arrays(StoredUnit.at(finished / str(unit.path).split(f"{finished}/")[1]), "run")
+    monkeypatch.setattr("curricle.study.unit_file.READ_AT_ONCE", 0)
+    found = StudyStore(url_of(finished)).arrays(unit, "run")
+    assert found.keys() == wanted.keys()
+    assert all(np.array_equal(found[name], wanted[name], equal_nan=True) for name in found)
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("s3://me:secret@bucket/study", "must have no password.* by the environment.* before @$"),
+        ("s3://bucket/study?secret_key=x&region=y", "must have no password.*got secret_key$"),
+        ("gs://bucket/study?access_token=x", "must have no password.*got access_token$"),
+        ("nowhere://bucket/study", "must be one that pyarrow opens, not nowhere://bucket/study"),
+    ],
+)
+@pytest.mark.parametrize("command", ["run", "show"])
+def test_other_urls_are_one_sentence(study_file, capsys, monkeypatch, command, url, words):
+    arguments = ["run", str(study_file), "--out", url] if command == "run" else ["show", url]
+    monkeypatch.setattr("sys.argv", ["curricle", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith("curricle: a URL ")
+    with pytest.raises(StoreError, match=words):
+        RemotePath.of(url)
+    assert "secret@" not in last
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(study_file, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(StoreError, match=r"cannot be written to file://") as caught:
+        run_study(read_study(study_file), url_of(tmp_path / "file" / "out"))
+    assert "\n" not in str(caught.value)
+    with pytest.raises(StoreError, match="is a file"):
+        run_study(read_study(study_file), url_of(tmp_path / "file"))
