@@ -76,7 +76,7 @@ def run_study(
     ----------
     study : StudyConfig
     path : path or str
-        The folder; made if need be. Or a URL such as "s3://bucket/study" (:class:`RemotePath`).
+        The folder; made if need be. Or a URL, such as "s3://bucket/study".
     resume : bool
         Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
         of it is damaged, or if it is stale: there is one of its task, but that depended on other
