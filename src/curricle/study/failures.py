@@ -1,7 +1,7 @@
 """Units that failed: the arms that need them are left out, the others are trained and compared."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -34,6 +34,8 @@ class Failures:
     keys: Keys
     each: list[tuple[Unit, BaseException]] = field(default_factory=list)
     executor_failed: bool = False
+    _kept: set[str] = field(default_factory=set, init=False)
+    """The keys that arms without a failure need, once there is one."""
 
     def __bool__(self) -> bool:
         return bool(self.each)
@@ -45,13 +47,13 @@ class Failures:
             self.each.append((unit, error.__cause__ or error))
         else:
             self.each.append((unit, error))
+        lost = arms_of(self.keys, {one.key for one, _ in self.each})
+        none = self.executor_failed or SCRATCH in lost
+        self._kept = {key for (arm, _), key in self.keys.items() if not none and arm not in lost}
 
-    def left(self, units: Iterable[Unit]) -> list[Unit]:
-        """Return those of some units that an arm without a failure needs; none without scratch."""
-        lost = arms_of(self.keys, [unit.key for unit, _ in self.each])
-        if self.executor_failed or SCRATCH in lost:
-            return []
-        return [unit for unit in units if arms_of(self.keys, [unit.key]) - lost]
+    def keeps(self, unit: Unit) -> bool:
+        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
+        return not self.each or unit.key in self._kept
 
     def rows(self) -> list[dict[str, Any]]:
         """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
@@ -91,7 +93,7 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
-def arms_of(keys: Keys, some: Sequence[str]) -> set[str]:
+def arms_of(keys: Keys, some: Collection[str]) -> set[str]:
     """Return the arms that need a unit with one of these keys.
 
     Examples

@@ -47,13 +47,26 @@ class Progress:
     Attributes
     ----------
     units : tuple of Unit
-        All that the run trains.
+        All that the run trains; the same tuple each time.
     stored : Unit or None
         The unit that has just been stored; None at the beginning.
+    workers : int
+        How many there are now: those of a cluster come and go.
+    link : str or None
+        To the cluster's own page, if it has one.
+
+    Examples
+    --------
+    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
+    >>> progress = Progress((unit,), stored=unit, workers=2)
+    >>> progress.stored.label, progress.workers
+    ('scratch: maze, seeds 0-1', 2)
     """
 
     units: tuple[Unit, ...]
     stored: Unit | None = None
+    workers: int = 1
+    link: str | None = None
 
 
 def run_study(
@@ -150,22 +163,22 @@ def run_study(
     report = report or to_stderr
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
-        places = _workers(study, arms, workers, executor, on, report, ending)
+        places, link = _workers(study, arms, workers, executor, on, report, ending)
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         done = _begun(store, study, arms, report)
-        units = units_of(study, arms, done, shard)
+        units = tuple(units_of(study, arms, done, shard))
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
         tracking = open_trackers(trackers, study.name, description, beside, report)
         ending.callback(tracking.close)
         report_progress = progress or (lambda _: None)
-        report_progress(Progress(tuple(units)))
         given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures = Failures(arms.keys)
         scheduler = Scheduler(given, arms, store, done, places, failures)
+        report_progress(Progress(units, None, scheduler.number(), link))
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
-            report_progress(Progress(tuple(units), unit))
+            report_progress(Progress(units, unit, scheduler.number(), link))
         _write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
@@ -185,20 +198,20 @@ def _workers(
     on: str | None,
     report: Callable[[str], Any],
     ending: ExitStack,
-) -> Workers:
-    """Return what trains the units of a run; what was started for it ends with it."""
+) -> tuple[Workers, str | None]:
+    """Return what trains the units of a run and its link; what was started for it ends with it."""
     if on is not None and executor is not None:
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {engine.workers()} workers{link}")
-        return workers_of(engine, on, arms, study.folder)
+        return workers_of(engine, on, arms, study.folder), engine.link
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
         executor = ThreadPoolExecutor(1 if arms.live else number)
         ending.callback(executor.shutdown, wait=False, cancel_futures=True)
-    return ExecutorWorkers(executor, number)
+    return ExecutorWorkers(executor, number), None
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:

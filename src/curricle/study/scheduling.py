@@ -3,9 +3,12 @@
 Which worker trains a unit, and what happens when one dies, is the business of whatever runs them.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from math import inf
+from time import monotonic
 from typing import Any
 
 from curricle.learning.result import LearningResult
@@ -22,10 +25,69 @@ from curricle.study.units import Unit, UnitInput
 AHEAD = 2
 """Units submitted for each worker, so that none is idle between two."""
 ASKED_AGAIN = 2.0
-"""Seconds after which the number of workers is asked again if no unit has ended: it may grow."""
+"""Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
+takes about as long as a small unit."""
 
 
-@dataclass(frozen=True)
+class Queue:
+    """Units that are still to be sent: the first of those whose sources are trained comes first.
+
+    All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
+    its own sources and seeds alone.
+
+    Parameters
+    ----------
+    units : iterable of Unit
+    done : dict of str to collection of int
+        The seeds that are trained, by key.
+
+    Examples
+    --------
+    >>> source = Unit("0f", "chain", "corner", (0, 1), {}, {}, 0)
+    >>> target = Unit("1e", "chain", "maze", (0, 1), {"corner": "0f"}, {}, 0)
+    >>> queue = Queue([target, source], {})
+    >>> queue.pop().task, bool(queue.ready)
+    ('corner', False)
+    >>> queue.trained(source)
+    >>> queue.pop().task
+    'maze'
+    """
+
+    def __init__(self, units: Iterable[Unit], done: Mapping[str, Collection[int]]):
+        self.units = list(units)
+        self.ready = list[int]()
+        """A heap of the numbers of units that can be sent."""
+        self._missing = list[int]()
+        """How many pairs of a source and a seed each unit waits for."""
+        self._waiting = dict[tuple[str, int], list[int]]()
+        """Key and seed of a source -> numbers of the units that wait for it."""
+        for number, unit in enumerate(self.units):
+            missing = {
+                (key, seed)
+                for key in unit.sources.values()
+                for seed in unit.seeds
+                if seed not in done.get(key, ())
+            }
+            self._missing.append(len(missing))
+            for pair in missing:
+                self._waiting.setdefault(pair, []).append(number)
+            if not missing:
+                self.ready.append(number)  # ascending, and so a heap
+
+    def pop(self) -> Unit:
+        """Return the next unit to be sent."""
+        return self.units[heappop(self.ready)]
+
+    def trained(self, unit: Unit) -> None:
+        """Note that a unit is stored: others may have waited for it alone."""
+        for seed in unit.seeds:
+            for number in self._waiting.pop((unit.key, seed), ()):
+                self._missing[number] -= 1
+                if not self._missing[number]:
+                    heappush(self.ready, number)
+
+
+@dataclass
 class Scheduler:
     """Sends units to workers, each after its sources, and stores their results."""
 
@@ -36,45 +98,48 @@ class Scheduler:
     done: Done
     workers: Workers
     failures: Failures
+    _number: int = field(default=0, init=False)
+    _asked: float = field(default=-inf, init=False)
+
+    def number(self) -> int:
+        """Return how many workers there are, or were a moment ago."""
+        if monotonic() - self._asked >= ASKED_AGAIN:
+            self._number, self._asked = self.workers.number(), monotonic()
+        return self._number
 
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
         """Yield each unit with its result when it is stored.
 
         When one fails, no more are started that only arms with a failure need.
         """
-        waiting, running = list(units), dict[Future[Any], Unit]()
+        queue, running = Queue(units, self.done), dict[Future[Any], Unit]()
         try:
-            while waiting or running:
+            while queue.ready or running:
                 # one at least: some clusters start workers when there is work
-                ahead = AHEAD * max(1, self.workers.number())
-                for unit in [unit for unit in waiting if self._ready(unit)]:
-                    if len(running) >= ahead:
-                        break
-                    waiting.remove(unit)
-                    running[self.workers.train(self._input(unit))] = unit
+                ahead = AHEAD * max(1, self.number())
+                while queue.ready and len(running) < ahead:
+                    unit = queue.pop()
+                    if self.failures.keeps(unit):
+                        running[self.workers.train(self._input(unit))] = unit
                 ended, _ = wait(running, ASKED_AGAIN, FIRST_COMPLETED)
                 for future in [future for future in running if future in ended]:
                     if future not in running:  # cancelled, since one before it failed
                         continue
                     unit = running.pop(future)
                     if (error := self._error_of(future)) is None:
-                        yield unit, self._store(unit, future.result())
+                        result = self._store(unit, future.result())
+                        queue.trained(unit)
+                        yield unit, result
                     else:
                         self.failures.add(unit, error)
-                        waiting = self.failures.left(waiting)
-                        kept = self.failures.left(running.values())
                         running = {
-                            one: it for one, it in running.items() if it in kept or not one.cancel()
+                            one: it
+                            for one, it in running.items()
+                            if self.failures.keeps(it) or not one.cancel()
                         }
         finally:
             for future in running:
                 future.cancel()
-
-    def _ready(self, unit: Unit) -> bool:
-        """Return whether all sources of a unit are trained."""
-        return all(
-            seed in self.done.get(key, ()) for key in unit.sources.values() for seed in unit.seeds
-        )
 
     def _input(self, unit: Unit) -> UnitInput:
         curriculum = self.arms.curricula[unit.arm]
