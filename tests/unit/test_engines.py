@@ -54,7 +54,7 @@ def own(tmp_path):
 def sent_units(engine, monkeypatch, study, out):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
     given = workers_of(engine, "fake", Arms.of(study), study.folder)
-    monkeypatch.setattr(running, "_workers", lambda *_: given)
+    monkeypatch.setattr(running, "_workers", lambda *_: (given, engine.link))
     return run_study(study, out)
 
 
@@ -100,7 +100,8 @@ def test_a_worker_that_came_later_is_compared_too():
 
 def test_the_window_follows_the_number_of_workers(own, tmp_path, monkeypatch):
     study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
-    engine = FakeEngine([0, 1, 3, 1])
+    monkeypatch.setattr(scheduling, "ASKED_AGAIN", 0.0)
+    engine = FakeEngine([0, 0, 1, 3, 1])  # the first number is for the progress
     sent_units(engine, monkeypatch, study, tmp_path / "out")
     assert scheduling.AHEAD == 2
     assert engine.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker

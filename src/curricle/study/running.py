@@ -160,7 +160,7 @@ def run_study(
         "code": arms.code,
     }
     described = {**description, "record": plain(study_record(study, arms))}
-    report = report or to_stderr
+    report, report_progress = report or to_stderr, progress or (lambda _: None)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places, link = _workers(study, arms, workers, executor, on, report, ending)
@@ -171,7 +171,6 @@ def run_study(
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
         tracking = open_trackers(trackers, study.name, description, beside, report)
         ending.callback(tracking.close)
-        report_progress = progress or (lambda _: None)
         given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures = Failures(arms.keys)
         scheduler = Scheduler(given, arms, store, done, places, failures)
