@@ -131,7 +131,7 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     monkeypatch.setattr(
         running,
         "_workers",
-        lambda *_: EngineWorkers(whole, "fake", given.files, given.versions, True),
+        lambda *_: (EngineWorkers(whole, "fake", given.files, given.versions, True), None),
     )
     first = []
     submit = whole.submit
