@@ -221,7 +221,10 @@ def test_units_without_what_belongs_to_them_are_refused(folder):
         StudyResults(folder).table("decisions.parquet")
 
 
-@pytest.mark.parametrize("about", [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}])
+UNFIT = [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}, {"task": "../maze"}]
+
+
+@pytest.mark.parametrize("about", UNFIT)
 def test_a_unit_that_says_to_be_another_is_not_used(folder, about):
     unit = a_unit(folder)
     put(unit, lambda found: found.update(about))

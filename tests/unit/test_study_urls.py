@@ -1,6 +1,7 @@
 """Results at a URL: the same files as in a folder, by whatever file system pyarrow opens."""
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,7 +11,13 @@ from curricle.errors import StoreError
 from curricle.remote_path import RemotePath
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study.arms import Arms
+from curricle.study.engines.engine import ExecutorWorkers
+from curricle.study.failures import Failures
+from curricle.study.scheduling import Scheduler
 from curricle.study.store import StoredUnit
+from curricle.study.units import units_of
+from tests.studies import VECTOR_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -57,6 +64,39 @@ def test_going_on_at_a_url_trains_what_is_missing_or_damaged(study_file, finishe
     assert files(out) == files(finished)
     with pytest.raises(StoreError, match=r"file://.* already holds results, 16 units"):
         run_study(read_study(study_file), url_of(out))
+
+
+def test_a_unit_that_cannot_be_read_now_is_not_deleted(study_file, finished, tmp_path, monkeypatch):
+    out = shutil.copytree(finished, tmp_path / "out")
+    opened = RemotePath.opened
+
+    def busy(path):
+        if path.suffix == ".npz":
+            raise OSError("AWS Error SLOW_DOWN: Please reduce your request rate.")
+        return opened(path)
+
+    monkeypatch.setattr(RemotePath, "opened", busy)
+    with pytest.raises(StoreError, match=r"\.npz cannot be read: AWS Error SLOW_DOWN"):
+        run_study(read_study(study_file), url_of(out), resume=True)
+    assert files(out) == files(finished)
+
+
+def test_networks_have_no_checkpoints_at_a_url(tmp_path):
+    (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
+    study = read_study(tmp_path / "hunt.toml")
+    arms = Arms.of(study)
+    workers = ExecutorWorkers(ThreadPoolExecutor(1), 1)
+    for place, kept in ((url_of(tmp_path / "out"), False), (tmp_path / "here", True)):
+        with StudyStore.opened(place, {}, resume=False) as store:
+            scheduler = Scheduler(("", "", ""), arms, store, {}, workers, Failures(arms.keys))
+            deep = [
+                unit
+                for unit in units_of(study, arms, {})
+                if not unit.sources and arms.curricula[unit.arm].node(unit.task).deep
+            ]
+            given = [scheduler._input(unit).checkpoints for unit in deep]
+            assert given
+            assert all((one is not None) == kept for one in given)
 
 
 def test_parts_at_urls_are_merged(study_file, finished, tmp_path):

@@ -148,10 +148,9 @@ class Scheduler:
             name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
             for name, key in unit.sources.items()
         }
-        deep = curriculum.node(unit.task).deep
-        kept = deep and self.workers.share_folders
-        checkpoints = str(self.store.checkpoints(unit)) if kept else None
-        return UnitInput(*self.study, unit, sources, checkpoints)
+        kept = curriculum.node(unit.task).deep and self.workers.share_folders
+        folder = self.store.checkpoints(unit) if kept else None
+        return UnitInput(*self.study, unit, sources, None if folder is None else str(folder))
 
     def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
         stored = self.store.write_unit(unit, result)

@@ -29,20 +29,12 @@ from curricle.study.folders import (
 )
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
 from curricle.study.sealed_json import as_json, parsed_json, sealed, unsealed
-from curricle.study.serialization import (
-    RUN,
-    SNAPSHOTS,
-    VALUES,
-    UnitResult,
-    as_parquet,
-    checkpoints_of,
-    of_seeds,
-)
+from curricle.study.serialization import GROUPS, UnitResult, as_parquet, of_seeds
 from curricle.study.unit_file import (
     ENDING,
     Damaged,
     UnitFile,
-    is_whole,
+    checked_unit,
     opened_unit,
     place_of,
     unit_content,
@@ -76,17 +68,25 @@ class StoredUnit:
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
         found: UnitRecord = read_unit(self.path, UnitFile.about)
-        if (found.key, found.seeds) != (self.key, self.seeds):
+        if not self._is_place_of(found):
             raise damage(self.path)
         return found
 
     @property
     def whole(self) -> bool:
-        """Whether it is as it was stored; all of it is read."""
+        """Whether it is as it was stored, all of it read; StoreError where it cannot be read.
+
+        A file system that does not answer damages nothing: what is damaged is deleted.
+        """
         try:
-            return is_whole(self.path) and bool(self.about)
-        except StoreError:
+            with read_errors(self.path):
+                return self._is_place_of(checked_unit(self.path))
+        except (Damaged, ValueError):
             return False
+
+    def _is_place_of(self, about: UnitRecord) -> bool:
+        place = place_of(about.key, about.task, seed_ranges(about.seeds))
+        return place == f"{self.path.parent.name}/{self.path.name}"
 
     @property
     def task(self) -> str:
@@ -128,11 +128,13 @@ class StudyStore:
     """A folder of results and their description.
 
     Every file is written beside its place and moved there when it is complete and on disk, so that
-    a run killed at any moment leaves whole files and whole units only.
+    a run killed at any moment leaves whole files and whole units only. At a URL nothing is moved:
+    checksums tell what is whole.
 
     Parameters
     ----------
-    path : path
+    path : path or str
+        Or a URL.
 
     Raises
     ------
@@ -349,12 +351,7 @@ class StudyStore:
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
-
-        def read(file: UnitFile) -> pa.Table:
-            n = checkpoints_of(file.arrays(RUN))
-            return file.decisions(len(stored.seeds) * (1 + n))
-
-        return read_unit(stored.path, read)
+        return read_unit(stored.path, lambda file: file.decisions(len(stored.seeds)))
 
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
@@ -365,6 +362,10 @@ class StudyStore:
         """
         if not stored.whole:
             raise damage(stored.path)
-        arrays = self.arrays(stored, RUN, VALUES, SNAPSHOTS, most=most)
-        rows = self.decisions(stored).to_pylist()
+
+        def read(file: UnitFile) -> tuple[dict[str, npt.NDArray[Any]], pa.Table]:
+            return file.arrays(*GROUPS, most=most), file.decisions(len(stored.seeds))
+
+        arrays, decisions = read_unit(stored.path, read)
+        rows = decisions.to_pylist()
         return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])

@@ -26,6 +26,7 @@ from curricle.study.serialization import (
     SNAPSHOTS,
     UnitResult,
     as_parquet,
+    checkpoints_of,
     group_of,
     read_npy,
     read_parquet,
@@ -80,15 +81,6 @@ def sealed_archive(content: bytes, directory: int) -> bytes:
     return content + digest_of(content).encode()
 
 
-def is_whole(path: Place) -> bool:
-    """Return whether a file can be read and is as it was sealed; all of it is read."""
-    try:
-        with opened_regular(path) as (file, _):
-            return _is_sealed(file.read())
-    except OSError:
-        return False
-
-
 def _is_sealed(content: bytes) -> bool:
     return digest_of(content[:-DIGEST]).encode() == content[-DIGEST:]
 
@@ -127,24 +119,28 @@ class UnitFile:
 
         Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
         """
-        found = dict[str, npt.NDArray[Any]]()
-        wanted = {
-            name: one
-            for file, one in self.members.items()
-            if file.endswith(".npy") and group_of(name := file.removesuffix(".npy")) in groups
-        }
+        files = (file for file in self.members if file.endswith(".npy"))
+        names = [file.removesuffix(".npy") for file in files]
+        return self._read(*(name for name in names if group_of(name) in groups), most=most)
+
+    def _read(self, *names: str, most: int | None = None) -> dict[str, npt.NDArray[Any]]:
+        """Return those of some arrays that are there; for `most` see :meth:`arrays`."""
+        files = {name: f"{name}.npy" for name in names}
+        wanted = {name: self.members[file] for name, file in files.items() if file in self.members}
         packed = [name for name, one in wanted.items() if one.compress_type]
         if [name for name in packed if group_of(name) != SNAPSHOTS]:
             raise ValueError("its arrays must not be compressed, but for snapshots")
         if most is not None and sum(wanted[name].file_size for name in packed) > most:
             raise ValueError(f"its snapshots must have at most {most:,} bytes")
+        found = dict[str, npt.NDArray[Any]]()
         for name, one in wanted.items():
             with self.archive.open(one) as file:
                 found[name] = read_npy(file, one.file_size)
         return found
 
-    def decisions(self, most: int) -> pa.Table:
-        """Return the table of decisions, of `most` rows at most; ValueError if it is another."""
+    def decisions(self, seeds: int) -> pa.Table:
+        """Return the table of decisions, one a seed and checkpoint; ValueError if it is another."""
+        most = seeds * (1 + checkpoints_of(self._read("steps")))
         member = self.members.get(DECISIONS)
         size = 0 if member is None else member.file_size
         return read_parquet(self._content(DECISIONS, size), DECISION_SCHEMA, most)
@@ -176,13 +172,29 @@ def opened_unit(path: Place) -> Iterator[UnitFile]:
             if not _is_sealed(content):
                 raise Damaged
             source = io.BytesIO(content)
-        try:
-            with zipfile.ZipFile(source) as archive:
-                if not _has_its_directory(archive, source):
-                    raise Damaged
-                yield UnitFile(archive, size)
-        except BROKEN:
-            raise Damaged from None
+        with _unit_in(source, size) as found:
+            yield found
+
+
+def checked_unit(path: Place) -> UnitRecord:
+    """Return what a whole file is of; all of it is read once. It raises as :func:`opened_unit`."""
+    with opened_regular(path) as (file, size):
+        content = file.read()
+    if not _is_sealed(content):
+        raise Damaged
+    with _unit_in(io.BytesIO(content), size) as found:
+        return found.about()
+
+
+@contextmanager
+def _unit_in(source: IO[bytes], size: int) -> Iterator[UnitFile]:
+    try:
+        with zipfile.ZipFile(source) as archive:
+            if not _has_its_directory(archive, source):
+                raise Damaged
+            yield UnitFile(archive, size)
+    except BROKEN:
+        raise Damaged from None
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
