@@ -54,7 +54,7 @@ def own(tmp_path):
 def sent_units(engine, monkeypatch, study, out):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
     given = workers_of(engine, "fake", Arms.of(study), study.folder)
-    monkeypatch.setattr(running, "_workers", lambda *_: (given, engine.link))
+    monkeypatch.setattr(running, "_workers", lambda *_: given)
     return run_study(study, out)
 
 
@@ -131,7 +131,7 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     monkeypatch.setattr(
         running,
         "_workers",
-        lambda *_: (EngineWorkers(whole, "fake", given.files, given.versions, True), None),
+        lambda *_: EngineWorkers(whole, "fake", given.files, given.versions, True),
     )
     first = []
     submit = whole.submit

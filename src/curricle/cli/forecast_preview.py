@@ -20,9 +20,9 @@ from curricle.errors import CurricleError, SettingError
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.cost import MOST_SWEEPS, OUTCOME, Cost, duration
+from curricle.study.cost import Cost, duration, sweeping_seconds
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model, has_tables, tables
+from curricle.tasks.task import generative_model, has_tables
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 5.0
@@ -137,8 +137,7 @@ def _solving(source: Any) -> float:
     """
     if is_observation_task(source) or not has_tables(source):
         return 0.0
-    outcomes = tables(source).probability.size
-    return 2 * outcomes * min(generative_model(source).states.size, MOST_SWEEPS) * OUTCOME
+    return 2 * sweeping_seconds(source, generative_model(source).states.size)
 
 
 def _print_trained(

@@ -113,9 +113,13 @@ def _exact_seconds(node: Node) -> float:
         return 0.0
     if node.evaluation.method == "off" or not has_tables(node.task):
         return 0.0
-    outcomes = tables(node.task).probability.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return checkpoints * outcomes * min(node.evaluation.horizon(node.task), MOST_SWEEPS) * OUTCOME
+    return checkpoints * sweeping_seconds(node.task, node.evaluation.horizon(node.task))
+
+
+def sweeping_seconds(task: Any, sweeps: float) -> float:
+    """Return the seconds that so many sweeps over a task's tables take, at most."""
+    return float(tables(task).probability.size * min(sweeps, MOST_SWEEPS) * OUTCOME)
 
 
 def _bytes(node: Node) -> int:

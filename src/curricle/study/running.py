@@ -163,7 +163,7 @@ def run_study(
     report, report_progress = report or to_stderr, progress or (lambda _: None)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
-        places, link = _workers(study, arms, workers, executor, on, report, ending)
+        places = _workers(study, arms, workers, executor, on, report, ending)
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         done = _begun(store, study, arms, report)
@@ -174,10 +174,10 @@ def run_study(
         given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures = Failures(arms.keys)
         scheduler = Scheduler(given, arms, store, done, places, failures)
-        report_progress(Progress(units, None, scheduler.number(), link))
+        report_progress(Progress(units, None, scheduler.number(), places.link))
         for unit, result in scheduler.results(units):
             tracking.record(unit.arm, unit.task, result)
-            report_progress(Progress(units, unit, scheduler.number(), link))
+            report_progress(Progress(units, unit, scheduler.number(), places.link))
         _write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
@@ -197,20 +197,20 @@ def _workers(
     on: str | None,
     report: Callable[[str], Any],
     ending: ExitStack,
-) -> tuple[Workers, str | None]:
-    """Return what trains the units of a run and its link; what was started for it ends with it."""
+) -> Workers:
+    """Return what trains the units of a run; what was started for it ends with it."""
     if on is not None and executor is not None:
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {engine.workers()} workers{link}")
-        return workers_of(engine, on, arms, study.folder), engine.link
+        return workers_of(engine, on, arms, study.folder)
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
         executor = ThreadPoolExecutor(1 if arms.live else number)
         ending.callback(executor.shutdown, wait=False, cancel_futures=True)
-    return ExecutorWorkers(executor, number), None
+    return ExecutorWorkers(executor, number)
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:

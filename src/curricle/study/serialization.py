@@ -25,12 +25,6 @@ PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not i
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
 """Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
 
-CURVE_SCHEMA = {
-    "task": "string",
-    **dict.fromkeys(("seed", "checkpoint", "steps", "source_steps"), "int64"),
-    **dict.fromkeys(("training_return", "greedy_return", "guard_share"), "double"),
-    "episodes": "int64",
-}
 DECISION_SCHEMA = {
     "task": "string",
     "seed": "int64",
@@ -40,7 +34,7 @@ DECISION_SCHEMA = {
     **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
     "reason": "string",
 }
-"""Columns of the tables of a unit, and their types."""
+"""Columns of a unit's decisions, and their types."""
 DTYPES = {
     **dict.fromkeys(("steps", "seeds", "source_steps", "episodes", "snapshot_steps"), "int64"),
     **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),

@@ -17,6 +17,10 @@ class Workers(Protocol):
     def share_folders(self) -> bool:
         """Whether they see the folders of this machine."""
 
+    @property
+    def link(self) -> str | None:
+        """Of their cluster's own page, if there is one."""
+
     def train(self, given: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
 
@@ -65,6 +69,7 @@ class ExecutorWorkers:
     executor: Executor
     workers: int
     share_folders: bool = True
+    link: str | None = None
 
     def train(self, given: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
@@ -111,6 +116,11 @@ class EngineWorkers:
     def share_folders(self) -> bool:
         """Whether they see the folders of this machine."""
         return self.engine.local
+
+    @property
+    def link(self) -> str | None:
+        """Of the engine's own page, if there is one."""
+        return self.engine.link
 
     def train(self, given: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
