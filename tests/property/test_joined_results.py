@@ -9,6 +9,9 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import joined_results
+from curricle.study.record import UnitRecord
+from curricle.study.serialization import UnitResult, arrays_of, joined_units
+from curricle.study.unit_file import unit_content
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
 SEEDS = (0, 1, 3, 7, 8)
@@ -78,6 +81,28 @@ def assert_equal(found, wanted):
 def test_any_groups_joined_are_all_together(budget, storage, labels, snapshots):
     parts = [learnt(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
     assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, snapshots))
+
+
+def unit_of(seeds, budget, storage, snapshots):
+    decisions = [
+        {"seed": seed, "steps": step, "reason": f"{seed} at {step}"}
+        for seed in seeds
+        for step in (20, 40)
+    ]
+    return UnitResult(arrays_of(learnt(seeds, budget, storage, snapshots)), decisions)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("budget", BUDGETS)
+@settings(max_examples=15)
+@given(
+    labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), snapshots=st.sampled_from([0, 5])
+)
+def test_files_of_any_units_joined_have_the_bytes_of_one_unit(budget, storage, labels, snapshots):
+    parts = [unit_of(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
+    whole = unit_of(SEEDS, budget, storage, snapshots)
+    about = UnitRecord(key="0f", dependencies={}, task="maze", seeds=SEEDS)
+    assert unit_content(about, joined_units(parts)) == unit_content(about, whole)
 
 
 def test_stopping_rules_end_the_seeds_apart():

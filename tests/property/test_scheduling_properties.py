@@ -14,14 +14,33 @@ SEEDS = range(5)
 
 
 class Sending(Scheduler):
-    """A scheduler of units that are neither read nor written."""
+    """A scheduler of units that are not read."""
 
     def _input(self, unit):
         return unit
 
-    def _store(self, unit, result):
-        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds))
-        return result
+
+class Held:
+    """Trained units that wait, for as long as is drawn, until they are stored together."""
+
+    def __init__(self, data, done):
+        self.data, self.done, self.waiting = data, done, []
+
+    def __bool__(self):
+        return bool(self.waiting)
+
+    @property
+    def seconds(self):
+        return float(self.data.draw(st.booleans(), "waits"))
+
+    def add(self, unit, result):
+        self.waiting.append((unit, result))
+
+    def write(self):
+        written, self.waiting = self.waiting, []
+        for unit, _ in written:
+            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds))
+        return written
 
 
 class Checked:
@@ -122,7 +141,7 @@ def studies(draw):
 def sent_to_the_end(data, study, failing):
     keys, units, done = study
     workers = Checked(data, units, keys, done, data.draw(st.integers(1, 3), "workers"), failing)
-    scheduler = Sending(("", "", ""), None, None, done, workers, Noting(workers))
+    scheduler = Sending(("", "", ""), None, Held(data, done), workers, Noting(workers))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scheduling, "wait", workers.wait)
         for unit, result in scheduler.results(units):

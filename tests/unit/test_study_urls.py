@@ -14,6 +14,7 @@ from curricle.study import StudyResults, StudyStore, merge, read_study, run_stud
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import ExecutorWorkers
 from curricle.study.failures import Failures
+from curricle.study.packing import Packing
 from curricle.study.scheduling import Scheduler
 from curricle.study.store import StoredUnit
 from curricle.study.units import units_of
@@ -59,10 +60,10 @@ def test_going_on_at_a_url_trains_what_is_missing_or_damaged(study_file, finishe
         report=told.append,
         progress=lambda one: stored.append(one.stored),
     )
-    assert told == [f"{units[-1].path} is damaged: its unit is trained again"]
-    assert len(stored) == 1 + 2
+    assert told == [f"{units[-1].path} is damaged: its units are trained again"]
+    assert len(stored) == 1 + 2 * 2  # a file holds two units
     assert files(out) == files(finished)
-    with pytest.raises(StoreError, match=r"file://.* already holds results, 16 units"):
+    with pytest.raises(StoreError, match=r"file://.* already holds results, 8 files"):
         run_study(read_study(study_file), url_of(out))
 
 
@@ -88,7 +89,8 @@ def test_networks_have_no_checkpoints_at_a_url(tmp_path):
     workers = ExecutorWorkers(ThreadPoolExecutor(1), 1)
     for place, kept in ((url_of(tmp_path / "out"), False), (tmp_path / "here", True)):
         with StudyStore.opened(place, {}, resume=False) as store:
-            scheduler = Scheduler(("", "", ""), arms, store, {}, workers, Failures(arms.keys))
+            packing = Packing(store, {}, {})
+            scheduler = Scheduler(("", "", ""), arms, packing, workers, Failures(arms.keys))
             deep = [
                 unit
                 for unit in units_of(study, arms, {})

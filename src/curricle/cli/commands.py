@@ -120,7 +120,7 @@ def merge(
     from curricle.study import merge as merged
 
     results = merged(out, parts)
-    typer.echo(f"{len(results.store.units())} units of {len(parts)} folders in {out}")
+    typer.echo(f"{len(results.seeds)} seeds of {len(parts)} folders in {out}")
 
 
 def schema() -> None:

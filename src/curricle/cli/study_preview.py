@@ -99,5 +99,5 @@ def units_left(
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
-    used = {unit for key in arms.keys.values() for unit in done.get(key, {}).values()}
-    yield f"{len(left)} units to do, {len(used)} done, in {path}"
+    done_before = len(units_of(study, arms, {}, shard)) - len(left)
+    yield f"{len(left)} units to do, {done_before} done, in {path}"

@@ -146,6 +146,8 @@ class NodeRecord(Plain):
     """Those of its training, in words."""
     aggregate: str | None
     """What combines the transfers into it, where there are several."""
+    seeds_per_file: Annotated[int, Field(ge=1)]
+    """How many seeds a file of its units holds at most."""
 
 
 class TransferRecord(Plain):

@@ -10,6 +10,7 @@ from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,
     CurriculaRecord,
@@ -68,6 +69,7 @@ def curricula_record(
                 key=keys.get((arm, name), ""),
                 settings=_settings(curriculum, name),
                 aggregate=_aggregate(curriculum, name),
+                seeds_per_file=seeds_per_file(curriculum.node(name)),
             )
             for name in curriculum.order
         }

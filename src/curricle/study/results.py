@@ -1,6 +1,6 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,7 @@ from curricle.study.serialization import (
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
+from curricle.study.tables import apart, parquet_of
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
@@ -193,7 +194,7 @@ class StudyResults:
                     f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
                     f"{missing[0]} yet"
                 )
-            found[name] = stored_values(self.store, units, seeds, read=name in read)
+            found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
         return source_values(curriculum, seeds, found)
 
     def _units(self, arm: str, task: str) -> list[StoredUnit]:
@@ -256,15 +257,18 @@ class StudyResults:
     def table(self, name: str) -> pa.Table:
         """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
         one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
-        tables = []
-        for arm, task in self.record.keys:
-            if parts := [self._table(name, arm, task, unit) for unit in self._units(arm, task)]:
-                whole = pa.concat_tables(parts)
-                whole = whole.sort_by([("seed", "ascending"), ("steps", "ascending")])
-                tables.append(whole.add_column(0, "arm", pa.array([arm] * len(whole))))
-        if not tables:
+        if not (parts := [*self._parts(name)]):
             raise StoreError(f"{self.store.path} holds no results yet")
-        return pa.concat_tables(tables)
+        return pa.concat_tables(parts)
+
+    def _parts(self, name: str) -> Iterator[pa.Table]:
+        """Yield a table in parts: of each task of each arm, by seed and step."""
+        for arm, task in self.record.keys:
+            for units in apart(self._units(arm, task)):
+                part = pa.concat_tables([self._table(name, arm, task, unit) for unit in units])
+                if len(units) > 1:
+                    part = part.sort_by([("seed", "ascending"), ("steps", "ascending")])
+                yield part.add_column(0, "arm", pa.array([arm] * len(part)))
 
     def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
         if name == CURVES:
@@ -274,8 +278,8 @@ class StudyResults:
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
         if self.stored:
-            self.store.write_table(RESULTS, self.table(CURVES))
-            self.store.write_table(DECISIONS, self.table(DECISIONS))
+            self.store.write(RESULTS, parquet_of(self._parts(CURVES)))
+            self.store.write(DECISIONS, parquet_of(self._parts(DECISIONS)))
 
     def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""

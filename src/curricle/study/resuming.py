@@ -30,7 +30,7 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     on is as it was.
     """
     damaged = store.damaged_units()
-    remarks = [f"{file} is damaged: its unit is trained again" for file in damaged]
+    remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
         for file in damaged:
             file.unlink()

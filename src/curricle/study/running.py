@@ -19,6 +19,7 @@ from typing import Any
 from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
+from curricle.learning.result import LearningResult
 from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
@@ -26,12 +27,13 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import FAILURES, Failures, read_failures
+from curricle.study.packing import Packing, files_of, pack
 from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
 from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import without_snapshots
+from curricle.study.serialization import UnitResult, result_of, without_snapshots
 from curricle.study.store import StudyStore
 from curricle.study.units import Unit, units_of
 
@@ -148,10 +150,7 @@ def run_study(
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
     arms = arms_in(study, path, keep_stale=keep_stale)
-    try:
-        study.check_networks()
-    except ImportError as error:
-        raise SettingError(f"a task is learnt by a network: {error}") from None
+    _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     configuration, folder = study.to_data(), str(study.folder.resolve())
     description = {
@@ -159,7 +158,8 @@ def run_study(
         "configuration": configuration,
         "code": arms.code,
     }
-    described = {**description, "record": plain(study_record(study, arms))}
+    record = study_record(study, arms)
+    described = {**description, "record": plain(record)}
     report, report_progress = report or to_stderr, progress or (lambda _: None)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
@@ -172,21 +172,30 @@ def run_study(
         tracking = open_trackers(trackers, study.name, description, beside, report)
         ending.callback(tracking.close)
         given = json.dumps(configuration), folder, json.dumps(arms.code)
-        failures = Failures(arms.keys)
-        scheduler = Scheduler(given, arms, store, done, places, failures)
+        failures, per_file = Failures(arms.keys), files_of(record)
+        scheduler = Scheduler(given, arms, Packing(store, done, per_file), places, failures)
         report_progress(Progress(units, None, scheduler.number(), places.link))
         for unit, result in scheduler.results(units):
-            tracking.record(unit.arm, unit.task, result)
+            if trackers:
+                tracking.record(unit.arm, unit.task, _learnt(arms, unit, result))
             report_progress(Progress(units, unit, scheduler.number(), places.link))
         _write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
+        pack(store, per_file)
         found = StudyResults(path)
         found.write_tables()
         analyse(found, arms)
     if failures:
         raise failures.error()
     return found
+
+
+def _check_networks(study: StudyConfig) -> None:
+    try:
+        study.check_networks()
+    except ImportError as error:
+        raise SettingError(f"a task is learnt by a network: {error}") from None
 
 
 def _workers(
@@ -221,6 +230,11 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
         report(sentence)
     store.add_run(run)
     return done
+
+
+def _learnt(arms: Arms, unit: Unit, result: UnitResult) -> LearningResult:
+    node = arms.curricula[unit.arm].node(unit.task)
+    return result_of(result.arrays, node.task, node.learner)
 
 
 def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
@@ -317,6 +331,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
                         result = without_snapshots(result)
                     taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
                     there |= dict.fromkeys(new, taken)
+            pack(target, files_of(studies[0].record))
             merged = StudyResults(path)
             merged.write_tables()
             if analysis is not None:

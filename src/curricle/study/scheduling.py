@@ -11,14 +11,11 @@ from math import inf
 from time import monotonic
 from typing import Any
 
-from curricle.learning.result import LearningResult
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers
 from curricle.study.failures import Failures
-from curricle.study.resuming import Done
-from curricle.study.serialization import UnitResult, result_of
+from curricle.study.packing import Packing, Taken
 from curricle.study.source_values import sources_read
-from curricle.study.store import StudyStore
 from curricle.study.stored_values import stored_values
 from curricle.study.units import Unit, UnitInput
 
@@ -94,8 +91,7 @@ class Scheduler:
     study: tuple[str, str, str]
     """The first fields of :class:`UnitInput`."""
     arms: Arms
-    store: StudyStore
-    done: Done
+    packing: Packing
     workers: Workers
     failures: Failures
     _number: int = field(default=0, init=False)
@@ -107,56 +103,59 @@ class Scheduler:
             self._number, self._asked = self.workers.number(), monotonic()
         return self._number
 
-    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, LearningResult]]:
+    def results(self, units: Iterable[Unit]) -> Iterator[Taken]:
         """Yield each unit with its result when it is stored.
 
         When one fails, no more are started that only arms with a failure need.
         """
-        queue, running = Queue(units, self.done), dict[Future[Any], Unit]()
+        queue, running = Queue(units, self.packing.done), dict[Future[Any], Unit]()
         try:
-            while queue.ready or running:
-                # one at least: some clusters start workers when there is work
-                ahead = AHEAD * max(1, self.number())
-                while queue.ready and len(running) < ahead:
-                    unit = queue.pop()
-                    if self.failures.keeps(unit):
-                        running[self.workers.train(self._input(unit))] = unit
-                ended, _ = wait(running, ASKED_AGAIN, FIRST_COMPLETED)
+            while queue.ready or running or self.packing:
+                self._submit(queue, running)
+                idle = not queue.ready  # others may wait for what was trained
+                limit = self.packing.seconds if self.packing else ASKED_AGAIN
+                ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
                 for future in [future for future in running if future in ended]:
-                    if future not in running:  # cancelled, since one before it failed
-                        continue
-                    unit = running.pop(future)
-                    if (error := self._error_of(future)) is None:
-                        result = self._store(unit, future.result())
+                    if future in running:  # not cancelled, since one before it failed
+                        self._end(future, running)
+                if idle or not self.packing.seconds:
+                    for unit, result in self.packing.write():
                         queue.trained(unit)
                         yield unit, result
-                    else:
-                        self.failures.add(unit, error)
-                        running = {
-                            one: it
-                            for one, it in running.items()
-                            if self.failures.keeps(it) or not one.cancel()
-                        }
         finally:
             for future in running:
                 future.cancel()
+            self.packing.write()
+
+    def _submit(self, queue: Queue, running: dict["Future[Any]", Unit]) -> None:
+        # one at least: some clusters start workers when there is work
+        ahead = AHEAD * max(1, self.number())
+        while queue.ready and len(running) < ahead:
+            unit = queue.pop()
+            if self.failures.keeps(unit):
+                running[self.workers.train(self._input(unit))] = unit
+
+    def _end(self, future: "Future[Any]", running: dict["Future[Any]", Unit]) -> None:
+        """Take the result of a unit that has ended, or cancel what needs it."""
+        unit = running.pop(future)
+        if (error := self._error_of(future)) is None:
+            self.packing.add(unit, future.result())
+            return
+        self.failures.add(unit, error)
+        for other, one in [*running.items()]:
+            if not self.failures.keeps(one) and other.cancel():
+                del running[other]
 
     def _input(self, unit: Unit) -> UnitInput:
-        curriculum = self.arms.curricula[unit.arm]
+        curriculum, packing = self.arms.curricula[unit.arm], self.packing
         read = sources_read(curriculum, unit.task)
         sources = {
-            name: stored_values(self.store, self.done[key], unit.seeds, read=name in read)
+            name: stored_values(packing.arrays, packing.done[key], unit.seeds, read=name in read)
             for name, key in unit.sources.items()
         }
         kept = curriculum.node(unit.task).deep and self.workers.share_folders
-        folder = self.store.checkpoints(unit) if kept else None
+        folder = packing.store.checkpoints(unit) if kept else None
         return UnitInput(*self.study, unit, sources, None if folder is None else str(folder))
-
-    def _store(self, unit: Unit, result: UnitResult) -> LearningResult:
-        stored = self.store.write_unit(unit, result)
-        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
-        node = self.arms.curricula[unit.arm].node(unit.task)
-        return result_of(result.arrays, node.task, node.learner)
 
     def _error_of(self, future: "Future[Any]") -> Exception | None:
         """Return why a unit failed, if it did; an interrupt is raised."""

@@ -42,6 +42,9 @@ DTYPES = {
     "snapshot_values": "float32",
 }
 """Of the arrays of a unit that are not of float64."""
+OWN = re.compile(r"(states|values)_(\d+)(/.*)?")
+"""An array of one seed, by its row."""
+CURVES = ("training_return", *HELD)
 SPENT, MOST_STEPS = ("source_steps", "steps_used"), 2**53
 """Steps that a number of double precision counts."""
 LARGEST_TABLE = 2**28
@@ -131,7 +134,7 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
     found = dict[str, npt.NDArray[Any]]()
     for name, array in arrays.items():
-        own = re.fullmatch(r"(states|values)_(\d+)(/.*)?", name)
+        own = OWN.fullmatch(name)
         of_first = name.startswith("snapshot_")
         if own and int(own[2]) in rows:
             found[f"{own[1]}_{rows.index(int(own[2]))}{own[3] or ''}"] = array
@@ -140,6 +143,56 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
         elif not own and not of_first:
             found[name] = array[rows]
     return found
+
+
+def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
+    """Return the results of several units of a task as that of one, seeds ascending.
+
+    Shorter curves are held to the longest, as by :func:`joined_results`. Snapshots stay if they are
+    of the first seed of all. How the units were grouped does not change a byte.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
+    steps = max((part.arrays["steps"] for part in parts), key=len)
+    seeds = np.concatenate([part.arrays["seeds"] for part in parts])
+    order = np.argsort(seeds)
+    own = _own_arrays(parts, np.argsort(order).tolist())
+    arrays = dict[str, npt.NDArray[Any]]()
+    for name, first in parts[0].arrays.items():
+        if name == "steps":
+            arrays[name] = steps
+        elif name.startswith("snapshot_"):
+            arrays[name] = first
+        elif OWN.fullmatch(name):
+            arrays |= own  # in the place of the first of them
+        else:
+            each = [_held(name, part.arrays[name], len(steps)) for part in parts]
+            arrays[name] = np.concatenate(each)[order]
+    decisions = [row for part in parts for row in part.decisions]
+    return UnitResult(arrays, sorted(decisions, key=lambda row: row["seed"]))
+
+
+def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays that each seed has for itself, by row; `rows` are those of the parts."""
+    found, before = list[tuple[int, str, npt.NDArray[Any]]](), 0
+    for part in parts:
+        for name, array in part.arrays.items():
+            if own := OWN.fullmatch(name):
+                row = rows[before + int(own[2])]
+                found.append((row, f"{own[1]}_{row}{own[3] or ''}", array))
+        before += len(part.arrays["seeds"])
+    return {name: array for _, name, array in sorted(found, key=lambda one: one[0])}
+
+
+def _held(name: str, curves: npt.NDArray[Any], checkpoints: int) -> npt.NDArray[Any]:
+    """Return curves (K, N) at more checkpoints: at their last value, or NaN for episodes."""
+    if name not in CURVES:
+        return curves
+    after = ((0, 0), (0, checkpoints - curves.shape[1]))
+    if name in HELD:
+        return np.pad(curves, after, mode="edge")
+    return np.pad(curves, after, constant_values=np.nan)
 
 
 def checkpoints_of(arrays: Arrays) -> int:
@@ -160,7 +213,7 @@ def check_arrays(
     """
     n, n_seeds = checkpoints_of(arrays), len(seeds)
     shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
-    shapes |= dict.fromkeys(("training_return", *HELD), (n_seeds, n))
+    shapes |= dict.fromkeys(CURVES, (n_seeds, n))
     shapes |= dict.fromkeys(("seeds", "source_steps", *TOTALS), (n_seeds,))
     if "snapshot_steps" in arrays:
         moments = arrays["snapshot_steps"].size
@@ -178,7 +231,7 @@ def check_arrays(
     for name in SPENT:
         if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
             raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
-    for name in shapes.keys() & {"training_return", *HELD, "snapshot_values"}:
+    for name in shapes.keys() & {*CURVES, "snapshot_values"}:
         if np.isinf(arrays[name]).any():
             raise ValueError(f"{name} must have finite numbers")
     return arrays

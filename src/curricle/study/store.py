@@ -215,8 +215,8 @@ class StudyStore:
                 store.check(description)
             if not resume and (units := store.units()):
                 raise StoreError(
-                    f"{path} already holds results, {len(units)} units: go on with --resume, or "
-                    "choose another folder"
+                    f"{path} already holds results, {len(units)} files of units: go on with "
+                    "--resume, or choose another folder"
                 )
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))

@@ -1,6 +1,6 @@
 """What seeds learnt in a task, read from a store for the tasks that it is a source of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,19 +8,30 @@ import numpy as np
 from curricle.curriculum.sources import Progress
 from curricle.study.serialization import RUN, VALUES, values_of
 from curricle.study.source_values import StoredValues
-from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.store import StoredUnit
 
 
 def stored_values(
-    store: StudyStore, done: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
+    arrays_of: Callable[..., Mapping[str, Any]],
+    done: Mapping[int, StoredUnit],
+    seeds: Sequence[int],
+    *,
+    read: bool,
 ) -> StoredValues:
     """Return what seeds learnt in a task, its values only if they are to be `read`.
 
-    `done` has the unit that holds each seed.
+    Parameters
+    ----------
+    arrays_of : callable
+        As :meth:`StudyStore.arrays`.
+    done : dict of int to StoredUnit
+        The unit that holds each seed.
+    seeds : sequence of int
+    read : bool
     """
     units = {done[seed].path: done[seed] for seed in seeds}
     names = (RUN, VALUES) if read else (RUN,)
-    arrays = {path: store.arrays(stored, *names) for path, stored in units.items()}
+    arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
     each = [values_of(found, k) for found, k in rows]
     values: Any = None  # not needed, or not saved: training raises an error then
