@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from curricle.errors import StoreError
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
 """Options of a URL that would be stored, shown and sent with it."""
+PLAIN = "/=+@,:;~!$&'()*"
+"""Signs that a path in a URL may have as they are, beside letters, digits and -._."""
 
 
 class RemotePath:
@@ -29,6 +31,8 @@ class RemotePath:
         The path in it.
     root : str
         What stands before the key when it is shown.
+    options : str
+        Those of the URL.
 
     Examples
     --------
@@ -39,8 +43,9 @@ class RemotePath:
     ('a.txt', True, False)
     """
 
-    def __init__(self, system: "FileSystem", key: str, root: str):
-        self.system, self.key, self._root = system, PurePosixPath(key), root
+    def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
+        self.system, self.key = system, PurePosixPath(key)
+        self._root, self._options = root, options
 
     @classmethod
     def of(cls, url: str) -> "RemotePath":
@@ -62,11 +67,15 @@ class RemotePath:
             system, key = FileSystem.from_uri(url)
         except (OSError, ValueError, NotImplementedError) as error:
             raise StoreError(f"a URL must be one that pyarrow opens, not {url}: {error}") from None
-        shown = f"{parts.scheme}://{parts.netloc}{parts.path}".rstrip("/")
-        return cls(system, key, shown.removesuffix(key.rstrip("/")))
+        shown = f"{parts.scheme}://{parts.netloc}{unquote(parts.path)}".rstrip("/")
+        return cls(system, key, shown.removesuffix(key.rstrip("/")), parts.query)
 
     def __str__(self) -> str:
-        return f"{self._root}{self.key}"
+        return f"{self._root}{quote(str(self.key), safe=PLAIN)}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is made again from its URL, as on another machine, by the means there."""
+        return RemotePath.of, (f"{self}?{self._options}" if self._options else str(self),)
 
     def __repr__(self) -> str:
         return f"RemotePath({str(self)!r})"
@@ -81,12 +90,15 @@ class RemotePath:
         return str(self) < str(other)
 
     def __truediv__(self, name: str) -> "RemotePath":
-        return RemotePath(self.system, str(self.key / name), self._root)
+        return self._at(str(self.key / name))
+
+    def _at(self, key: str) -> "RemotePath":
+        return RemotePath(self.system, key, self._root, self._options)
 
     @property
     def parent(self) -> "RemotePath":
         """The folder that it is in."""
-        return RemotePath(self.system, str(self.key.parent), self._root)
+        return self._at(str(self.key.parent))
 
     @property
     def name(self) -> str:
@@ -121,12 +133,12 @@ class RemotePath:
         before = pattern.partition("*")[0].rpartition("/")[0]
         for info in _listed(self.system, str(self.key / before), recursive=True):
             if info.is_file and PurePosixPath(info.path).match(pattern):
-                yield RemotePath(self.system, info.path, self._root)
+                yield self._at(info.path)
 
     def iterdir(self) -> Iterator["RemotePath"]:
         """Yield what is in the folder."""
         for info in _listed(self.system, str(self.key), recursive=False):
-            yield RemotePath(self.system, info.path, self._root)
+            yield self._at(info.path)
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""

@@ -16,8 +16,8 @@ SEEDS = range(5)
 class Sending(Scheduler):
     """A scheduler of units that are not read."""
 
-    def _input(self, unit):
-        return unit
+    def _train(self, unit):
+        return self.workers.train(unit)
 
 
 class Held:

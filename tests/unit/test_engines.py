@@ -1,17 +1,20 @@
 """The words for engines, the window of units, and what is sent to a worker; no engine is needed."""
 
+import pickle
 from concurrent.futures import Future
 from types import SimpleNamespace
 
 import pytest
 
-from curricle.errors import ConfigError, EngineError, SettingError, StudyError
-from curricle.study import read_study, run_study, running, scheduling
+from curricle.errors import ConfigError, EngineError, SettingError, StoreError, StudyError
+from curricle.interop.trackers import Tracker
+from curricle.study import packing, read_study, run_study, running, scheduling
 from curricle.study.arms import Arms
-from curricle.study.engines import opening
+from curricle.study.engines import engine, opening
 from curricle.study.engines.engine import EngineWorkers
 from curricle.study.engines.opening import check_versions, opened_engine, parsed, workers_of
 from curricle.study.engines.sending import SentUnit, train_sent, versions_here
+from curricle.study.store import StoredUnit
 from tests.sent_folders import RULES, STUDY
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -51,11 +54,11 @@ def own(tmp_path):
     return read_study(tmp_path / "own.toml")
 
 
-def sent_units(engine, monkeypatch, study, out):
+def sent_units(engine, monkeypatch, study, out, trackers=()):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
     given = workers_of(engine, "fake", Arms.of(study), study.folder)
     monkeypatch.setattr(running, "_workers", lambda *_: given)
-    return run_study(study, out)
+    return run_study(study, out, trackers=trackers)
 
 
 @pytest.mark.parametrize("on", ["slurm", "", "dask://", "dask://host", "ray://a b:1", "DASK", 3])
@@ -153,3 +156,84 @@ def run_study_from(study, arms, out, monkeypatch):
 def test_a_lost_engine_is_a_study_error_with_words_of_its_own():
     assert issubclass(EngineError, StudyError)
     assert str(EngineError("fake was lost")) == "fake was lost"
+
+
+class Recorder(Tracker):
+    """Notes how many seeds each unit has."""
+
+    def __init__(self):
+        self.seeds = []
+
+    def record(self, arm, task, result):
+        self.seeds.append(len(result.seeds))
+
+
+class FakeCluster(FakeEngine):
+    """Workers that get copies, as those on other machines do, and send copies back."""
+
+    def submit(self, function, argument):
+        return super().submit(lambda sent: through(function(through(sent))), argument)
+
+    def wait(self, futures, timeout, return_when):
+        if not futures:
+            return set(), set()
+        return super().wait(futures, timeout, return_when)
+
+
+def through(value):
+    return pickle.loads(pickle.dumps(value))
+
+
+def at_url(folder):
+    return f"file://{folder}"
+
+
+def test_workers_read_and_write_large_units_at_a_url(
+    study_file, finished, tmp_path, monkeypatch, contents
+):
+    monkeypatch.setattr(packing, "FULL", 1)
+    returned, received = [], []
+
+    def noted(sent):
+        found = train_sent(sent)
+        received.append(sent)
+        returned.append(found)
+        return found
+
+    monkeypatch.setattr(engine, "train_sent", noted)
+    study, recorder = read_study(study_file), Recorder()
+    sent_units(FakeCluster([2]), monkeypatch, study, at_url(tmp_path / "out"), [recorder])
+    assert all(isinstance(one, StoredUnit) for one in returned)
+    assert all(len(pickle.dumps(one)) < 500 for one in returned)
+    assert all(not sent.given.sources for sent in received)
+    assert any(sent.stored for sent in received)
+    assert recorder.seeds == 16 * [2]
+    local = tmp_path / "local"
+    run_study(study, local)
+    assert contents(tmp_path / "out" / "units") == contents(local / "units")
+
+
+def test_small_units_come_back_and_share_files(study_file, finished, tmp_path, monkeypatch):
+    study, out = read_study(study_file), tmp_path / "out"
+    sent_units(FakeCluster([2]), monkeypatch, study, at_url(out))
+    names = [
+        sorted(one.relative_to(at).name for one in at.rglob("*.npz")) for at in (out, finished)
+    ]
+    assert names[0] == names[1]
+
+
+def names_in(folder):
+    return sorted(one.name for one in folder.rglob("*.npz"))
+
+
+def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(packing, "FULL", 1)
+
+    def elsewhere(sent):
+        found = train_sent(sent)
+        found.path.unlink()
+        return found
+
+    monkeypatch.setattr(engine, "train_sent", elsewhere)
+    with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
+        sent_units(FakeCluster([2]), monkeypatch, read_study(study_file), at_url(tmp_path / "out"))

@@ -1,14 +1,14 @@
 """Results at a URL: the same files as in a folder, by whatever file system pyarrow opens."""
 
+import pickle
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from curricle.cli.app import main
 from curricle.errors import StoreError
-from curricle.remote_path import RemotePath
+from curricle.remote_path import RemotePath, place_at
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.arms import Arms
@@ -82,11 +82,30 @@ def test_a_unit_that_cannot_be_read_now_is_not_deleted(study_file, finished, tmp
     assert files(out) == files(finished)
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "file:///tmp/my%20studies/100%25",
+        "s3://bucket/a=1/b?endpoint_override=127.0.0.1%3A9000&scheme=http&region=here",
+    ],
+)
+def test_a_place_at_a_url_is_sent_with_its_options(url):
+    place = place_at(url) / "units" / "a b.npz"
+    assert str(place) == f"{url.partition('?')[0]}/units/a%20b.npz"
+    sent = pickle.loads(pickle.dumps(place))
+    assert (str(sent), sent.key, sent.system) == (str(place), place.key, place.system)
+
+
 def test_networks_have_no_checkpoints_at_a_url(tmp_path):
     (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
-    workers = ExecutorWorkers(ThreadPoolExecutor(1), 1)
+
+    class Noting(ExecutorWorkers):
+        def train(self, given, stored=None, place=None):
+            return given
+
+    workers = Noting(None, 1)
     for place, kept in ((url_of(tmp_path / "out"), False), (tmp_path / "here", True)):
         with StudyStore.opened(place, {}, resume=False) as store:
             packing = Packing(store, {}, {})
@@ -96,7 +115,7 @@ def test_networks_have_no_checkpoints_at_a_url(tmp_path):
                 for unit in units_of(study, arms, {})
                 if not unit.sources and arms.curricula[unit.arm].node(unit.task).deep
             ]
-            given = [scheduler._input(unit).checkpoints for unit in deep]
+            given = [scheduler._train(unit).checkpoints for unit in deep]
             assert given
             assert all((one is not None) == kept for one in given)
 

@@ -13,6 +13,8 @@ from typing import Any
 import numpy.typing as npt
 
 from curricle.curriculum.node import Node
+from curricle.errors import StoreError
+from curricle.study.folders import read_errors
 from curricle.study.record import CurriculaRecord, UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.store import StoredUnit, StudyStore
@@ -32,7 +34,8 @@ REMEMBERED = 8
 
 Block = tuple[str, int]
 """A unit's key, and the number of its block of seeds."""
-Taken = tuple[Unit, UnitResult]
+Taken = tuple[Unit, UnitResult | StoredUnit]
+"""A unit, and its result or the file to which its worker has written it."""
 
 
 def seeds_per_file(node: Node) -> int:
@@ -80,7 +83,8 @@ class Packing:
         per_file: Mapping[str, int],
     ):
         self.store, self.done, self.per_file = store, done, per_file
-        self._waiting = dict[Block, list[Taken]]()
+        self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
+        self._receipts = list[tuple[Unit, StoredUnit]]()
         self._files = dict[Block, list[StoredUnit]]()
         """Those that this run has written."""
         self._large = False
@@ -89,13 +93,25 @@ class Packing:
 
     def arrays(self, stored: StoredUnit, *groups: str) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays of some groups of a file, as :meth:`StudyStore.arrays`."""
-        small = len(stored.seeds) < self.per_file[stored.key]
-        return (self._remembered if small else self.store.arrays)(stored, *groups)
+        large = self.is_large(stored.key, stored.seeds)
+        return (self.store.arrays if large else self._remembered)(stored, *groups)
 
-    def add(self, unit: Unit, result: UnitResult) -> None:
-        """Take a unit that was trained."""
-        self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
-        self._large |= self.per_file[unit.key] <= len(unit.seeds)
+    def is_large(self, key: str, seeds: Sequence[int]) -> bool:
+        """Return whether so many seeds have a file for themselves."""
+        return self.per_file[key] <= len(seeds)
+
+    def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
+        """Take a unit that was trained; StoreError if its worker wrote it to another place."""
+        if isinstance(result, UnitResult):
+            self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
+        else:
+            with read_errors(result.path):
+                if not result.path.exists():
+                    raise StoreError(
+                        f"workers must write to the place of the run: {result.path} is not there"
+                    )
+            self._receipts.append((unit, result))
+        self._large |= self.is_large(unit.key, unit.seeds)
 
     @property
     def seconds(self) -> float:
@@ -105,18 +121,21 @@ class Packing:
 
     def write(self) -> list[Taken]:
         """Write what was taken, and return it."""
-        if not self._waiting:
+        if not self:
             return []
         waiting, self._waiting, self._large = self._waiting, {}, False
+        receipts, self._receipts = self._receipts, []
+        for unit, stored in receipts:
+            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
         for block, taken in waiting.items():
             unit = taken[0][0]
             result = joined_units([result for _, result in taken])
             self._store(block, unit, result)
         self._written = monotonic()
-        return [one for taken in waiting.values() for one in taken]
+        return [*receipts, *(one for taken in waiting.values() for one in taken)]
 
     def __bool__(self) -> bool:
-        return bool(self._waiting)
+        return bool(self._waiting or self._receipts)
 
     def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
         files = self._files.setdefault(block, [])

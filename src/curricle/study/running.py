@@ -34,7 +34,7 @@ from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult, result_of, without_snapshots
-from curricle.study.store import StudyStore
+from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.units import Unit, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -177,7 +177,7 @@ def run_study(
         report_progress(Progress(units, None, scheduler.number(), places.link))
         for unit, result in scheduler.results(units):
             if trackers:
-                tracking.record(unit.arm, unit.task, _learnt(arms, unit, result))
+                tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
             report_progress(Progress(units, unit, scheduler.number(), places.link))
         _write_failures(store, failures.rows())
         if not failures:
@@ -232,7 +232,11 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
     return done
 
 
-def _learnt(arms: Arms, unit: Unit, result: UnitResult) -> LearningResult:
+def _learnt(
+    store: StudyStore, arms: Arms, unit: Unit, result: UnitResult | StoredUnit
+) -> LearningResult:
+    if isinstance(result, StoredUnit):
+        result = store.result(result, unit.seeds)
     node = arms.curricula[unit.arm].node(unit.task)
     return result_of(result.arrays, node.task, node.learner)
 

@@ -15,8 +15,8 @@ from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers
 from curricle.study.failures import Failures
 from curricle.study.packing import Packing, Taken
-from curricle.study.source_values import sources_read
-from curricle.study.stored_values import stored_values
+from curricle.study.source_values import StoredValues, sources_read
+from curricle.study.stored_values import StoredSource, stored_values
 from curricle.study.units import Unit, UnitInput
 
 AHEAD = 2
@@ -133,7 +133,7 @@ class Scheduler:
         while queue.ready and len(running) < ahead:
             unit = queue.pop()
             if self.failures.keeps(unit):
-                running[self.workers.train(self._input(unit))] = unit
+                running[self._train(unit)] = unit
 
     def _end(self, future: "Future[Any]", running: dict["Future[Any]", Unit]) -> None:
         """Take the result of a unit that has ended, or cancel what needs it."""
@@ -146,16 +146,22 @@ class Scheduler:
             if not self.failures.keeps(one) and other.cancel():
                 del running[other]
 
-    def _input(self, unit: Unit) -> UnitInput:
-        curriculum, packing = self.arms.curricula[unit.arm], self.packing
-        read = sources_read(curriculum, unit.task)
-        sources = {
-            name: stored_values(packing.arrays, packing.done[key], unit.seeds, read=name in read)
-            for name, key in unit.sources.items()
-        }
+    def _train(self, unit: Unit) -> "Future[Any]":
+        """Send a unit; workers that see the study's files read and write large ones themselves."""
+        packing, curriculum = self.packing, self.arms.curricula[unit.arm]
+        values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+        read, seen = sources_read(curriculum, unit.task), self.workers.see(packing.store.path)
+        for name, key in unit.sources.items():
+            units = {seed: packing.done[key][seed] for seed in unit.seeds}
+            if seen and packing.is_large(key, unit.seeds):
+                stored[name] = StoredSource(units, name in read)
+            else:
+                values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
         kept = curriculum.node(unit.task).deep and self.workers.share_folders
         folder = packing.store.checkpoints(unit) if kept else None
-        return UnitInput(*self.study, unit, sources, None if folder is None else str(folder))
+        given = UnitInput(*self.study, unit, values, None if folder is None else str(folder))
+        written = seen and packing.is_large(unit.key, unit.seeds)
+        return self.workers.train(given, stored, packing.store.path if written else None)
 
     def _error_of(self, future: "Future[Any]") -> Exception | None:
         """Return why a unit failed, if it did; an interrupt is raised."""

@@ -110,6 +110,31 @@ def read_unit(path: Place, read: Callable[[UnitFile], Result]) -> Result:
         raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
 
 
+def arrays_in(
+    stored: StoredUnit, *groups: str, most: int | None = None
+) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of some groups of a unit; see :meth:`StudyStore.arrays`."""
+    return read_unit(stored.path, lambda file: file.arrays(*groups, most=most))
+
+
+def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
+    """Write the result of a unit into a folder of results in one move, and return where it is."""
+    about = UnitRecord(
+        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=unit.seeds
+    )
+    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
+    _write(folder, place, unit_content(about, result))
+    return StoredUnit(folder / place, unit.key, unit.seeds)
+
+
+def _write(folder: Place, name: str, content: bytes) -> None:
+    path = folder / name
+    with write_errors(folder):
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+
+
 def damage(file: Place) -> StoreError:
     """Return the error that a file is damaged."""
     if file.name == STUDY:
@@ -245,11 +270,7 @@ class StudyStore:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
-        path = self.path / name
-        with write_errors(self.path):
-            if isinstance(path, Path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, content)
+        _write(self.path, name, content)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
@@ -316,14 +337,10 @@ class StudyStore:
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
-        about = UnitRecord(
-            key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=unit.seeds
-        )
-        place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
-        self.write(place, unit_content(about, result))
+        stored = written_unit(self.path, unit, result)
         if (checkpoints := self.checkpoints(unit)) is not None:
             shutil.rmtree(checkpoints, ignore_errors=True)
-        return StoredUnit(self.path / place, unit.key, unit.seeds)
+        return stored
 
     def checkpoints(self, unit: Unit | UnitRecord) -> Path | None:
         """Return the folder for checkpoints of a unit's training until it is stored.
@@ -347,7 +364,7 @@ class StudyStore:
 
         Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
         """
-        return read_unit(stored.path, lambda file: file.arrays(*groups, most=most))
+        return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""

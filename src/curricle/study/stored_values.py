@@ -1,7 +1,7 @@
 """What seeds learnt in a task, read from a store for the tasks that it is a source of."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,15 @@ from curricle.curriculum.sources import Progress
 from curricle.study.serialization import RUN, VALUES, values_of
 from curricle.study.source_values import StoredValues
 from curricle.study.store import StoredUnit
+
+
+class StoredSource(NamedTuple):
+    """What the seeds of a unit learnt in a source, where it is stored."""
+
+    units: Mapping[int, StoredUnit]
+    """By seed."""
+    read: bool
+    """Whether its values are needed."""
 
 
 def stored_values(

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from curricle.errors import EngineError
+from curricle.remote_path import Place, RemotePath
 from curricle.study.engines.sending import SentUnit, train_sent
+from curricle.study.stored_values import StoredSource
 from curricle.study.units import UnitInput, train_unit
 
 
@@ -21,8 +23,19 @@ class Workers(Protocol):
     def link(self) -> str | None:
         """Of their cluster's own page, if there is one."""
 
-    def train(self, given: UnitInput) -> "Future[Any]":
-        """Return the future result of a unit."""
+    def see(self, place: Place) -> bool:
+        """Return whether they read and write the study's files themselves."""
+
+    def train(
+        self,
+        given: UnitInput,
+        stored: Mapping[str, StoredSource] | None = None,
+        place: Place | None = None,
+    ) -> "Future[Any]":
+        """Return the future result of a unit, or the file that it was written to.
+
+        Workers that see the study's files read the sources that are `stored`, and write at `place`.
+        """
 
     def number(self) -> int:
         """How many there are now."""
@@ -71,7 +84,11 @@ class ExecutorWorkers:
     share_folders: bool = True
     link: str | None = None
 
-    def train(self, given: UnitInput) -> "Future[Any]":
+    def see(self, place: Place) -> bool:
+        """Return False: the process that runs the study reads and writes for them."""
+        return False
+
+    def train(self, given: UnitInput, stored: Any = None, place: Any = None) -> "Future[Any]":
         """Return the future result of a unit."""
         try:
             return self.executor.submit(train_unit, given)
@@ -122,9 +139,18 @@ class EngineWorkers:
         """Of the engine's own page, if there is one."""
         return self.engine.link
 
-    def train(self, given: UnitInput) -> "Future[Any]":
-        """Return the future result of a unit."""
-        sent = SentUnit(given, self.files, self.versions, self.live)
+    def see(self, place: Place) -> bool:
+        """Return whether they read and write the study's files themselves: those at a URL."""
+        return isinstance(place, RemotePath)
+
+    def train(
+        self,
+        given: UnitInput,
+        stored: Mapping[str, StoredSource] | None = None,
+        place: Place | None = None,
+    ) -> "Future[Any]":
+        """Return the future result of a unit, or the file that it was written to."""
+        sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
         try:
             return self.engine.submit(train_sent, sent)
         except Exception as error:

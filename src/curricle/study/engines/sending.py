@@ -14,7 +14,10 @@ from threading import Lock
 from typing import NamedTuple
 
 from curricle.errors import EngineError
+from curricle.remote_path import Place
 from curricle.study.serialization import UnitResult
+from curricle.study.store import StoredUnit, arrays_in, written_unit
+from curricle.study.stored_values import StoredSource, stored_values
 from curricle.study.units import UnitInput, train_unit
 
 FOLDERS = dict[str, Path]()
@@ -32,15 +35,29 @@ class SentUnit(NamedTuple):
     """Of the run: a worker that came later is compared with them too."""
     live: bool
     """Whether units must not run side by side in one process."""
+    stored: Mapping[str, StoredSource] = {}
+    """The sources that the worker reads itself."""
+    place: Place | None = None
+    """The study's folder, where the worker writes the result itself."""
 
 
-def train_sent(sent: SentUnit) -> UnitResult:
-    """Return what a unit's seeds learn; EngineError where versions differ from those of the run."""
+def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+    """Return what a unit's seeds learn, or the file that it is written to.
+
+    EngineError where versions differ from those of the run.
+    """
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
     folder = written(sent.files)
+    unit = sent.given.unit
+    read = {
+        name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
+        for name, one in sent.stored.items()
+    }
+    given = sent.given._replace(folder=str(folder), sources={**sent.given.sources, **read})
     with LIVE if sent.live else nullcontext():
-        return train_unit(sent.given._replace(folder=str(folder)))
+        result = train_unit(given)
+    return result if sent.place is None else written_unit(sent.place, unit, result)
 
 
 def versions_here() -> dict[str, str]:
