@@ -30,7 +30,7 @@ deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torc
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/deep $(ARGS)
 	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle/deep docs/howto/your_own_network.md
 
-cluster: .venv/cluster.stamp ## the tests of Dask and Ray (installs both)
+cluster: .venv/cluster.stamp ## the tests of Dask, Ray and S3 (installs them)
 	$(BIN)/python -m pytest -n0 tests/cluster $(ARGS)
 
 mutations: .venv/test.stamp ## make mistakes in a copy; the fast tests must catch each (ARGS="lock")
@@ -83,5 +83,5 @@ clean: ## remove .venv, caches and builds (results stay)
 	@touch $@
 
 .venv/cluster.stamp: .venv/test.stamp
-	@$(INSTALL) '.[dask,ray]'
+	@$(INSTALL) '.[dask,ray]' 'moto[server]>=5'
 	@touch $@

@@ -1,13 +1,16 @@
-"""A Dask scheduler and three workers, each a command of its own, in a folder of their own."""
+"""Clusters and an S3 server, each process a command of its own, and runs of the command line."""
 
 import os
-import socket
 import subprocess
 import sys
 import time
 
 import pytest
 
+from tests.cluster.ports import free_port
+
+LONG = 3_000_000
+"""Steps of a unit that takes about a third of a second."""
 DASK = [sys.executable, "-m", "dask"]
 OWN_STUDY = """
 name = "own"
@@ -46,21 +49,29 @@ class Cluster:
 
     def __init__(self, folder):
         self.folder = folder
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self.on = f"dask://127.0.0.1:{self.port}"
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", str(self.port))
-        self.workers = [self.add_worker() for _ in range(3)]
+        self.workers = list[subprocess.Popen]()
+        for _ in range(3):
+            self.add_worker()
 
-    def _start(self, *command):
+    def _start(self, *command, **environment):
         with (self.folder / "log.txt").open("a") as log:
-            return subprocess.Popen([*DASK, *command], cwd=self.folder, stdout=log, stderr=log)
+            return subprocess.Popen(
+                [*DASK, *command],
+                cwd=self.folder,
+                env={**os.environ, **environment},
+                stdout=log,
+                stderr=log,
+            )
 
-    def add_worker(self, *options):
+    def add_worker(self, **environment):
         where = f"tcp://127.0.0.1:{self.port}"
         single = ("--nthreads", "1", "--no-nanny", "--no-dashboard")
-        return self._start("worker", where, *single, *options)
+        process = self._start("worker", where, *single, **environment)
+        self.workers.append(process)
+        return process
 
     def ready(self, workers=3):
         from distributed import Client
@@ -86,6 +97,54 @@ def dask(tmp_path_factory):
 
 
 @pytest.fixture
+def ray_nodes(tmp_path_factory, monkeypatch):
+    """A Ray cluster of two nodes; runs have its token in their environment."""
+    pytest.importorskip("ray")
+    from tests.cluster.ray_nodes import RayNodes
+
+    nodes = RayNodes(tmp_path_factory.mktemp("elsewhere"))
+    try:
+        nodes.add_node()
+        for name, value in nodes.environment.items():
+            monkeypatch.setenv(name, value)
+        yield nodes
+    finally:
+        nodes.close()
+
+
+@pytest.fixture(scope="session")
+def s3_server(tmp_path_factory):
+    pytest.importorskip("moto")
+    from tests.cluster.s3_server import Server
+
+    server = Server(tmp_path_factory.mktemp("s3"))
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def s3(s3_server, monkeypatch):
+    """An empty bucket: its URL. Where it is and who may use it is in the environment.
+
+    Ask for it before a cluster, whose processes take the environment that they find.
+    """
+    for name, value in s3_server.environment.items():
+        monkeypatch.setenv(name, value)
+    return s3_server.new_bucket()
+
+
+@pytest.fixture
+def s3_proxy(s3_server, s3, monkeypatch):
+    """Return a function: options of s3_proxy.py -> the same bucket behind a proxy."""
+
+    def start(*options):
+        monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server.behind_proxy(*options))
+        return s3
+
+    return start
+
+
+@pytest.fixture
 def study(tmp_path):
     """Return a function: budget -> a study whose modules are beside it."""
 
@@ -100,12 +159,12 @@ def study(tmp_path):
     return write
 
 
-def begun(study, out, *options):
+def begun(study, out, *options, **how):
     """A run of the command line, in the study's folder."""
     command = [sys.executable, "-m", "curricle", "run", str(study), "--out", str(out), *options]
     quiet = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0"}
     return subprocess.Popen(
-        command, cwd=study.parent, env=quiet, stdout=-1, stderr=subprocess.STDOUT, text=True
+        command, cwd=study.parent, env=quiet, stdout=-1, stderr=subprocess.STDOUT, text=True, **how
     )
 
 
@@ -114,6 +173,15 @@ def finished(study, out, *options):
     running = begun(study, out, *options)
     printed, _ = running.communicate(timeout=240)
     return printed, running.returncode
+
+
+def whole(study, out, *options):
+    """The arrays and tables of a run that ended well."""
+    printed, code = finished(study, out, *options)
+    assert code == 0, printed
+    found = arrays_and_tables(out)
+    assert any(path.suffix == ".npz" for path in found)
+    return found
 
 
 def arrays_and_tables(folder):

@@ -1,21 +1,21 @@
 """A study has the same results on threads, processes, Dask and Ray, whatever dies meanwhile."""
 
+import os
 import signal
 
+import psutil
 import pytest
 
-from tests.cluster.conftest import arrays_and_tables, begun, finished, units_in, wait_until
+from tests.cluster.conftest import (
+    LONG,
+    arrays_and_tables,
+    begun,
+    finished,
+    units_in,
+    wait_until,
+    whole,
+)
 from tests.studies import HUNT
-
-LONG = 3_000_000
-
-
-def whole(study, out, *options):
-    printed, code = finished(study, out, *options)
-    assert code == 0, printed
-    found = arrays_and_tables(out)
-    assert any(path.suffix == ".npz" for path in found)
-    return found
 
 
 @pytest.fixture
@@ -77,6 +77,23 @@ def test_an_interrupt_leaves_the_cluster(study, dask, tmp_path):
     dask.ready()
     assert all(process.poll() is None for process in (dask.scheduler, *dask.workers))
     assert finished(study(LONG), out, "--resume", "--on", dask.on)[1] == 0
+
+
+def test_an_interrupt_ends_the_processes_that_were_started(study, tmp_path):
+    pytest.importorskip("distributed")
+    wanted, out = whole(study(LONG), tmp_path / "threads"), tmp_path / "dask"
+    local = ("--on", "dask", "--workers", "2")
+    running = begun(study(LONG), out, *local, start_new_session=True)
+    wait_until(lambda: len(units_in(out)) >= 2)
+    started = psutil.Process(running.pid).children(recursive=True)
+    assert len(started) >= 2
+    os.killpg(running.pid, signal.SIGINT)  # a terminal interrupts the whole group
+    printed, _ = running.communicate(timeout=60)
+    assert running.returncode == 130, printed
+    assert "Traceback" not in printed
+    _, left = psutil.wait_procs(started, timeout=10)
+    assert not left
+    assert whole(study(LONG), out, "--resume") == wanted
 
 
 def test_nobody_at_the_address_is_one_sentence(study, tmp_path):

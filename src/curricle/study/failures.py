@@ -73,7 +73,8 @@ class Failures:
         (unit, first), *others = self.each
         text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
         for other, error in others:
-            text += f"; {other.label} failed too: {in_words(error)}"
+            if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
+                text += f"; {other.label} failed too: {in_words(error)}"
         lost = any(isinstance(error, EngineError) for _, error in self.each)
         found = EngineError(text) if lost else StudyError(text)
         foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]

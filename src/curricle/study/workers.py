@@ -85,16 +85,16 @@ class WorkerProcesses(ProcessPoolExecutor):
 
     def __init__(self, workers: int | None = None):
         if POSIX:
-            _start_tracker()
+            start_tracker()
         super().__init__(workers, _Workers(), initializer=end_with_parent)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Submit a call, as any executor does."""
-        with _interrupts_blocked():  # the first call starts the processes
+        with interrupts_blocked():  # the first call starts the processes
             return super().submit(fn, *args, **kwargs)
 
 
-def _start_tracker() -> None:
+def start_tracker() -> None:
     """Start the process that removes the semaphores of a killed run, without its warnings."""
     before = os.environ.get("PYTHONWARNINGS")
     os.environ["PYTHONWARNINGS"] = "ignore"
@@ -107,7 +107,7 @@ def _start_tracker() -> None:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
+def interrupts_blocked() -> Iterator[None]:
     """Block SIGINT in this thread, and for good in processes that it starts meanwhile.
 
     A terminal sends SIGINT to a new process too, before that could say that it ignores it.

@@ -8,7 +8,10 @@ from typing import Any
 
 from distributed import Client, LocalCluster
 
-LOGGER = logging.getLogger("distributed")
+from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
+
+LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+"""Dask gives the second a level of its own."""
 REACHED_IN = 10
 """Seconds in which a scheduler must answer."""
 
@@ -27,8 +30,9 @@ class DaskEngine:
         self.client, self.cluster = client, cluster
         self.executor: Executor = client.get_executor(pure=False)
         self._workers = 1
-        self.level = LOGGER.level
-        LOGGER.setLevel(logging.CRITICAL)  # that a scheduler is lost, its futures say
+        self.levels = [logger.level for logger in LOGGERS]
+        for logger in LOGGERS:
+            logger.setLevel(logging.CRITICAL)  # that a scheduler is lost, its futures say
 
     @property
     def link(self) -> str | None:
@@ -62,18 +66,23 @@ class DaskEngine:
 
     def close(self) -> None:
         """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
+        lost = self.client.status != "running"
         with suppress(Exception):  # a scheduler that is gone cannot be left
             self.client.close(timeout=2)
         if self.cluster is not None:
             self.cluster.close(timeout=5)
-        LOGGER.setLevel(self.level)
+        if not lost:  # a client that is asking for its scheduler logs that after its end, too
+            for logger, level in zip(LOGGERS, self.levels, strict=True):
+                logger.setLevel(level)
 
 
 def connected(address: str | None, workers: int | None) -> DaskEngine:
     """Return the scheduler at host:port, or one started here with processes of one thread each."""
     if address is not None:
         return DaskEngine(Client(f"tcp://{address}", timeout=REACHED_IN), None)
-    cluster = LocalCluster(
-        n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
-    )
+    here = {"dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
+    if POSIX:
+        start_tracker()  # which lets interrupts in again where it is started
+    with interrupts_blocked():  # they are ended by this process, not by a terminal's Ctrl-C
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **here)
     return DaskEngine(Client(cluster), cluster)

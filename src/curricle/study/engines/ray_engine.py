@@ -3,6 +3,10 @@
 import logging
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
+from functools import cache
+from socket import create_connection
+from threading import Lock
 from typing import Any
 
 import ray
@@ -13,6 +17,8 @@ from curricle.errors import EngineError
 
 ASKED = 60
 """Seconds in which each machine must answer; it starts a process first."""
+ANSWERS_IN = 10
+"""Seconds in which the head must take a connection."""
 
 
 class RayEngine:
@@ -21,44 +27,76 @@ class RayEngine:
     Parameters
     ----------
     link : str or None
+    head : (str, int)
+        Host and port of the head. Whether it answers is looked at here: Ray ends this process,
+        without a word to it, a minute after its head is gone, and a client asks for half a minute.
     ends : bool
         Whether the connection was made here, and so ends here.
     """
 
     local = False  # Ray may have found a cluster of several machines
 
-    def __init__(self, link: str | None, ends: bool):
-        self.link, self.ends = link, ends
+    def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
+        self.link, self.head, self.ends = link, head, ends
+        self._workers = 1
+        self._lock, self._open = Lock(), set[Future[Any]]()
+        self._remote = cache(ray.remote)  # each ray.remote sends the function to the head again
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
         """Return the future result of a call, which has a processor to itself."""
-        reference = ray.remote(function).remote(argument)
+        if not ray.is_initialized():  # Ray would start a new cluster
+            raise ConnectionError("it is not connected to Ray")
+        reference = self._remote(function).remote(argument)
         found = Future[Any]()
+        self._open.add(found)
 
         def end(done: "Future[Any]") -> None:
-            if not found.set_running_or_notify_cancel():
-                return
-            error = done.exception()
-            if error is None:
-                found.set_result(done.result())
-            elif isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
-                found.set_exception(error.cause)  # as it was raised, without Ray's words around it
-            elif isinstance(error, ConnectionError):
-                found.set_exception(EngineError(f"Ray was lost: {error}: go on with --resume"))
-            else:
-                found.set_exception(error)
+            with self._lock:
+                self._open.discard(found)
+                if found.done() or not found.set_running_or_notify_cancel():
+                    return
+                error = done.exception()
+                if error is None:
+                    found.set_result(done.result())
+                elif isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
+                    found.set_exception(error.cause)  # as it was raised, without Ray's words
+                elif isinstance(error, ConnectionError):
+                    found.set_exception(lost(str(error)))
+                else:
+                    found.set_exception(error)
 
         def cancel(done: "Future[Any]") -> None:
             if done.cancelled():
-                ray.cancel(reference)
+                with suppress(Exception):  # a cluster that is gone has nothing to cancel
+                    ray.cancel(reference)
 
         found.add_done_callback(cancel)
         reference.future().add_done_callback(end)
         return found
 
     def workers(self) -> int:
-        """How many processors there are."""
-        return int(ray.cluster_resources().get("CPU", 0))
+        """How many processors there are; the last number where the cluster does not answer.
+
+        Its futures say that it is lost.
+        """
+        if self._head_answers() and ray.is_initialized():
+            with suppress(Exception):
+                self._workers = int(ray.cluster_resources().get("CPU", 0))
+        return self._workers
+
+    def _head_answers(self) -> bool:
+        """Return whether the head takes connections; where it does not, all futures fail."""
+        try:
+            create_connection(self.head, ANSWERS_IN).close()
+        except OSError as error:
+            why = f"its head at {self.head[0]}:{self.head[1]}: {error}"
+            with self._lock:
+                for future in self._open:
+                    if not future.done() and future.set_running_or_notify_cancel():
+                        future.set_exception(lost(why))
+                self._open.clear()
+            return False
+        return True
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine, or its exception, by name."""
@@ -76,6 +114,12 @@ class RayEngine:
             ray.shutdown()
 
 
+def lost(why: str) -> EngineError:
+    """Return the error of a unit whose cluster is gone."""
+    reason = why.split("\n", maxsplit=1)[0]
+    return EngineError(f"Ray was lost: {reason}: go on with --resume")
+
+
 def _answer(reference: Any) -> Any:
     """Return what a call returned, or its exception."""
     try:
@@ -86,13 +130,10 @@ def _answer(reference: Any) -> Any:
 
 def connected(address: str | None, workers: int | None) -> RayEngine:
     """Return the cluster at host:port, or what ``ray.init()`` finds or starts."""
-    if address is None and ray.is_initialized():
-        return RayEngine(None, ends=False)
-    settings: dict[str, Any] = {"logging_level": logging.ERROR, "log_to_driver": False}
-    if address is None:
-        settings["num_cpus"] = workers
-    else:
-        settings["address"] = f"ray://{address}"
-    context = ray.init(**settings)
-    link = getattr(context, "dashboard_url", None)
-    return RayEngine(f"http://{link}" if link else None, ends=True)
+    ends, link = address is not None or not ray.is_initialized(), None
+    if ends:
+        where = {"num_cpus": workers} if address is None else {"address": f"ray://{address}"}
+        context = ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+        link = getattr(context, "dashboard_url", None)
+    host, _, port = (address or ray.get_runtime_context().gcs_address).rpartition(":")
+    return RayEngine(f"http://{link}" if link else None, (host.strip("[]"), int(port)), ends)
