@@ -30,16 +30,12 @@ class DaskEngine:
         self.client, self.cluster = client, cluster
         self.executor: Executor = client.get_executor(pure=False)
         self._workers = 1
+        self.link: str | None = None
+        with suppress(KeyError):  # of a scheduler without a dashboard
+            self.link = client.dashboard_link or None  # which asks the scheduler each time
         self.levels = [logger.level for logger in LOGGERS]
         for logger in LOGGERS:
             logger.setLevel(logging.CRITICAL)  # that a scheduler is lost, its futures say
-
-    @property
-    def link(self) -> str | None:
-        """Of Dask's dashboard."""
-        with suppress(KeyError):  # of a scheduler without one
-            return self.client.dashboard_link or None
-        return None
 
     @property
     def local(self) -> bool:
