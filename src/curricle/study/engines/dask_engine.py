@@ -10,8 +10,8 @@ from distributed import Client, LocalCluster
 
 from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
-LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-"""Dask gives the second a level of its own."""
+LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
+"""Dask gives the second its own level; the third tells of tasks that a lost scheduler ended."""
 REACHED_IN = 10
 """Seconds in which a scheduler must answer."""
 
