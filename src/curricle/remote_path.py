@@ -1,10 +1,12 @@
 """Files at a URL, by what a :class:`pathlib.Path` of a local folder offers of them."""
 
+import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import IO, TYPE_CHECKING, Any
+from time import sleep
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from curricle.errors import StoreError
@@ -14,6 +16,13 @@ if TYPE_CHECKING:
 
 SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
 """Options of a URL that would be stored, shown and sent with it."""
+FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID")
+"""Errors of a server that it gives again to the same request, or that took long already."""
+PAUSES = (0.1, 0.5, 2.0)
+"""Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
+READ_AT_ONCE = 2**24
+"""Bytes of a file that is read by one request."""
+Result = TypeVar("Result")
 PLAIN = "/=+@,:;~!$&'()*"
 """Signs that a path in a URL may have as they are, beside letters, digits and -._."""
 
@@ -118,7 +127,7 @@ class RemotePath:
     @property
     def _kind(self) -> str:
         """NotFound, File or Directory."""
-        return str(self.system.get_file_info(str(self.key)).type.name)
+        return str(self._tried(lambda: self.system.get_file_info(str(self.key))).type.name)
 
     def exists(self) -> bool:
         """Return whether a file or a folder is there."""
@@ -131,40 +140,61 @@ class RemotePath:
     def glob(self, pattern: str) -> Iterator["RemotePath"]:
         """Yield the files below whose path from here is as in a pattern, by one listing."""
         before = pattern.partition("*")[0].rpartition("/")[0]
-        for info in _listed(self.system, str(self.key / before), recursive=True):
+        for info in self._tried(lambda: _listed(self.system, str(self.key / before), True)):
             if info.is_file and PurePosixPath(info.path).match(pattern):
                 yield self._at(info.path)
 
     def iterdir(self) -> Iterator["RemotePath"]:
         """Yield what is in the folder."""
-        for info in _listed(self.system, str(self.key), recursive=False):
+        for info in self._tried(lambda: _listed(self.system, str(self.key), False)):
             yield self._at(info.path)
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""
         if not missing_ok or self.exists():
-            self.system.delete_file(str(self.key))
+            self._tried(lambda: self.system.delete_file(str(self.key)))
 
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:
-        """Open the file to read it, and tell its bytes."""
+        """Open the file to read it, and tell its bytes; all but a large one is read at once."""
+        content = self._tried(self._content)
+        if content is not None:
+            yield io.BytesIO(content), len(content)
+            return
         with self.system.open_input_file(str(self.key)) as file:
             yield file, file.size()
+
+    def _content(self) -> bytes | None:
+        with self.system.open_input_file(str(self.key)) as file:
+            return bytes(file.read()) if file.size() <= READ_AT_ONCE else None
 
     def write(self, content: bytes) -> None:
         """Write the file, its folders made where the file system has any."""
         try:
-            self._write(content)
+            self._tried(lambda: self._write(content))
         except FileNotFoundError:
             self.system.create_dir(str(self.key.parent), recursive=True)
             self._write(content)
+
+    def _tried(self, action: Callable[[], Result]) -> Result:
+        """Return what an action returns, tried again where a server is busy for a moment."""
+        for pause in PAUSES if self.system.type_name != "local" else ():
+            try:
+                return action()
+            except FileNotFoundError:
+                raise
+            except OSError as error:
+                if FINAL.search(str(error)):
+                    raise
+            sleep(pause)
+        return action()
 
     def _write(self, content: bytes) -> None:
         with self.system.open_output_stream(str(self.key)) as file:
             file.write(content)
 
 
-def _listed(system: "FileSystem", key: str, *, recursive: bool) -> "list[FileInfo]":
+def _listed(system: "FileSystem", key: str, recursive: bool) -> "list[FileInfo]":
     from pyarrow.fs import FileSelector
 
     selector = FileSelector(key, allow_not_found=True, recursive=recursive)

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from curricle.study.units import seeds_in
 from tests.cluster.ports import free_port
 
 LONG = 3_000_000
@@ -198,4 +199,6 @@ def wait_until(true, seconds=120.0):
 
 
 def units_in(folder):
-    return list(folder.glob("units/*/*.npz"))
+    """The seeds of all tasks that are stored, each a unit."""
+    files = folder.glob("units/*/*.npz")
+    return [seed for file in files for seed in seeds_in(file.stem.removeprefix("seeds-"))]

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from curricle import remote_path
 from curricle.cli.app import main
 from curricle.errors import StoreError
 from curricle.remote_path import RemotePath, place_at
@@ -178,3 +179,37 @@ def test_a_place_that_cannot_be_written_is_one_sentence(study_file, tmp_path):
     assert "\n" not in str(caught.value)
     with pytest.raises(StoreError, match="is a file"):
         run_study(read_study(study_file), url_of(tmp_path / "file"))
+
+
+class BusyServer:
+    """A file system whose first answers are errors."""
+
+    type_name = "s3"
+
+    def __init__(self, *errors):
+        self.errors = list(errors)
+
+    def delete_file(self, key):
+        if self.errors:
+            raise self.errors.pop(0)
+
+
+BUSY = OSError("AWS Error INTERNAL_FAILURE: Failed to flush response stream")
+
+
+def test_a_server_that_is_busy_for_a_moment_is_asked_again(monkeypatch):
+    pauses = []
+    monkeypatch.setattr(remote_path, "sleep", pauses.append)
+    RemotePath(BusyServer(*3 * [BUSY]), "bucket/a", "s3://").unlink(missing_ok=False)
+    assert pauses == list(remote_path.PAUSES)
+    with pytest.raises(OSError, match="INTERNAL_FAILURE"):
+        RemotePath(BusyServer(*4 * [BUSY]), "bucket/a", "s3://").unlink(missing_ok=False)
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError("a"), OSError("AWS Error ACCESS_DENIED")])
+def test_what_a_server_refuses_is_asked_once(monkeypatch, error):
+    monkeypatch.setattr(remote_path, "sleep", lambda _: pytest.fail("it was asked again"))
+    server = BusyServer(error, BUSY)
+    with pytest.raises(type(error)):
+        RemotePath(server, "bucket/a", "s3://").unlink(missing_ok=False)
+    assert server.errors == [BUSY]

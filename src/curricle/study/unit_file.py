@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from curricle.files import opened_regular
-from curricle.remote_path import Place
+from curricle.remote_path import READ_AT_ONCE, Place
 from curricle.study.record import UnitRecord, plain, read_record
 from curricle.study.sealed_json import as_json, digest_of, parsed_json
 from curricle.study.serialization import (
@@ -42,9 +42,6 @@ ENCRYPTED = 1
 """The flag of such a member."""
 LARGEST_ABOUT = 2**26
 """Bytes of ``unit.json`` at most: one of 100,000 seeds has a hundredth of that."""
-READ_AT_ONCE = 2**24
-"""Bytes of a file that is read whole, and checked; of a larger one only its directory and what is
-asked for, whose members have checksums of their own."""
 LONGEST_NAME, KEPT = 200, 40
 """Characters of a unit's name, and those that are kept of a longer one."""
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
@@ -167,7 +164,7 @@ def opened_unit(path: Place) -> Iterator[UnitFile]:
     """
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
-        if size <= READ_AT_ONCE:
+        if size <= READ_AT_ONCE:  # of a larger one, the members that are read have checksums too
             content = file.read()
             if not _is_sealed(content):
                 raise Damaged
