@@ -1,25 +1,72 @@
-"""Running a study with progress bars on the terminal, one for each task of each arm."""
+"""Running a study with progress bars on the terminal, one for each task of each arm.
+
+Below them stands how fast the whole run goes. Where stderr is no terminal, a line is printed for
+each unit; in a study of very many, how fast it goes, once a second.
+"""
 
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress as Bars,
+    ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
+from curricle.cli.pace import Pace
 from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.running import Progress, run_study
 from curricle.study.workers import WorkerProcesses
+
+MANY = 1_000
+"""Units of a study; one with more does not print a line for each."""
+BETWEEN = 1.0
+"""Seconds between two lines of it at least."""
+
+
+class BarsAndPace(Bars):
+    """Bars, and below them a line on the whole run."""
+
+    def __init__(self, pace: Pace, *columns: ProgressColumn, console: Console):
+        self.pace = pace
+        super().__init__(*columns, console=console, disable=not console.is_terminal)
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield the bars and the line."""
+        yield from super().get_renderables()
+        yield Text(self.pace.line())
+
+
+class Lines:
+    """What is printed where there is no terminal: each unit, or at most a line a second of many."""
+
+    def __init__(self, pace: Pace):
+        self.pace = pace
+        self._printed = -BETWEEN
+
+    def show(self, progress: Progress) -> None:
+        """Print a line about the unit that was stored, if it is time for one."""
+        units, now = len(progress.units), self.pace.clock()
+        if progress.stored is None:
+            return
+        if units <= MANY:
+            line = f"done {progress.stored.label}"
+        elif now - self._printed >= BETWEEN or self.pace.stored == units:
+            line, self._printed = self.pace.line(), now
+        else:
+            return
+        print(line, file=sys.stderr, flush=True)
 
 
 def run_with_bars(
@@ -35,10 +82,12 @@ def run_with_bars(
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     description = TextColumn("{task.description}", markup=False)
-    bars = Bars(description, *columns, console=console, disable=not console.is_terminal)
+    pace = Pace()
+    bars, lines = BarsAndPace(pace, description, *columns, console=console), Lines(pace)
     rows: dict[tuple[str, str], Any] = {}
 
     def show(progress: Progress) -> None:
+        pace.note(progress)
         unit = progress.stored
         if unit is None:
             seeds = Counter[tuple[str, str]]()
@@ -51,7 +100,7 @@ def run_with_bars(
             if bars.finished:
                 bars.add_task("forecasts and certificates", total=None)
             if not console.is_terminal:
-                print(f"done {unit.label}", file=sys.stderr, flush=True)
+                lines.show(progress)
 
     with bars, ExitStack() as ending:
         pool: WorkerProcesses | None = None

@@ -1,0 +1,86 @@
+"""How fast the units of a run are stored, and how long the others will take."""
+
+from collections import deque
+from collections.abc import Callable
+from datetime import timedelta
+from time import monotonic
+
+from curricle.study.running import Progress
+
+WINDOW = 60.0
+"""Seconds that the rate is measured over."""
+FEWEST = 10
+"""Marks that it is measured over at least: units of an hour end less than once a minute."""
+BETWEEN = 1.0
+"""Seconds between two marks at least."""
+
+
+class Pace:
+    """The rate at which units were stored in the last minute, and what follows from it.
+
+    Examples
+    --------
+    >>> from curricle.study.units import Unit
+    >>> units = tuple(Unit("0f", "scratch", "maze", (seed,), {}, {}, 0) for seed in range(9))
+    >>> now = 0.0
+    >>> pace = Pace(lambda: now)
+    >>> pace.note(Progress(units, workers=2))
+    >>> pace.line()
+    '0 of 9 units, 2 workers'
+    >>> now = 10.0
+    >>> pace.note(Progress(units, units[0], workers=2))
+    >>> pace.line()
+    '1 of 9 units, 2 workers, 6 units a minute, 0:01:20 left'
+    """
+
+    def __init__(self, clock: Callable[[], float] = monotonic):
+        self.clock = clock
+        self.stored = 0
+        self._progress: Progress | None = None
+        self._marks = deque[tuple[float, int]]()
+        """When so many had been stored, at the beginning of what the rate is measured over."""
+
+    def note(self, progress: Progress) -> None:
+        """Note the beginning, or that a unit is stored."""
+        self._progress, now = progress, self.clock()
+        self.stored += progress.stored is not None
+        if not self._marks or now - self._marks[-1][0] >= BETWEEN:
+            self._marks.append((now, self.stored))
+        while len(self._marks) > FEWEST and self._marks[1][0] <= now - WINDOW:
+            self._marks.popleft()
+
+    def rate(self) -> float:
+        """Return units a second; 0 until one is stored."""
+        if not self._marks:
+            return 0.0
+        begun, before = self._marks[0]
+        passed = self.clock() - begun
+        return (self.stored - before) / passed if passed > 0 else 0.0
+
+    def line(self) -> str:
+        """Return how far the run is, how fast it goes and when it ends, in words."""
+        if self._progress is None:
+            return ""
+        units, workers = len(self._progress.units), self._progress.workers
+        words = [f"{self.stored:,} of {units:,} units"]
+        words.append(f"{workers:,} worker{'s' * (workers != 1)}")
+        if rate := self.rate():
+            words.append(_in_words(rate))
+            if left := units - self.stored:
+                words.append(f"{timedelta(seconds=round(left / rate))} left")
+        return ", ".join([*words, *filter(None, [self._progress.link])])
+
+
+def _in_words(rate: float) -> str:
+    """Return units a second, or a minute or an hour if that is a number of at least one.
+
+    Examples
+    --------
+    >>> _in_words(1234.5), _in_words(0.5), _in_words(0.0001)
+    ('1,234 units a second', '30 units a minute', '0.36 units an hour')
+    """
+    each = (("a second", 1), ("a minute", 60), ("an hour", 3600))
+    time, seconds = next((one for one in each if rate * one[1] >= 1), each[-1])
+    number = rate * seconds
+    text = f"{number:,.0f}" if number >= 100 else f"{number:.2g}"
+    return f"{text} unit{'s' * (text != '1')} {time}"

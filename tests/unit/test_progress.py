@@ -1,0 +1,99 @@
+"""What a run says of its progress: how far it is, how fast it goes, when it will end."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from curricle.cli import progress_bars
+from curricle.cli.pace import Pace
+from curricle.cli.progress_bars import BarsAndPace, Lines
+from curricle.study.running import Progress
+from curricle.study.units import Unit
+
+
+def units(number):
+    return tuple(Unit("0f", "scratch", "maze", (seed,), {}, {}, 0) for seed in range(number))
+
+
+class Clock:
+    """Seconds that pass when it is told."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def test_the_rate_is_that_of_the_last_minute(clock):
+    pace, every = Pace(clock), units(1_000)
+    pace.note(Progress(every))
+    for unit in every[:100]:  # 1 a second, then 10 a second
+        clock.now += 1.0
+        pace.note(Progress(every, unit))
+    assert pace.rate() == pytest.approx(1.0)
+    for unit in every[100:800]:
+        clock.now += 0.1
+        pace.note(Progress(every, unit))
+    assert pace.rate() == pytest.approx(10.0, rel=0.05)
+    assert pace.line() == "800 of 1,000 units, 1 worker, 10 units a second, 0:00:20 left"
+
+
+def test_units_of_an_hour_have_a_rate_too(clock):
+    pace, every = Pace(clock), units(10)
+    pace.note(Progress(every, workers=3, link="http://here"))
+    for unit in every[:4]:
+        clock.now += 3_600.0
+        pace.note(Progress(every, unit, workers=3, link="http://here"))
+    assert pace.line() == "4 of 10 units, 3 workers, 1 unit an hour, 6:00:00 left, http://here"
+
+
+def test_the_end_has_no_time_left(clock):
+    pace, every = Pace(clock), units(2)
+    pace.note(Progress(every))
+    for unit in every:
+        clock.now += 1.0
+        pace.note(Progress(every, unit))
+    assert pace.line() == "2 of 2 units, 1 worker, 1 unit a second"
+
+
+def printed(capsys, clock, number):
+    pace, every = Pace(clock), units(number)
+    lines = Lines(pace)
+    for unit in (None, *every):
+        progress = Progress(every, unit)
+        pace.note(progress)
+        lines.show(progress)
+        clock.now += 0.01
+    return capsys.readouterr().err.splitlines()
+
+
+def test_each_unit_has_a_line(capsys, clock):
+    found = printed(capsys, clock, 40)
+    assert found == [f"done scratch: maze, seeds {seed}" for seed in range(40)]
+
+
+def test_very_many_units_have_a_line_a_second(capsys, clock):
+    number = progress_bars.MANY + 500
+    found = printed(capsys, clock, number)
+    assert len(found) == number // 100 + 1
+    assert found[-1].startswith(f"{number:,} of {number:,} units, 1 worker, ")
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_the_line_stands_below_the_bars(clock, width):
+    console = Console(record=True, force_terminal=True, width=width, file=io.StringIO())
+    pace, every = Pace(clock), units(4)
+    pace.note(Progress(every))
+    with BarsAndPace(pace, console=console) as bars:
+        bars.add_task("scratch: maze", total=4)
+        clock.now += 1.0
+        pace.note(Progress(every, every[0]))
+    *_, last = console.export_text().strip().splitlines()
+    assert "0:00:03 left" in last
