@@ -11,6 +11,7 @@
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
+    │   └── LostStoreError  one that could be written to when the run began
     └── StudyError       a study's own code, or an executor, that failed
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
@@ -54,6 +55,10 @@ class ConfigError(CurricleError, ValueError):
 
 class StoreError(CurricleError):
     """A results folder cannot be used for this run."""
+
+
+class LostStoreError(StoreError):
+    """The place of a run's results, where it began to write, cannot be written to any more."""
 
 
 class StudyError(CurricleError):

@@ -303,7 +303,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     done = subprocess.run(
         [sys.executable, "-c", FULL, file, whole, out, "27000"], capture_output=True, text=True
     )
-    assert done.returncode == 1, done.stderr
+    assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     last = done.stderr.strip().splitlines()[-1]
     assert last.startswith(f"curricle: results cannot be written to {out} (File too large)")

@@ -4,7 +4,8 @@
 0      done
 1      a file, a folder or a setting was refused
 2      the command line was wrong
-3      the study's own code failed, or its cluster was lost; what was stored is whole
+3      the study's own code failed, its cluster was lost, or its results cannot be
+       written any more; what was stored is whole
 130    interrupted; what was stored before is whole
 =====  =============================================================================
 """
@@ -39,8 +40,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Curriculum learning by potential-based reward shaping.",
-    epilog="Exit codes: 0 done, 1 refused, 2 wrong command line, 3 the study's own code failed "
-    "or its cluster was lost, 130 interrupted.",
+    epilog="Exit codes: 0 done, 1 refused, 2 wrong command line, 3 the study's own code failed, "
+    "its cluster was lost or its results cannot be written any more, 130 interrupted.",
 )
 
 
@@ -62,7 +63,7 @@ def _refuse_renamed_flags() -> None:
 
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
-    from curricle.errors import CurricleError, EngineError, StudyError
+    from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
     _refuse_renamed_flags()
     try:
@@ -72,7 +73,8 @@ def main() -> None:
         if failed:
             traceback.print_exception(error.__cause__)
         typer.echo(f"curricle: {error}", err=True)
-        sys.exit(3 if failed or isinstance(error, EngineError) else 1)
+        lost = isinstance(error, EngineError | LostStoreError)
+        sys.exit(3 if failed or lost else 1)
     except OSError as error:  # of a path that the command line names
         named = f"{error.filename} cannot be used: " if error.filename else ""
         typer.echo(f"curricle: {named}{error.strerror or error}", err=True)
