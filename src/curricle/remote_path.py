@@ -140,14 +140,21 @@ class RemotePath:
     def glob(self, pattern: str) -> Iterator["RemotePath"]:
         """Yield the files below whose path from here is as in a pattern, by one listing."""
         before = pattern.partition("*")[0].rpartition("/")[0]
-        for info in self._tried(lambda: _listed(self.system, str(self.key / before), True)):
+        for info in self._listed(str(self.key / before), recursive=True):
             if info.is_file and PurePosixPath(info.path).match(pattern):
                 yield self._at(info.path)
 
     def iterdir(self) -> Iterator["RemotePath"]:
         """Yield what is in the folder."""
-        for info in self._tried(lambda: _listed(self.system, str(self.key), False)):
+        for info in self._listed(str(self.key), recursive=False):
             yield self._at(info.path)
+
+    def _listed(self, key: str, *, recursive: bool) -> "list[FileInfo]":
+        from pyarrow.fs import FileSelector
+
+        selector = FileSelector(key, allow_not_found=True, recursive=recursive)
+        found: list[FileInfo] = self._tried(lambda: self.system.get_file_info(selector))
+        return found
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""
@@ -192,14 +199,6 @@ class RemotePath:
     def _write(self, content: bytes) -> None:
         with self.system.open_output_stream(str(self.key)) as file:
             file.write(content)
-
-
-def _listed(system: "FileSystem", key: str, recursive: bool) -> "list[FileInfo]":
-    from pyarrow.fs import FileSelector
-
-    selector = FileSelector(key, allow_not_found=True, recursive=recursive)
-    found: list[FileInfo] = system.get_file_info(selector)
-    return found
 
 
 Place = Path | RemotePath

@@ -72,12 +72,15 @@ def assert_equal(found, wanted):
         np.testing.assert_array_equal(found.snapshots.values, wanted.snapshots.values)
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("budget", BUDGETS)
-@settings(max_examples=15)
-@given(
-    labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), snapshots=st.sampled_from([0, 5])
-)
+def for_any_groups(test):
+    """Run a test with each budget and storage, for drawn groups of the seeds."""
+    labels = st.lists(st.integers(0, 4), min_size=5, max_size=5)
+    drawn = given(labels=labels, snapshots=st.sampled_from([0, 5]))(test)
+    each = pytest.mark.parametrize("budget", BUDGETS)(settings(max_examples=15)(drawn))
+    return pytest.mark.parametrize("storage", STORAGES)(each)
+
+
+@for_any_groups
 def test_any_groups_joined_are_all_together(budget, storage, labels, snapshots):
     parts = [learnt(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
     assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, snapshots))
@@ -92,12 +95,7 @@ def unit_of(seeds, budget, storage, snapshots):
     return UnitResult(arrays_of(learnt(seeds, budget, storage, snapshots)), decisions)
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("budget", BUDGETS)
-@settings(max_examples=15)
-@given(
-    labels=st.lists(st.integers(0, 4), min_size=5, max_size=5), snapshots=st.sampled_from([0, 5])
-)
+@for_any_groups
 def test_files_of_any_units_joined_have_the_bytes_of_one_unit(budget, storage, labels, snapshots):
     parts = [unit_of(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
     whole = unit_of(SEEDS, budget, storage, snapshots)

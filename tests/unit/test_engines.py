@@ -184,10 +184,6 @@ def through(value):
     return pickle.loads(pickle.dumps(value))
 
 
-def at_url(folder):
-    return f"file://{folder}"
-
-
 def test_workers_read_and_write_large_units_at_a_url(
     study_file, finished, tmp_path, monkeypatch, contents
 ):
@@ -202,7 +198,7 @@ def test_workers_read_and_write_large_units_at_a_url(
 
     monkeypatch.setattr(engine, "train_sent", noted)
     study, recorder = read_study(study_file), Recorder()
-    sent_units(FakeCluster([2]), monkeypatch, study, at_url(tmp_path / "out"), [recorder])
+    sent_units(FakeCluster([2]), monkeypatch, study, (tmp_path / "out").as_uri(), [recorder])
     assert all(isinstance(one, StoredUnit) for one in returned)
     assert all(len(pickle.dumps(one)) < 500 for one in returned)
     assert all(not sent.given.sources for sent in received)
@@ -215,15 +211,12 @@ def test_workers_read_and_write_large_units_at_a_url(
 
 def test_small_units_come_back_and_share_files(study_file, finished, tmp_path, monkeypatch):
     study, out = read_study(study_file), tmp_path / "out"
-    sent_units(FakeCluster([2]), monkeypatch, study, at_url(out))
-    names = [
-        sorted(one.relative_to(at).name for one in at.rglob("*.npz")) for at in (out, finished)
-    ]
-    assert names[0] == names[1]
+    sent_units(FakeCluster([2]), monkeypatch, study, out.as_uri())
+    assert names_in(out) == names_in(finished)
 
 
 def names_in(folder):
-    return sorted(one.name for one in folder.rglob("*.npz"))
+    return sorted(one.relative_to(folder) for one in folder.rglob("*.npz"))
 
 
 def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
@@ -236,4 +229,6 @@ def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatc
 
     monkeypatch.setattr(engine, "train_sent", elsewhere)
     with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
-        sent_units(FakeCluster([2]), monkeypatch, read_study(study_file), at_url(tmp_path / "out"))
+        sent_units(
+            FakeCluster([2]), monkeypatch, read_study(study_file), (tmp_path / "out").as_uri()
+        )

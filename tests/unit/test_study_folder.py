@@ -312,5 +312,10 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     assert stored
     assert all(unit.whole for unit in stored)
     assert {unit.task for unit in stored} <= {"corner", "easy"}
+    complete = StudyStore(whole).finished()
+    for unit in stored:
+        wanted = StudyStore(whole).result(complete[unit.key][unit.seeds[0]], unit.seeds).arrays
+        for name, array in StudyStore(out).result(unit, unit.seeds).arrays.items():
+            np.testing.assert_array_equal(array, wanted[name], name)
     run_study(read_study(file), out, resume=True, workers=2)
     assert contents(out) == contents(whole)

@@ -17,6 +17,8 @@ from curricle.tasks.task import Task
 
 HELD = ("greedy_return", "guard_share", "episodes")
 """Curves whose last value is repeated after a seed's end."""
+CURVES = ("training_return", *HELD)
+"""What there is one of for each seed and checkpoint."""
 TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
 """What there is one of for each seed."""
 
@@ -110,7 +112,7 @@ def learning_result(
     n = max(outcome.steps for outcome in outcomes) // eval_freq + 1
     curves = {
         name: np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
-        for name in ("training_return", *HELD)
+        for name in CURVES
     }
     for k, outcome in enumerate(outcomes):
         end = outcome.steps // eval_freq
@@ -151,7 +153,7 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
 
 def one_seed(result: LearningResult, k: int) -> LearningResult:
     """Return the result of the k-th seed alone, with the checkpoints of all."""
-    each = ("seeds", "training_return", *HELD, *TOTALS)
+    each = ("seeds", *CURVES, *TOTALS)
     return replace(
         result,
         values=None if result.values is None else result.values[k : k + 1],
@@ -159,6 +161,22 @@ def one_seed(result: LearningResult, k: int) -> LearningResult:
         snapshots=None if k else result.snapshots,
         **{name: getattr(result, name)[k : k + 1] for name in each},
     )
+
+
+def lengthened(name: str, curves: FloatArray, checkpoints: int) -> FloatArray:
+    """Return curves (K, T) of seeds that have ended at more checkpoints, as `name` is continued.
+
+    Examples
+    --------
+    >>> lengthened("greedy_return", np.array([[0.0, 1.0]]), 3)
+    array([[0., 1., 1.]])
+    >>> lengthened("training_return", np.array([[0.0, 1.0]]), 3)
+    array([[ 0.,  1., nan]])
+    """
+    after = ((0, 0), (0, checkpoints - curves.shape[1]))
+    if name in HELD:
+        return np.pad(curves, after, mode="edge")
+    return np.pad(curves, after, constant_values=np.nan)
 
 
 def joined_results(
@@ -176,10 +194,9 @@ def joined_results(
     def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
         return frozen(np.concatenate(arrays)[order])
 
-    def padded(name: str, **how: Any) -> Any:
-        rows = [getattr(part, name) for part in parts]
+    def curves(name: str) -> Any:
         n = len(longest.steps)
-        return joined([np.pad(row, ((0, 0), (0, n - row.shape[1])), **how) for row in rows])
+        return joined([lengthened(name, getattr(part, name), n) for part in parts])
 
     values: Any = [part.values for part in parts]
     if any(one is None for one in values):
@@ -196,8 +213,7 @@ def joined_results(
         seeds=tuple(seeds),
         values=values,
         visits=joined(visits) if visits else None,
-        training_return=padded("training_return", constant_values=np.nan),
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
-        **{name: padded(name, mode="edge") for name in HELD},
+        **{name: curves(name) for name in CURVES},
         **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},
     )

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import Snapshots
-from curricle.learning.result import HELD, TOTALS, LearningResult
+from curricle.learning.result import CURVES, TOTALS, LearningResult, lengthened
 from curricle.learning.storage import SparseValues
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -44,7 +44,6 @@ DTYPES = {
 """Of the arrays of a unit that are not of float64."""
 OWN = re.compile(r"(states|values)_(\d+)(/.*)?")
 """An array of one seed, by its row."""
-CURVES = ("training_return", *HELD)
 SPENT, MOST_STEPS = ("source_steps", "steps_used"), 2**53
 """Steps that a number of double precision counts."""
 LARGEST_TABLE = 2**28
@@ -167,7 +166,9 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
         elif OWN.fullmatch(name):
             arrays |= own  # in the place of the first of them
         else:
-            each = [_held(name, part.arrays[name], len(steps)) for part in parts]
+            each = [part.arrays[name] for part in parts]
+            if name in CURVES:
+                each = [lengthened(name, one, len(steps)) for one in each]
             arrays[name] = np.concatenate(each)[order]
     decisions = [row for part in parts for row in part.decisions]
     return UnitResult(arrays, sorted(decisions, key=lambda row: row["seed"]))
@@ -183,16 +184,6 @@ def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, n
                 found.append((row, f"{own[1]}_{row}{own[3] or ''}", array))
         before += len(part.arrays["seeds"])
     return {name: array for _, name, array in sorted(found, key=lambda one: one[0])}
-
-
-def _held(name: str, curves: npt.NDArray[Any], checkpoints: int) -> npt.NDArray[Any]:
-    """Return curves (K, N) at more checkpoints: at their last value, or NaN for episodes."""
-    if name not in CURVES:
-        return curves
-    after = ((0, 0), (0, checkpoints - curves.shape[1]))
-    if name in HELD:
-        return np.pad(curves, after, mode="edge")
-    return np.pad(curves, after, constant_values=np.nan)
 
 
 def checkpoints_of(arrays: Arrays) -> int:

@@ -291,10 +291,9 @@ class StudyStore:
         with read_errors(self.path / name):
             return read_bounded(self.path / name, most)
 
-    def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike] | pa.Table) -> None:
+    def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike]) -> None:
         """Write a tidy table, a dict of column name to values of one length, as Parquet."""
-        table = columns if isinstance(columns, pa.Table) else pa.table(dict(columns))
-        self.write(name, as_parquet(table))
+        self.write(name, as_parquet(pa.table(dict(columns))))
 
     def add_run(self, run: RunRecord) -> None:
         """Add a run to the list of runs."""
