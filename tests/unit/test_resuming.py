@@ -187,7 +187,7 @@ def test_stale_units_can_be_kept_after_training_them_again_was_begun(own):
     change(own / "rules.py")
     with pytest.raises(KeyboardInterrupt):
         run_study(
-            read_study(own / "own.toml", set=["seeds_per_unit=1"]),
+            read_study(own / "own.toml", set=["seeds=1"]),
             own / "out",
             resume=True,
             progress=interrupt,
