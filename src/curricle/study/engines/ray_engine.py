@@ -99,14 +99,18 @@ class RayEngine:
         return True
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine, or its exception, by name."""
+        """Return what a call returns on every machine, or its exception, by name.
+
+        A machine that leaves meanwhile is left out.
+        """
         asked = {}
-        for node in ray.nodes():
-            if node["Alive"]:
-                there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-                call = ray.remote(function).options(num_cpus=0, scheduling_strategy=there)
-                asked[f"{node['NodeManagerHostname']} ({node['NodeID'][:8]})"] = call.remote()
-        return {name: _answer(reference) for name, reference in asked.items()}
+        for name, node in _alive().items():
+            at = NodeAffinitySchedulingStrategy(node, soft=False)
+            call = ray.remote(function).options(num_cpus=0, scheduling_strategy=at)
+            asked[name] = call.remote()
+        found = {name: _answer(reference) for name, reference in asked.items()}
+        there = _alive()
+        return {name: answer for name, answer in found.items() if name in there}
 
     def close(self) -> None:
         """Leave the cluster; one that was started here ends."""
@@ -118,6 +122,15 @@ def lost(why: str) -> EngineError:
     """Return the error of a unit whose cluster is gone."""
     reason = why.split("\n", maxsplit=1)[0]
     return EngineError(f"Ray was lost: {reason}: go on with --resume")
+
+
+def _alive() -> dict[str, str]:
+    """Return the identifier of each machine that is there now, by name."""
+    return {
+        f"{node['NodeManagerHostname']} ({node['NodeID'][:8]})": node["NodeID"]
+        for node in ray.nodes()
+        if node["Alive"]
+    }
 
 
 def _answer(reference: Any) -> Any:
