@@ -64,8 +64,11 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     except CurricleError:
         raise
     except Exception as error:  # each engine has its own
-        reason = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
-        raise SettingError(f"{on} cannot be reached or started: {reason}") from None
+        first, *others = str(error).strip().splitlines() or [""]
+        reason = " ".join([first, *others[-1:]])  # a trace's last line says what it is
+        raise SettingError(
+            f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
+        ) from None
     try:
         check_versions(on, engine.each(versions_here))
         yield engine

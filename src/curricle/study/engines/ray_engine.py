@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import cache
 from socket import create_connection
 from threading import Lock
+from time import sleep
 from typing import Any
 
 import ray
@@ -19,6 +20,8 @@ ASKED = 60
 """Seconds in which each machine must answer; it starts a process first."""
 ANSWERS_IN = 10
 """Seconds in which the head must take a connection."""
+ASKED_AGAIN, PAUSE = 3, 2.0
+"""How often a head that turns a client away is asked again, and after how many seconds."""
 
 
 class RayEngine:
@@ -141,12 +144,22 @@ def _answer(reference: Any) -> Any:
         return getattr(error, "cause", None) or error
 
 
+def _connected(where: Mapping[str, Any]) -> Any:
+    """Return what ``ray.init`` does, asked again where a head has just lost a machine or client."""
+    for _ in range(ASKED_AGAIN):
+        try:
+            return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+        except ConnectionAbortedError:
+            sleep(PAUSE)
+    return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+
+
 def connected(address: str | None, workers: int | None) -> RayEngine:
     """Return the cluster at host:port, or what ``ray.init()`` finds or starts."""
     ends, link = address is not None or not ray.is_initialized(), None
     if ends:
         where = {"num_cpus": workers} if address is None else {"address": f"ray://{address}"}
-        context = ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+        context = _connected(where)
         link = getattr(context, "dashboard_url", None)
     host, _, port = (address or ray.get_runtime_context().gcs_address).rpartition(":")
     return RayEngine(f"http://{link}" if link else None, (host.strip("[]"), int(port)), ends)
