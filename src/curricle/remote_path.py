@@ -3,7 +3,7 @@
 import io
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from time import sleep
 from typing import IO, TYPE_CHECKING, Any, TypeVar
@@ -110,6 +110,11 @@ class RemotePath:
         return self._at(str(self.key.parent))
 
     @property
+    def bucket(self) -> "RemotePath":
+        """The first part: of a server for objects, the bucket."""
+        return self._at(self.key.parts[0])
+
+    @property
     def name(self) -> str:
         """The last part."""
         return self.key.name
@@ -160,6 +165,11 @@ class RemotePath:
         """Delete the file."""
         if not missing_ok or self.exists():
             self._tried(lambda: self.system.delete_file(str(self.key)))
+
+    def remove_folder(self) -> None:
+        """Delete the folder and all that is in it, as far as that can be done."""
+        with suppress(OSError):
+            self.system.delete_dir(str(self.key))
 
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:

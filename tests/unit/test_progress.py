@@ -63,6 +63,14 @@ def test_the_end_has_no_time_left(clock):
     assert pace.line() == "2 of 2 units, 1 worker, 1 unit a second"
 
 
+def test_units_that_were_begun_again_are_counted(clock):
+    pace, every = Pace(clock), units(3)
+    pace.note(Progress(every, workers=2, repeated=1))
+    assert pace.line() == "0 of 3 units, 2 workers, 1 unit begun again"
+    pace.note(Progress(every, workers=1, repeated=1_200))
+    assert pace.line() == "0 of 3 units, 1 worker, 1,200 units begun again"
+
+
 def printed(capsys, clock, number):
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)

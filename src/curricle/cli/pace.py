@@ -68,7 +68,12 @@ class Pace:
             words.append(_in_words(rate))
             if left := units - self.stored:
                 words.append(f"{timedelta(seconds=round(left / rate))} left")
-        return ", ".join([*words, *filter(None, [self._progress.link])])
+        return ", ".join([*words, *filter(None, [self.repeated(), self._progress.link])])
+
+    def repeated(self) -> str:
+        """Return how many units were begun again, in words; nothing if none were."""
+        number = 0 if self._progress is None else self._progress.repeated
+        return f"{number:,} unit{'s' * (number != 1)} begun again" if number else ""
 
 
 def _in_words(rate: float) -> str:

@@ -61,7 +61,7 @@ class Lines:
         if progress.stored is None:
             return
         if units <= MANY:
-            line = f"done {progress.stored.label}"
+            line = ", ".join(filter(None, [f"done {progress.stored.label}", self.pace.repeated()]))
         elif now - self._printed >= BETWEEN or self.pace.stored == units:
             line, self._printed = self.pace.line(), now
         else:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.remote_path import Place, place_at
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
@@ -231,7 +231,7 @@ class Curriculum(TaskGraph):
         charge: bool = False,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: str | Path | None = None,
+        saves: str | Place | None = None,
         progress: Callable[[str], Any] | None = None,
     ) -> CurriculumResult:
         """Return every task learnt, in order, each once; K seeds are K independent curricula.
@@ -254,8 +254,8 @@ class Curriculum(TaskGraph):
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder for checkpoints of the tasks that networks learn: a killed run called again
-            goes on where it was (:func:`learn_deep`).
+            A folder or a URL for checkpoints of the tasks that networks learn: a killed run
+            called again goes on where it was (:func:`learn_deep`).
         progress : callable, optional
             Called with the name of each task when it is learnt.
 
@@ -300,7 +300,7 @@ class Curriculum(TaskGraph):
                 charged=spent,
                 snapshots=snapshots,
                 workers=workers,
-                saves=None if saves is None else Path(saves) / file_name(name),
+                saves=None if saves is None else place_at(saves) / file_name(name),
             )
             extra: IntArray | int = 0
             if retraining:

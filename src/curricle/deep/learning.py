@@ -1,7 +1,6 @@
 """Training a task seen through observations over many seeds: :func:`learn_deep`."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from curricle.array_types import IntArray
@@ -21,6 +20,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
+from curricle.remote_path import Place, place_at
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
 
@@ -37,7 +37,7 @@ def learn_deep(
     stream: str = "",
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Path | None = None,
+    saves: str | Place | None = None,
     progress: Callable[[int], Any] | None = None,
 ) -> DeepResult:
     """Return what a deep learner learns of a task, for each of several seeds, one after another.
@@ -71,8 +71,8 @@ def learn_deep(
     evaluation : GreedyEvaluation, optional
         By rollouts, 5 by default; "exact" where the environment can be tabulated.
     saves : path, optional
-        A folder for checkpoints, from which a killed run resumes, with the same result: network,
-        optimizer, replay buffer, environments, generators.
+        A folder or a URL for checkpoints, from which a killed run resumes, with the same
+        result: network, optimizer, replay buffer, environments, generators.
     progress : callable, optional
         Called with each seed when it is done.
 
@@ -145,7 +145,7 @@ def train_seeds(
     stream: str,
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Path | None = None,
+    saves: str | Place | None = None,
     progress: Callable[[int], Any] | None = None,
 ) -> DeepResult:
     """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
@@ -185,7 +185,7 @@ def train_seeds(
     )
     outcomes = []
     for one in each:
-        place = None if saves is None else Path(saves) / f"seed-{one.seed}.checkpoint"
+        place = None if saves is None else place_at(saves) / f"seed-{one.seed}.checkpoint"
         outcomes.append(run.train(*one, place))
         if progress is not None:
             progress(one.seed)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.remote_path import Place
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import Environments, mean_episode_return
@@ -52,7 +52,7 @@ class DeepRun:
         shaping: Shaping | None,
         warm_up: WarmUp,
         charged: int,
-        saves: Path | None,
+        saves: Place | None,
     ) -> Outcome:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
@@ -167,7 +167,7 @@ class Recorder(BaseCallback):
         values: Callable[[], NetworkValues],
         max_steps: int,
         start: int,
-        saves: tuple[Path, str] | None,  # the checkpoint's file, and the run it is of
+        saves: tuple[Place, str] | None,  # the checkpoint's file, and the run it is of
     ):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values

@@ -13,7 +13,7 @@ from typing import Any
 import numpy.typing as npt
 
 from curricle.curriculum.node import Node
-from curricle.errors import LostStoreError, StoreError
+from curricle.errors import StoreError
 from curricle.study.folders import read_errors
 from curricle.study.record import CurriculaRecord, UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
@@ -139,10 +139,7 @@ class Packing:
 
     def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
         files = self._files.setdefault(block, [])
-        try:
-            files.append(self.store.write_unit(about_of(unit, result), result))
-        except StoreError as error:
-            raise LostStoreError(str(error)) from error
+        files.append(self.store.write_unit(about_of(unit, result), result))
         if len(files) > MOST_FILES:
             files[:] = [merged_files(self.store, files)]
         self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))

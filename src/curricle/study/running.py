@@ -3,7 +3,6 @@
 Parts that were run in several folders are merged into one.
 """
 
-import json
 import os
 import platform
 import subprocess
@@ -27,6 +26,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import FAILURES, Failures, read_failures
+from curricle.study.folders import lost_errors
 from curricle.study.packing import Packing, files_of, pack
 from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
@@ -35,7 +35,7 @@ from curricle.study.resuming import Done, arms_in, different_versions, usable_un
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult, result_of, without_snapshots
 from curricle.study.store import StoredUnit, StudyStore
-from curricle.study.units import Unit, units_of
+from curricle.study.units import Unit, given_to_all, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
 OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
@@ -54,6 +54,8 @@ class Progress:
         The unit that has just been stored; None at the beginning.
     workers : int
         How many there are now: those of a cluster come and go.
+    repeated : int
+        Units that a cluster has begun again so far, as a worker died.
     link : str or None
         To the cluster's own page, if it has one.
 
@@ -68,6 +70,7 @@ class Progress:
     units: tuple[Unit, ...]
     stored: Unit | None = None
     workers: int = 1
+    repeated: int = 0
     link: str | None = None
 
 
@@ -122,7 +125,8 @@ def run_study(
     Raises
     ------
     StoreError
-        When the folder holds something else, is in use, is damaged or cannot be written to.
+        When the folder holds something else, is in use, is damaged or cannot be written to;
+        LostStoreError where that happens later, and `resume` goes on.
     SettingError
         When the arms cannot be compared, workers or shard make no sense, a network is to learn
         and Stable-Baselines3 is not installed, or `on` names no cluster that can be used.
@@ -152,33 +156,29 @@ def run_study(
     arms = arms_in(study, path, keep_stale=keep_stale)
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
-    configuration, folder = study.to_data(), str(study.folder.resolve())
     description = {
         "curricle": metadata.version("curricle"),
-        "configuration": configuration,
+        "configuration": study.to_data(),
         "code": arms.code,
     }
     record = study_record(study, arms)
     described = {**description, "record": plain(record)}
-    report, report_progress = report or to_stderr, progress or (lambda _: None)
+    report = report or to_stderr
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         done = _begun(store, study, arms, report)
+        ending.enter_context(lost_errors())
         units = tuple(units_of(study, arms, done, shard))
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
         tracking = open_trackers(trackers, study.name, description, beside, report)
         ending.callback(tracking.close)
-        given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures, per_file = Failures(arms.keys), files_of(record)
-        scheduler = Scheduler(given, arms, Packing(store, done, per_file), places, failures)
-        report_progress(Progress(units, None, scheduler.number(), places.link))
-        for unit, result in scheduler.results(units):
-            if trackers:
-                tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
-            report_progress(Progress(units, unit, scheduler.number(), places.link))
+        packing = Packing(store, done, per_file)
+        scheduler = Scheduler(given_to_all(study, arms), arms, packing, places, failures)
+        _train(scheduler, units, tracking if trackers else None, progress)
         _write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
@@ -230,6 +230,28 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
         report(sentence)
     store.add_run(run)
     return done
+
+
+def _train(
+    scheduler: Scheduler,
+    units: tuple[Unit, ...],
+    tracking: Tracker | None,
+    progress: Callable[[Progress], Any] | None,
+) -> None:
+    """Train units, and tell of each that is stored."""
+    workers = scheduler.workers
+
+    def show(stored: Unit | None) -> None:
+        number = scheduler.number()
+        if progress is not None:
+            progress(Progress(units, stored, number, workers.repeated, workers.link))
+
+    show(None)
+    for unit, result in scheduler.results(units):
+        if tracking is not None:
+            learnt = _learnt(scheduler.packing.store, scheduler.arms, unit, result)
+            tracking.record(unit.arm, unit.task, learnt)
+        show(unit)
 
 
 def _learnt(

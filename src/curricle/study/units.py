@@ -1,5 +1,6 @@
 """Units of work: one task of one arm for some seeds, a pure function of the study."""
 
+import json
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ from curricle.curriculum.result import CurriculumResult
 from curricle.learning.budget import ended_by
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
+from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import Dependencies
@@ -136,8 +138,13 @@ class UnitInput(NamedTuple):
     """JSON of ``Arms.code``: the modules must be as they were when the run began."""
     unit: Unit
     sources: Mapping[str, StoredValues]
-    checkpoints: str | None = None
-    """A folder for checkpoints, from which a killed unit goes on, to the same result."""
+    checkpoints: Place | None = None
+    """Where checkpoints are, from which a killed unit goes on, to the same result."""
+
+
+def given_to_all(study: StudyConfig, arms: Arms) -> tuple[str, str, str]:
+    """Return the first fields of :class:`UnitInput`, the same for all units of a study."""
+    return json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
 
 
 def train_unit(given: UnitInput) -> UnitResult:
