@@ -4,6 +4,7 @@ from dataclasses import fields
 from functools import cache
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -92,7 +93,8 @@ def unit_of(seeds, budget, storage, snapshots):
         for seed in seeds
         for step in (20, 40)
     ]
-    return UnitResult(arrays_of(learnt(seeds, budget, storage, snapshots)), decisions)
+    arrays = arrays_of(learnt(seeds, budget, storage, snapshots))
+    return UnitResult(arrays, pa.Table.from_pylist(decisions))
 
 
 @for_any_groups

@@ -69,8 +69,8 @@ def analyse(study: StudyResults, arms: Arms) -> None:
     results = {}
     for arm, curriculum in curricula.items():
         nodes = {
-            name: replace(one, task=curriculum.tasks[name])
-            for name, one in study.results[arm].items()
+            name: replace(study.result(arm, name, seeds=seeds), task=curriculum.tasks[name])
+            for name in curriculum.order
         }
         given = study.trained(arm, curriculum, seeds)
         results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)

@@ -1,6 +1,6 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -93,7 +93,9 @@ class StudyResults:
         each = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.record.seeds).intersection(*each)))
 
-    def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
+    def result(
+        self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
+    ) -> LearningResult:
         """Return the learning result of one task of an arm.
 
         Its ``task`` and ``learner`` are None: the folder holds neither.
@@ -104,14 +106,15 @@ class StudyResults:
         values : bool
             Whether to read the learnt values too, which may be large. Those of a network are its
             parameters, a dict of arrays for each seed; :meth:`trained` makes networks of them.
+        seeds : collection of int, optional
+            Those that are needed; others of their files come too.
 
         Raises
         ------
         StoreError
             When there is no result yet, or a file is damaged.
         """
-        units = self._units(arm, task)
-        if not units:
+        if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
         snapshots = self.record.task(arm, task).view is not None
         groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
@@ -176,8 +179,9 @@ class StudyResults:
             As :meth:`trained`.
         """
         seeds, target = self.seeds if seeds is None else tuple(seeds), curriculum.target
-        names = [*curriculum.ancestors(target), target]
-        found = self._values(arm, curriculum, seeds, names)[target]
+        found = self._values(arm, curriculum, seeds, [*curriculum.ancestors(target), target])[
+            target
+        ]
         learner = curriculum.setting("learner", target)
         return policies_of(found.task, learner, found.values, found.steps_used)
 
@@ -197,12 +201,12 @@ class StudyResults:
             found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
         return source_values(curriculum, seeds, found)
 
-    def _units(self, arm: str, task: str) -> list[StoredUnit]:
+    def _units(self, arm: str, task: str, seeds: Collection[int] | None = None) -> list[StoredUnit]:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""
         one_of("an arm", arm, self.record.arms, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
-        by_seed = self.stored.get(self.record.keys[arm, task], {})
-        return list(dict.fromkeys(by_seed.values()))
+        by_seed = self.stored.get(self.record.keys[arm, task], {}).items()
+        return [*dict.fromkeys(unit for seed, unit in by_seed if seeds is None or seed in seeds)]
 
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
@@ -248,8 +252,7 @@ class StudyResults:
         """
         name = self.record.target if task is None else task
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
-        seeds = np.concatenate([run["seeds"] for run in runs])
-        steps: IntArray = np.concatenate([run["source_steps"] for run in runs])
+        seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
         return steps[np.argsort(seeds)]
 
     # -- tables --------------------------------------------------------------------------------
@@ -277,9 +280,8 @@ class StudyResults:
 
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
-        if self.stored:
-            self.store.write(RESULTS, parquet_of(self._parts(CURVES)))
-            self.store.write(DECISIONS, parquet_of(self._parts(DECISIONS)))
+        for file, name in ((RESULTS, CURVES), (DECISIONS, DECISIONS)) if self.stored else ():
+            self.store.write(file, parquet_of(self._parts(name)))
 
     def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
@@ -293,8 +295,7 @@ class StudyResults:
         """Return a column of the decisions in a task by seed."""
         found: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            rows: list[Mapping[str, Any]] = self.store.decisions(unit).to_pylist()
-            for row in rows:
+            for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
                 found.setdefault(row["seed"], []).append(row[column])
         return dict(sorted(found.items()))
 
@@ -302,9 +303,9 @@ class StudyResults:
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished; arms that failed are left out.
-    Where studies gave their arms different totals,
-    all are compared at the smallest: what was learnt by then does not depend on what came after.
+    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
+    their arms different totals, all are compared at the smallest: what was learnt by then does not
+    depend on what came after.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ class UnitResult(NamedTuple):
     arrays: Arrays
     """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
     of them ``retraining_steps``, and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
-    decisions: list[dict[str, Any]]
-    """Why each seed went on or stopped, a row a checkpoint."""
+    decisions: pa.Table
+    """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 
 
 def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
@@ -170,8 +170,9 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
             if name in CURVES:
                 each = [lengthened(name, one, len(steps)) for one in each]
             arrays[name] = np.concatenate(each)[order]
-    decisions = [row for part in parts for row in part.decisions]
-    return UnitResult(arrays, sorted(decisions, key=lambda row: row["seed"]))
+    decisions = pa.concat_tables([part.decisions for part in parts])
+    ascending = pc.sort_indices(decisions, [("seed", "ascending")])  # stable
+    return UnitResult(arrays, decisions.take(ascending))
 
 
 def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, npt.NDArray[Any]]:

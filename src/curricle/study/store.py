@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from curricle.errors import StoreError
 from curricle.files import PART, read_bounded, remove_folder, write_whole
@@ -379,5 +380,5 @@ class StudyStore:
             return file.arrays(*GROUPS, most=most), file.decisions(len(stored.seeds))
 
         arrays, decisions = read_unit(stored.path, read)
-        rows = decisions.to_pylist()
-        return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
+        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
+        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))

@@ -65,7 +65,7 @@ def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
                     member.compress_type = zipfile.ZIP_DEFLATED
                 with archive.open(member, "w", force_zip64=True) as file:
                     np.lib.format.write_array(file, np.asarray(result.arrays[name]))
-        decisions = as_parquet(pa.Table.from_pylist(result.decisions))
+        decisions = as_parquet(result.decisions.combine_chunks())
         archive.writestr(zipfile.ZipInfo(DECISIONS), decisions)
         archive.writestr(zipfile.ZipInfo(ABOUT), as_json(plain(about)))
         archive.comment = bytes(SEAL)

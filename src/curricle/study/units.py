@@ -8,6 +8,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
@@ -18,7 +19,7 @@ from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import Dependencies
-from curricle.study.serialization import UnitResult, arrays_of
+from curricle.study.serialization import DECISION_SCHEMA, UnitResult, arrays_of
 from curricle.study.source_values import StoredValues, source_values
 
 
@@ -168,7 +169,8 @@ def train_unit(given: UnitInput) -> UnitResult:
     if fitted := found.calibrations.get(unit.task):
         parts = ("scale", "shift", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
-    return UnitResult(arrays, _decisions(found, unit))
+    decisions = pa.Table.from_pylist(_decisions(found, unit), pa.schema(DECISION_SCHEMA.items()))
+    return UnitResult(arrays, decisions)
 
 
 def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
