@@ -168,7 +168,7 @@ class _TransferTable(ObjectTable):
         if self.project is not None:
             return component_mapping.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
-            return mapping.identity(target)
+            return mapping.identity(target, source)
         if self.mapping is not None:
             return getattr(mapping, self.mapping)(target, source, unmapped_value=value)
         if self.factory is not None:
