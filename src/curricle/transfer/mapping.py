@@ -12,7 +12,7 @@ from curricle.checks import brief, number, numbers
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.spaces import MISSING, Decoded, Space
+from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
@@ -47,7 +47,7 @@ class Coverage:
 
     Examples
     --------
-    >>> identity(GridWorld("S.T")).coverage().mapped
+    >>> same_position(GridWorld("S.T"), GridWorld("S.T")).coverage().mapped
     1.0
     """
 
@@ -214,67 +214,6 @@ def transferred(
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
 
-def identity(target: Task, source: Task | None = None) -> StateActionMapping:
-    """Return the mapping of each state and action to the same of a task of the same shape.
-
-    Of one shape are tasks whose states and actions have as many components, of the same values in
-    the same order, whatever they are called: a slippery lake and one that is not, say. Without a
-    source it is the mapping of a task onto itself, which leaves Q as it is.
-
-    Raises
-    ------
-    MappingError
-        When the shapes differ, saying how.
-
-    Examples
-    --------
-    >>> easy, hard = GridWorld("S.T"), GridWorld("SPT")
-    >>> identity(hard, easy).index[0]
-    array([0, 1, 2, 3])
-    """
-    source = target if source is None else source
-    for task in (target, source):
-        generative_model(task)
-    if source is not target:
-        check_same_shape("states", target.states, source.states)
-        check_same_shape("actions", target.actions, source.actions)
-    states, actions = np.arange(target.states.size), np.arange(target.actions.size)
-    return pair_mapping(target, source, states[:, None], actions)
-
-
-def check_same_shape(what: str, target: Space, source: Space) -> None:
-    """Raise MappingError unless two spaces have as many components, of the same values.
-
-    Examples
-    --------
-    >>> check_same_shape("states", GridWorld("S..T").states, GridWorld("S.T").states)
-    Traceback (most recent call last):
-    curricle.errors.MappingError: identity needs tasks of one shape: the target's states have
-    column[4], the source's column[3]; project maps by name what both have
-    """
-    rule, hint = "identity needs tasks of one shape", "project maps by name what both have"
-    if len(target.components) != len(source.components):
-        raise MappingError(
-            f"{rule}: the target's {what} have {len(target.components)} components, "
-            f"{', '.join(target.names)}, and the source's {len(source.components)}, "
-            f"{', '.join(source.names)}; {hint}"
-        )
-    for own, other in zip(target.components, source.components, strict=True):
-        if (own.size, own.low) != (other.size, other.low):
-            ranges = own.size == other.size
-            mine, yours = (
-                f"{one.name}[{one.size}]" + f" from {one.low}" * ranges for one in (own, other)
-            )
-            raise MappingError(
-                f"{rule}: the target's {what} have {mine}, the source's {yours}; {hint}"
-            )
-    if target.is_box != source.is_box or not np.array_equal(target.points, source.points):
-        raise MappingError(
-            f"{rule}: both have {what} of {', '.join(target.names)}, but other ones or in another "
-            f"order, {target.size:,} in the target and {source.size:,} in the source; {hint}"
-        )
-
-
 def same_position(
     target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
@@ -393,6 +332,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
 
     Examples
     --------
+    >>> from curricle.transfer import identity
     >>> maze = GridWorld("S..T")
     >>> crop = maze.crop(rows=(0, 1), columns=(2, 4))
     >>> both = compose(same_position(maze, crop), identity(crop))
