@@ -281,7 +281,10 @@ def _observations(
     if encode is not None:
         own = given if isinstance(given, Space) else getattr(encode, "states", None)
         if own is None:
-            raise TaskError("an encode function needs the states it encodes to: states not given")
+            raise TaskError(
+                "an encode function needs the states it encodes to, as states=Space(...) or as its "
+                f"attribute states: got neither for {encode!r}"
+            )
         if isinstance(encode, Bins) and space.shape != (len(encode.edges),):
             raise TaskError(
                 f"bins must have edges for each entry of an observation, {space.shape}: they have "
@@ -303,9 +306,7 @@ def _given_states(
     """Return the states, or the names and sizes of their components; TaskError where both are."""
     if names is None:
         if sizes is not None:
-            raise TaskError(
-                f"sizes are those of named components: got sizes {sizes!r} and no names"
-            )
+            raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
         return states
     if states is not None:
         raise TaskError(
@@ -318,7 +319,13 @@ def _named_states(given: GivenStates, own: Space) -> Space:
     """Return states as given, or their own with the names that are given."""
     if given is None or isinstance(given, Space):
         return _renamed("states", given, own)
-    return with_names(own, *given)
+    names, sizes = given
+    if sizes is None and len(own.names) == 1 < len(names):
+        raise TaskError(
+            f"observations are one number, so sizes must say how many values each of "
+            f"{', '.join(names)} has: got names without sizes"
+        )
+    return with_names(own, names, sizes)
 
 
 def _renamed(what: str, given: Space | None, own: Space) -> Space:

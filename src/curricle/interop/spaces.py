@@ -58,7 +58,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None =
         raise TaskError(
             f"names must be of each component of a state, in the order of {', '.join(space.names)}"
             f": got {len(listed)}, {', '.join(listed) or 'none'}"
-            f"{'; with sizes one number is split' * (len(space.names) == 1 < len(listed))}"
         )
     components = [replace(c, name=name) for c, name in zip(space.components, listed, strict=True)]
     return Space(components, space.points)

@@ -56,9 +56,8 @@ def identity(target: Any, source: Any = None) -> Any:
     """
     source = target if source is None else source
     if isinstance(target, ObservationTask):
-        mapping = ObservationMapping(target, source)
         check_same_observations(target, source)
-        return mapping
+        return ObservationMapping(target, source)
     to, of = generative_model(target), generative_model(source)
     for what, own, other in (("states", to.states, of.states), ("actions", to.actions, of.actions)):
         _check(what, own, other)

@@ -281,8 +281,9 @@ def from_function(
     Raises
     ------
     MappingError
-        When the function does not return all of the source's components, or the target has more
-        than 1,000,000,000 pairs, which would all be listed.
+        When the function asks for a component that the target does not have, or does not return
+        all of the source's; or the target has more than 1,000,000,000 pairs, which would all be
+        listed.
 
     Examples
     --------
@@ -300,8 +301,8 @@ def from_function(
             f"a mapping by a function lists all pairs of the target, at most {MOST_LISTED:,}: it "
             f"has {pairs:,}; map it by components"
         )
-    states = {k: v[:, None] for k, v in target.states.decode().items()}
-    actions = {k: v[None, :] for k, v in target.actions.decode().items()}
+    states = _Components({k: v[:, None] for k, v in target.states.decode().items()}, "states")
+    actions = _Components({k: v[None, :] for k, v in target.actions.decode().items()}, "actions")
     returned = function(states, actions)
     if not isinstance(returned, tuple) or [isinstance(p, dict) for p in returned] != [True, True]:
         raise MappingError(
@@ -318,6 +319,20 @@ def from_function(
             )
         encoded.append(space.encode(**given))
     return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)
+
+
+class _Components(dict[str, IntArray]):
+    """The values of components by name, which tells the names that there are."""
+
+    def __init__(self, values: Decoded, what: str):
+        super().__init__(values)
+        self._what = what
+
+    def __missing__(self, name: str) -> IntArray:
+        raise MappingError(
+            f"a mapping's function must ask for components of the target's {self._what}, "
+            f"{', '.join(self)}: got {name!r}"
+        )
 
 
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
