@@ -1,4 +1,4 @@
-"""A vault that opens with a key, which lies in another corner of the room."""
+"""A courier on a square: a parcel lies in one corner and is wanted in the next."""
 
 import gymnasium as gym
 import numpy as np
@@ -7,20 +7,20 @@ from gymnasium import spaces
 MOVES = ((-1, 0), (0, 1), (1, 0), (0, -1))  # up, right, down, left
 
 
-class Vault(gym.Env):
-    """A room of `size` x `size` cells: the key lies lower left, the vault is lower right.
+class Courier(gym.Env):
+    """A square of `size` x `size` cells: the parcel lies lower left and is wanted lower right.
 
-    With `key` = 1 an episode starts with the key in hand.
+    Episodes begin upper left, with the parcel in hand if `parcel` is 1.
     """
 
-    def __init__(self, size=6, key=0):
-        self.size, self.first_key = size, key
+    def __init__(self, size=8, parcel=0):
+        self.size, self.at_first = size, parcel
         self.observation_space = spaces.MultiDiscrete([size, size, 2])
         self.action_space = spaces.Discrete(4)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.row, self.column, self.key = 0, 0, self.first_key
+        self.row, self.column, self.parcel = 0, 0, self.at_first
         return self._observation(), {}
 
     def step(self, action):
@@ -29,9 +29,9 @@ class Vault(gym.Env):
         self.column = min(max(self.column + right, 0), self.size - 1)
         below = self.row == self.size - 1
         if below and self.column == 0:
-            self.key = 1
-        opened = bool(below and self.column == self.size - 1 and self.key)
-        return self._observation(), float(opened), opened, False, {}
+            self.parcel = 1
+        delivered = bool(below and self.column == self.size - 1 and self.parcel)
+        return self._observation(), float(delivered), delivered, False, {}
 
     def _observation(self):
-        return np.array([self.row, self.column, self.key])
+        return np.array([self.row, self.column, self.parcel])
