@@ -1,5 +1,6 @@
 """Tasks that are environments: Gymnasium's or one's own, in tables or seen by networks."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,7 @@ class Maker(Table):
             try:
                 return make(maker, **options)
             except TaskError as error:
-                if self.id is None or ":" not in self.id:
+                if self.factory or ":" not in own or re.search(r"-v\d+$", own):
                     raise
                 hint = "a class or function of your own is named by factory, not by id"
                 raise TaskError(f"{error}; {hint}") from error
