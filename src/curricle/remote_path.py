@@ -4,6 +4,7 @@ import io
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path, PurePosixPath
 from time import sleep
 from typing import IO, TYPE_CHECKING, Any, TypeVar
@@ -216,7 +217,7 @@ Place = Path | RemotePath
 
 
 def place_at(path: Any) -> Place:
-    """Return a folder of this machine, or the one at a URL.
+    """Return a folder of this machine, or the one at a URL; StoreError where it is neither.
 
     Examples
     --------
@@ -225,4 +226,6 @@ def place_at(path: Any) -> Place:
     """
     if isinstance(path, RemotePath):
         return path
+    if not isinstance(path, str | PathLike):
+        raise StoreError(f"a folder must be a path or a URL: got {path!r}")
     return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)

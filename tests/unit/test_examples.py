@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import curricle as cr
+
 FOLDER = Path(__file__).parents[2] / "examples"
 PICTURES = {
     "first_curriculum": {"seeds": 2},
@@ -39,6 +41,16 @@ def test_example_runs_and_compares(name, capsys):
     printed = capsys.readouterr().out
     assert "sources charged, evaluations free; 2 seeds" in printed
     assert "scratch" in printed
+
+
+def test_a_gymnasium_class_of_ones_own_is_studied_from_its_file(tmp_path):
+    file = FOLDER / "own_environment" / "courier.toml"
+    study = cr.read_study(
+        file, set=["seeds=2", "tasks.fetch.budget=3_000", "tasks.deliver.budget=500"]
+    )
+    found = cr.run_study(study, tmp_path / "results")
+    assert sorted(task.view.words for task in found.record.tasks) == ["parcel 0", "parcel 1"]
+    assert "Replay of training" in cr.report.write_report(tmp_path / "results").read_text("utf-8")
 
 
 def test_a_network_learns_from_a_table(capsys, monkeypatch):

@@ -91,7 +91,7 @@ def run(
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
     _announce_imports()
     study = _read(file, seeds, changes)
-    folder = out or f"{file.stem}-results"
+    folder = out or study.results_folder
     if dry_run:
         for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
             typer.echo(line)

@@ -63,6 +63,8 @@ def forecast(
     Parameters
     ----------
     curriculum : Curriculum
+        ``curricle.forecast`` also takes a study of one arm or the path of its file: its arm, its
+        first seeds and its threshold, where others are not given.
     target : str, optional
         By default the task that all others lead to.
     seeds : int or sequence of int

@@ -23,7 +23,7 @@ from curricle.interop.scene import (
     PursuitScene,
     Scene,
 )
-from curricle.tasks.grid_layout import LETTERS, GridLayout
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.labels import values_of
 from curricle.tasks.pursuit import Pursuit
@@ -60,8 +60,8 @@ def scene_of(task: Any) -> Scene:
         return PursuitScene(task)
     if isinstance(task, TaskWithStart):
         return scene_of(task.task)
-    states, layout = generative_model(task).states, getattr(task, "layout", None)
-    if isinstance(layout, GridLayout) and layout.shape[0] * layout.shape[1] <= MOST_CELLS:
+    states, layout = generative_model(task).states, layout_of(task)
+    if layout is not None and layout.shape[0] * layout.shape[1] <= MOST_CELLS:
         return LayoutScene(states, layout)
     return LabelScene(states)
 

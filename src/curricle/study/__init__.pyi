@@ -12,5 +12,6 @@ from .recipes.recipe_file import (
 from .results import StudyResults as StudyResults, compare_studies as compare_studies
 from .running import Progress as Progress, merge as merge, run_study as run_study
 from .store import StudyStore as StudyStore
+from .study_arguments import compare as compare, forecast as forecast
 from .units import Unit as Unit, UnitInput as UnitInput, train_unit as train_unit
 from .workers import WorkerProcesses as WorkerProcesses

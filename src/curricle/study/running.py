@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import BEYOND_64_BITS, instance, whole_number
+from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
@@ -35,6 +35,7 @@ from curricle.study.resuming import Done, arms_in, different_versions, usable_un
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult, result_of, without_snapshots
 from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.study_arguments import Study, study_of
 from curricle.study.units import Unit, given_to_all, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -75,8 +76,8 @@ class Progress:
 
 
 def run_study(
-    study: StudyConfig,
-    path: str | Place,
+    study: Study,
+    path: str | Place | None = None,
     *,
     resume: bool = False,
     workers: int | None = None,
@@ -92,9 +93,11 @@ def run_study(
 
     Parameters
     ----------
-    study : StudyConfig
-    path : path or str
-        The folder; made if need be. Or a URL, such as "s3://bucket/study".
+    study : StudyConfig or path
+        Or the path of its file.
+    path : path or str, optional
+        The folder; made if need be. Or a URL, such as "s3://bucket/study". By default the file's
+        name with "-results", here, as with ``curricle run``.
     resume : bool
         Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
         of it is damaged, or if it is stale: there is one of its task, but that depended on other
@@ -124,6 +127,8 @@ def run_study(
 
     Raises
     ------
+    ConfigError
+        With all that is wrong in the study's file.
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written to;
         LostStoreError where that happens later, and `resume` goes on.
@@ -147,7 +152,8 @@ def run_study(
     >>> found.results["scratch"]["line"].steps_used
     array([500, 500])
     """
-    instance("study", study, StudyConfig, SettingError)
+    study = study_of(study)
+    path = path or study.results_folder
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     part, parts = shard

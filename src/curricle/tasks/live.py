@@ -110,6 +110,20 @@ def is_live(task: Any) -> bool:
     return isinstance(task, LiveMDP)
 
 
+def reset_state(task: LiveMDP) -> int:
+    """Return the state that a new environment is in after a reset with seed 0.
+
+    Examples
+    --------
+    >>> from curricle import from_gymnasium
+    >>> lake = from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
+    >>> reset_state(lake)
+    0
+    """
+    with closing(task.make()) as environment:
+        return _numbering(task)(environment.reset(seed=0)[0])
+
+
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """Return a context with the model of a task for the loops of one run; a live one while open.
 

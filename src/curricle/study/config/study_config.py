@@ -104,6 +104,11 @@ class StudyConfig(RunTable):
         """The name of the file that it was read from, without its folder; else the study's name."""
         return Path(self._positions.file).name
 
+    @property
+    def results_folder(self) -> str:
+        """The name of the folder that results go to by default, FILE-results."""
+        return f"{Path(self.file).stem}-results"
+
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
         """The curricula of all arms, by name.
