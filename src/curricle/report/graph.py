@@ -9,6 +9,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.learning.result import LearningResult
+from curricle.plotting.learning_curves import places
 from curricle.plotting.scales import rounded
 from curricle.report.graph_layout import Layout, arrows, layout
 from curricle.statistics.curves import SCRATCH
@@ -159,8 +160,7 @@ def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     kept = [(tuple(arms), trained[arms[0]]) for arms in alike.values()]
     curves = []
     for _, one in kept:
-        n = len(one.steps)
-        place = np.unique(np.linspace(0, n - 1, min(n, CURVE_POINTS)).round().astype(int))
+        place = places(len(one.steps), CURVE_POINTS)
         band = mean_interval(one.greedy_return[:, place])
         drawn = np.array([band.estimate, band.low, band.high])
         curves.append((one.steps[place], np.where(np.isnan(drawn), drawn[0], drawn)))
