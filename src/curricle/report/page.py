@@ -21,7 +21,7 @@ from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Learnt, Reasons, graphs
 from curricle.report.replay import Replay, replays
 from curricle.report.svg import inline_svg
-from curricle.report.templates import Script, asset, render
+from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
 from curricle.study.analysis import analysed
 from curricle.study.record import Analysis, CurriculaRecord
@@ -149,7 +149,6 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
             (*place, Counter(words).most_common()) for place, words in study.reasons.items()
         ),
         ends=ends(study.reasons),
-        style=Markup(asset("study.css")),
         scripts=[Script.of("study.js"), Script.of("curves.js")],
         data={
             "replays": {one.key: one.data() for one in shown},

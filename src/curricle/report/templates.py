@@ -45,7 +45,7 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of)
+    environment.globals.update(shades=shades_of, style_sheets=_style_sheets)
     environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
     return environment.get_template(template).render(values)
 
@@ -55,6 +55,11 @@ def _visible(value: Any) -> Any:
     if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
         return value
     return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
+
+
+def _style_sheets(*names: str) -> Markup:
+    """Return style sheets in ``assets``, one after the other."""
+    return Markup("").join(Markup(asset(name)) for name in names)
 
 
 def asset(name: str) -> str:
