@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.scale import SymmetricalLogTransform
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.comparison.comparison import Comparison
@@ -35,7 +36,7 @@ def curve_data(
     """Return what the script of a page draws curves from, as data for JSON.
 
     Returns are whole numbers of 10^-digits, and each row of numbers holds its first one, then
-    differences, so that the text is short. ``None`` stands for a bound that does not exist.
+    differences, so that the text is short. None stands for a bound that does not exist.
 
     Parameters
     ----------
@@ -47,31 +48,32 @@ def curve_data(
     Returns
     -------
     dict
-        ``steps`` (T,); ``digits``; ``threshold``; ``random``, the return while sources are trained;
-        ``symlog``, the linear part of the axis of returns and its length in decades, or None;
-        ``panels``, limits and label of each; ``arms`` in the order of drawing, for each panel
-        the place of the first checkpoint, mean, low and high; ``seed_steps`` and each arm's
-        ``seeds``, their returns over target steps, and ``source_steps`` of each seed.
+        ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
+        ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or
+        None; ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in
+        the order of drawing: for each panel the place of its first step, mean, low and high; for
+        each seed its ``source_steps``, and in ``seeds`` its returns over target steps.
 
     Examples
     --------
     >>> from curricle.comparison.arms import Arm
     >>> from curricle.plotting.learning_curves import draw_learning_curves
-    >>> from curricle.plotting.scales import minus
-from curricle.plotting.styles import arm_styles
+    >>> from curricle.plotting.styles import arm_styles
     >>> from curricle.statistics.curves import Curve
     >>> steps, rising = np.array([0, 50, 100]), np.array([[0.0, 1, 2], [0, 3, 4]])
-    >>> one = Comparison("hunt", {"scratch": Arm(Curve(steps, rising), rising, rising, False)},
-    ...                  100, 100, 1.0, 1)
-    >>> drawn = dict(zip(("weak", "strong"), (f.axes[0] for f in draw_learning_curves(one))))
-    >>> found = curve_data(one, arm_styles(one), drawn)
+    >>> arms = {"scratch": Arm(Curve(steps, rising), rising, rising, False)}
+    >>> one = Comparison("hunt", arms, 100, 100, 1.0, 1)
+    >>> weak, strong = (figure.axes[0] for figure in draw_learning_curves(one))
+    >>> found = curve_data(one, arm_styles(one), {"weak": weak, "strong": strong})
     >>> found["steps"], found["digits"], found["arms"][0]["weak"]["mean"]
-    ([0, 50, 50], 2, [0, 200, 100])
+    ([0, 50, 50], 3, [0, 2000, 1000])
     """
     scale = panels["strong"].yaxis.get_transform()
-    symlog = hasattr(scale, "linthresh")
+    symlog = None
+    if isinstance(scale, SymmetricalLogTransform):
+        symlog = [float(scale.linthresh), float(scale.linscale)]
     low, high = panels["strong"].get_ylim()
-    seen = scale.linthresh / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
     digits = max(0, math.ceil(-math.log10(seen)))
     steps = comparison.scratch.curve.steps
     seeds = min(comparison.seeds, MOST_SEEDS)
@@ -81,7 +83,7 @@ from curricle.plotting.styles import arm_styles
         "threshold": comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),
-        "symlog": [scale.linthresh, scale.linscale] if symlog else None,
+        "symlog": symlog,
         "panels": {
             name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}
             for name, axes in panels.items()

@@ -14,7 +14,7 @@ CARD, GAP, FALL = 156, 14, 64
 SIDE, LANE = 44, 26
 """Space at the sides for an arrow that goes round other cards, and for each further one."""
 LINE, NAME_LETTERS, LETTERS = 17, 13, 18
-"""Height of a line of a card in CSS pixels, and the letters that it holds, in its name and below."""
+"""Height of a line of a card in CSS pixels; letters that it holds, in its name and below."""
 PLAIN, CURVE_SPACE = 20, 52
 """Height of a card without text, and of a curve on it, in CSS pixels."""
 BADGE = 24
