@@ -58,14 +58,11 @@ document.addEventListener("DOMContentLoaded", () => {
   const returnTicks = ([low, high], space) => {
     const even = ticks(valueAt(low), valueAt(high), space / 40);
     if (!data.symlog) return even;
-    const found = [], apart = (26 / space) * (high - low);
-    const add = (value) => {
-      const height = heightOf(value), far = (one) => Math.abs(heightOf(one) - height) >= apart;
-      if (height >= low && height <= high && found.every(far)) found.push(value);
-    };
-    add(0);
-    for (const digit of [1, 5, 2]) {
-      for (let power = -9; power < 15; power++) [digit, -digit].forEach((one) => add(one * 10 ** power));
+    const found = [], apart = (26 / space) * (high - low), powers = [...Array(24).keys()];
+    const sizes = [1, 5, 2].flatMap((digit) => powers.map((one) => digit * 10 ** (one - 9)));
+    for (const one of [0, ...sizes, ...sizes.map((size) => -size)]) {
+      const height = heightOf(one), far = (other) => Math.abs(heightOf(other) - height) >= apart;
+      if (height >= low && height <= high && found.every(far)) found.push(one);
     }
     return found.length < 3 ? even : found;
   };
@@ -135,8 +132,10 @@ document.addEventListener("DOMContentLoaded", () => {
     add(inside, "path", { d: `M${left} ${level}H${right}`, stroke: "#777" });
     const drawn = at("chart-seeds").checked ? [drawLines] : [drawBand, drawLines];
     drawn.forEach((one) => shownArms().forEach((arm) => one(inside, arm, { x, y })));
+    // The word stands on that side of its line where no curve ends.
+    const above = shownArms().map((arm) => level - y(arm[panel].mean.at(-1))).some((up) => up > -2 && up < 22);
     const halo = { stroke: "#fff", "stroke-width": 3, "paint-order": "stroke", "font-size": 11 };
-    const place = { x: right - 2, y: level - 4, "text-anchor": "end" };
+    const place = { x: right - 2, y: level + (above ? 13 : -4), "text-anchor": "end" };
     add(inside, "text", { ...place, ...halo }, `threshold ${data.threshold_words}`);
     return { x, y, left, right, top, bottom, over: add(svg, "g", {}) };
   };
@@ -145,8 +144,8 @@ document.addEventListener("DOMContentLoaded", () => {
     const k = cursor === null ? last() : cursor, { x, y, left, right, top, bottom, over } = scales;
     at("chart-steps").textContent = `${cursor === null ? "At the end, " : "At "}${label(steps[k])} steps`;
     rows.forEach((row, n) => { row.querySelector(".value").textContent = words(listed[n], k); });
-    const values = shownArms().map((arm) => `${arm.name} ${words(arm, k)}`).join("; ");
-    const said = `${label(steps[k])} steps: ${values}`;
+    const values = shownArms().map((arm) => `${arm.name} ${words(arm, k)}`);
+    const said = `${label(steps[k])} steps: ${values.join("; ")}`;
     dress(chart, { "aria-valuemax": steps[last()], "aria-valuenow": steps[k], "aria-valuetext": said });
     over.replaceChildren();
     if (drag?.box) add(over, "rect", { ...drag.box, fill: "#0072b2", "fill-opacity": 0.12, stroke: "#0072b2" });
@@ -173,8 +172,8 @@ document.addEventListener("DOMContentLoaded", () => {
     const from = Math.max(start, Math.min(end - length, (low + high - length) / 2)), to = from + length;
     const seen = shownArms().flatMap(({ [panel]: { steps: xs, mean, low, high } }) =>
       [mean, low, high].flatMap((row) => row.filter((one, i) => xs[i] >= from && xs[i] <= to && one === one)));
-    const ends = [Math.min(...seen), Math.max(...seen)].map(heightOf);
-    const [bottom, top] = ends, margin = 0.06 * (top - bottom);
+    const [bottom, top] = [Math.min, Math.max].map((end) => heightOf(end(...seen)));
+    const margin = 0.06 * (top - bottom);
     const fitting = margin > 0 ? [bottom - margin, top + margin] : whole().y;
     view = length >= end - start && !heights ? null : { x: [from, to], y: heights || fitting };
     draw();
@@ -183,10 +182,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const [low, high] = current().x, middle = cursor === null ? (low + high) / 2 : steps[cursor];
     zoom(middle - ((high - low) * factor) / 2, middle + ((high - low) * factor) / 2);
   };
-  const reset = () => {
-    view = null;
-    draw();
-  };
+  const reset = () => zoom(...whole().x);
   const move = (k) => {
     cursor = Math.max(0, Math.min(last(), k));
     const [low, high] = current().x, half = (high - low) / 2, there = steps[cursor];
