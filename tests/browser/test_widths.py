@@ -43,9 +43,11 @@ def test_nothing_is_wider_than_the_page_and_no_text_is_cut(visit, name, viewport
     assert used > 0.85 * viewport["width"]
 
 
+@pytest.mark.usefixtures("design_file")
 @pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
-def test_what_scrolls_sideways_says_so(visit, viewport):
-    page = visit("maze", viewport)
+@pytest.mark.parametrize("name", ["maze", "design"])
+def test_what_scrolls_sideways_says_so(visit, name, viewport):
+    page = visit(name, viewport)
     found = page.eval_on_selector_all(
         ".across",
         """all => all.filter(e => e.checkVisibility()).map(e => [

@@ -12,7 +12,7 @@ from curricle.design.racing import CAP, PLACEBO, Race
 from curricle.design.recipe import Recipe
 from curricle.design.recipe_design import BEST, FIXED, LEADER, RecipeDesign
 from curricle.report.design_figures import SIZES, bracket, last_scores, recipe_graph, scatter
-from curricle.report.templates import render, write_page
+from curricle.report.templates import Script, render, write_page
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
@@ -71,6 +71,7 @@ def design_page(design: RecipeDesign) -> str:
         spent=ledger_rows(design),
         judged=judged_rows(design),
         problems=problems,
+        scripts=[Script.of("scroll.js")],
     )
 
 

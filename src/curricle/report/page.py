@@ -149,7 +149,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
             (*place, Counter(words).most_common()) for place, words in study.reasons.items()
         ),
         ends=ends(study.reasons),
-        scripts=[Script.of("study.js"), Script.of("curves.js")],
+        scripts=[Script.of(name) for name in ("scroll.js", "study.js", "curves.js")],
         data={
             "replays": {one.key: one.data() for one in shown},
             "palettes": {one.palette: shades_of(one.palette) for one in shown},
