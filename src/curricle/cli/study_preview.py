@@ -13,6 +13,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, costs, duration
 from curricle.study.folders import STUDY
+from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, usable_units
 from curricle.study.store import StudyStore
 from curricle.study.units import units_of
@@ -34,6 +35,7 @@ def print_preview(study: StudyConfig) -> None:
     print()
     each = costs(study, arms)
     _print_cost(each)
+    print(fill(traffic(study, arms, each), 80, subsequent_indent="  "))
     try:
         study.check_networks()
     except ImportError as error:
@@ -78,12 +80,38 @@ def _print_cost(each: list[Cost]) -> None:
             f"{one.arm}: {one.task}",
             f"{one.seeds}",
             f"{one.steps:,}",
-            f"{one.table_bytes / 1e6:,.1f} MB",
+            _megabytes(one.table_bytes),
             duration(one.seconds),
         )
     print_table(rows)
     seconds = sum(one.seconds for one in each)
     print(f"about {duration(seconds)} on one processor, without compilation")
+
+
+def traffic(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
+    """Return where the results of units on a cluster go, and how large they are, in words."""
+    come_back, written, large = 0, 0, set[str]()
+    for one in each:
+        node = arms.curricula[one.arm].node(one.task)
+        size = 0 if node.deep else one.seeds * bytes_a_seed(node)
+        if seeds_per_file(node) <= study.seeds_per_unit:
+            written += size
+            large.add(one.task)
+        else:
+            come_back += size
+    text = f"on a cluster, results come back here: {_megabytes(come_back + written)} at most"
+    if any(arms.curricula[one.arm].node(one.task).deep for one in each):
+        text += ", and networks"
+    if large:
+        text += (
+            f"; with --out at a URL, workers write those of {', '.join(sorted(large))} there, and "
+            f"{_megabytes(come_back)} come back"
+        )
+    return text
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"
 
 
 def units_left(

@@ -50,12 +50,22 @@ def seeds_per_file(node: Node) -> int:
     >>> seeds_per_file(plan.node("maze"))
     976
     """
-    if node.deep:
-        return 1
+    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
+
+
+def bytes_a_seed(node: Node) -> int:
+    """Return the bytes of what a seed learns in tables, and of its curves, at most.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld
+    >>> bytes_a_seed(Curriculum(tasks={"maze": GridWorld("S..T")}, budget=1000).node("maze"))
+    4296
+    """
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return max(1, FULL // (NUMBER * (tables + CURVES * checkpoints)))
+    return NUMBER * (tables + CURVES * checkpoints)
 
 
 def files_of(record: CurriculaRecord) -> dict[str, int]:
