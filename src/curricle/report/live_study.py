@@ -120,7 +120,7 @@ class LiveStudy:
         self.folder, self.name = place_at(folder), place_at(folder).name
         self.rows: tuple[TaskRow, ...] = ()
         self.page, self.ended = "", ""
-        self._line, self._counts = line, Counts(0, 0)
+        self._line, self._counts, self._page_counts = line, Counts(0, 0), Counts(0, 0)
         self._note = self._trouble = ""
         self._token, self._version, self._page_version = token_hex(4), 0, 0
         self._seen: Any = None
@@ -154,12 +154,20 @@ class LiveStudy:
             "line": self._line(*self._counts),
             "stored": self._counts.stored,
             "units": self._counts.units,
-            "note": self._note,
+            "note": self._note + self._behind,
             "trouble": self._trouble,
             "ended": self.ended,
             "rows": self._version,
             "page": self._page_version,
         }
+
+    @property
+    def _behind(self) -> str:
+        """Say what the report is of, where more is stored by now."""
+        if not self.page or self._page_counts == self._counts:
+            return ""
+        then, now = self._page_counts.stored, self._counts.stored
+        return f" It was made when {then:,} of the {now:,} units that are stored were there."
 
     def refresh(self, *, last: bool = False) -> float:
         """Read the folder once; return the seconds of a processor that this took.
@@ -200,11 +208,10 @@ class LiveStudy:
         if seen == self._shown or not (last or monotonic() >= self._page_after):
             return 0.0
         begun = thread_time()
-        arms = arms_so_far(study)
-        self._note = _note(study.record, study.failed, arms)
-        if arms:
+        if arms := arms_so_far(study):
             self.page = stored_page(_only(study, {*arms, *study.failed}))
-            self._page_version += 1
+            self._page_version, self._page_counts = self._page_version + 1, unit_counts(study)
+        self._note = _note(study.record, study.failed, arms)
         self._shown = seen
         took = thread_time() - begun
         self._page_after = monotonic() + took / SHARE
@@ -243,7 +250,7 @@ def _note(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> st
         return f"The report begins when {SCRATCH} and another arm have finished a seed."
     if later := [arm for arm in record.arms if arm not in {*arms, *failed}]:
         return f"The report so far is of {', '.join(arms)}; to come: {', '.join(later)}."
-    return ""
+    return "The report is of all arms."
 
 
 def one_line(error: BaseException) -> str:

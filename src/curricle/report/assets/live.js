@@ -85,6 +85,7 @@ document.addEventListener("DOMContentLoaded", () => {
         document.head.append(own);
       }
       at("name").hidden = true;
+      at("keep").hidden = false;
       at("tasks").open = false;
       began = true;
     }
@@ -131,7 +132,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const share = state.units ? state.stored / state.units : 0;
     at("share").value = share;
     say("line", state.line || "Waiting for the run …");
-    say("note", state.ended && pending === null ? "" : state.note);
+    say("note", state.ended && began ? "" : state.note);
     say("trouble", state.trouble);
     if (!began) at("name").textContent = state.name;
     document.title = `${state.ended ? "Ended" : `${Math.floor(100 * share)} %`} · ${state.name}`;
@@ -143,6 +144,7 @@ document.addEventListener("DOMContentLoaded", () => {
       say("ended", state.ended);
       over = Boolean(state.ended);
       if (over) events.close();
+      if (over && !at("held").checked) at("keep").hidden = true;
     } catch { /* the stream's next message tries again, or its error says what is wrong */ } finally {
       taking = false;
     }
