@@ -63,6 +63,16 @@ def test_the_end_has_no_time_left(clock):
     assert pace.line() == "2 of 2 units, 1 worker, 1 unit a second"
 
 
+def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
+    pace = Pace(clock)
+    assert pace.line_of(40, 100) == "40 of 100 units"
+    clock.now += 10.0
+    assert pace.line_of(40, 100) == "40 of 100 units"
+    assert pace.line_of(45, 100) == "45 of 100 units, 30 units a minute, 0:01:50 left"
+    clock.now += 10.0
+    assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
+
+
 def printed(capsys, clock, number):
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)

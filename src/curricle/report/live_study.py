@@ -17,7 +17,7 @@ from curricle.study.record import StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 
 SHARE = 0.05
-"""Of one processor's time that may be spent on reading the folder, and on making the report."""
+"""Of one processor's time that curves and report may take, and as much for looking what is new."""
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
 """Seconds between two looks into the folder at least."""
 ATTEMPTS = 2
@@ -96,8 +96,8 @@ def arms_so_far(study: StudyResults) -> list[str]:
 class LiveStudy:
     """What a live page shows of a study's folder; a thread reads it again while units are stored.
 
-    Reading and making the report take at most `SHARE` of one processor's time. Nothing that goes
-    wrong there is raised: the page says it in one sentence.
+    Curves and report take at most `SHARE` of one processor's time. Nothing that goes wrong there is
+    raised: the page says it in one sentence.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class LiveStudy:
         self._token, self._version, self._page_version = token_hex(4), 0, 0
         self._seen: Any = None
         self._shown: Any = None
-        self._page_after = 0.0
+        self._next = 0.0
         self._curves: dict[str, tuple[int, CardCurve]] = {}
         self._over = Event()
         self._thread = Thread(target=self._follow, daemon=True)
@@ -170,19 +170,18 @@ class LiveStudy:
         return f" It was made when {then:,} of the {now:,} units that are stored were there."
 
     def refresh(self, *, last: bool = False) -> float:
-        """Read the folder once; return the seconds of a processor that this took.
+        """Read the folder once; return the seconds of a processor that looking into it took.
 
-        The report is made if something is new and its share of time allows it, or in any case if
-        this is the `last` time.
+        Curves and report are made if something is new and their share of time allows it, or in any
+        case if this is the `last` time.
         """
-        begun = thread_time()
+        begun, took = thread_time(), 0.0
         for attempt in range(ATTEMPTS):
             try:
                 took = self._read(last)
                 self._trouble = ""
                 break
             except Exception as error:  # whatever it is, it must not stop a run
-                took = 0.0
                 if attempt == ATTEMPTS - 1:
                     self._trouble = f"The report is not up to date. {one_line(error)}"
         return thread_time() - begun - took
@@ -194,7 +193,7 @@ class LiveStudy:
             pause = max(between, self.refresh() / SHARE)
 
     def _read(self, last: bool) -> float:
-        """Bring rows and report up to date; return the seconds that the report took."""
+        """Bring counts, curves and report up to date; return the seconds that the two took."""
         if not (self.folder / STUDY).exists():
             return 0.0
         study = StudyResults(self.folder)
@@ -202,36 +201,46 @@ class LiveStudy:
         seen = there, study.record.seeds, study.failed, study.store.has(ANALYSIS)
         if seen != self._seen:
             self.name, self._counts = study.record.name, unit_counts(study)
-            self.rows = tuple(self._rows(study))
-            self._version += 1
+            self._show_rows(study)
             self._seen = seen
-        if seen == self._shown or not (last or monotonic() >= self._page_after):
+        if seen == self._shown or not (last or monotonic() >= self._next):
             return 0.0
         begun = thread_time()
+        self._read_curves(study)
         if arms := arms_so_far(study):
             self.page = stored_page(_only(study, {*arms, *study.failed}))
             self._page_version, self._page_counts = self._page_version + 1, unit_counts(study)
         self._note = _note(study.record, study.failed, arms)
         self._shown = seen
         took = thread_time() - begun
-        self._page_after = monotonic() + took / SHARE
+        self._next = monotonic() + took / SHARE
         return took
 
-    def _rows(self, study: StudyResults) -> Iterable[TaskRow]:
-        """Yield a row for each task that is trained, by whichever arms."""
+    def _read_curves(self, study: StudyResults) -> None:
+        """Read the curves of the tasks that have more seeds than when they were read last."""
+        for (arm, task), key in study.record.keys.items():
+            stored = len(study.stored.get(key, ()))
+            if stored and self._curves.get(key, (0,))[0] != stored:
+                (curve,) = card_curves({arm: study.result(arm, task)})
+                self._curves[key] = stored, curve
+        self._show_rows(study)
+
+    def _show_rows(self, study: StudyResults) -> None:
+        """Make a row for each task that is trained, by whichever arms."""
         record = study.record
         places = dict[str, list[tuple[str, str]]]()
         for place, key in record.keys.items():
             places.setdefault(key, []).append(place)
-        for key, shared in places.items():
-            stored = len({*study.stored.get(key, ())} & {*record.seeds})
-            if stored and self._curves.get(key, (0,))[0] != stored:
-                arm, task = shared[0]
-                (curve,) = card_curves({arm: study.result(arm, task)})
-                self._curves[key] = stored, curve
-            drawn = self._curves[key][1] if stored else None
-            name = f"{', '.join(arm for arm, _ in shared)}: {shared[0][1]}"
-            yield TaskRow(name, stored, len(record.seeds), drawn)
+        self.rows = tuple(
+            TaskRow(
+                f"{', '.join(arm for arm, _ in shared)}: {shared[0][1]}",
+                len({*study.stored.get(key, ())} & {*record.seeds}),
+                len(record.seeds),
+                self._curves[key][1] if key in self._curves else None,
+            )
+            for key, shared in places.items()
+        )
+        self._version += 1
 
 
 def _only(study: StudyResults, arms: set[str]) -> StudyResults:
