@@ -17,6 +17,9 @@ Folder = Annotated[
 Seeds = Annotated[
     str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
+Live = Annotated[
+    bool, typer.Option("--open", help="Show the report in the browser while the study runs.")
+]
 Port = Annotated[
     int | None, typer.Option(min=1, max=65535, help="Of the live page; a free one by default.")
 ]
@@ -81,9 +84,7 @@ def run(
         bool, typer.Option(help="Use units that were trained before code changed.")
     ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
-    live: Annotated[
-        bool, typer.Option("--open", help="Show the report in the browser while the study runs.")
-    ] = False,
+    live: Live = False,
     port: Port = None,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
@@ -131,10 +132,7 @@ def watch(folder: Folder, port: Port = None) -> None:
     from curricle.study import StudyResults
 
     StudyResults(folder)  # refused before a page is opened
-    try:
-        watch_folder(folder, port or 0)
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+    watch_folder(folder, port or 0)
 
 
 def merge(
