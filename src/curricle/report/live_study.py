@@ -267,7 +267,7 @@ def one_line(error: BaseException) -> str:
 
     Examples
     --------
-    >>> one_line(KeyError("a")), one_line(CurricleError("a rule:\n a value"))
-    ("KeyError: 'a'", 'a rule: a value')
+    >>> one_line(ValueError("a rule:\n a value"))
+    'ValueError: a rule: a value'
     """
     return " ".join(in_words(error).split())
