@@ -22,7 +22,7 @@ from curricle.report.templates import asset, render
 HERE = "127.0.0.1"
 HOSTS = {HERE, "localhost"}
 """Names under which a browser may ask: another site's name, led here, may not."""
-TICK = 1.0
+TICK = 0.5
 """Seconds between two messages to a page."""
 LINGER, NOTICED = 10.0, 0.2
 """Seconds that pages have to take the last report, and between two looks whether they have."""
@@ -54,12 +54,12 @@ class LiveServer(ThreadingHTTPServer):
     ----------
     address : str
         Of the page.
-    watching : int
-        How many pages are open.
+    pages : set of LiveRequest
+        The streams of the pages that are open.
     """
 
     def __init__(self, study: LiveStudy, port: int = 0):
-        self.study, self.watching = study, 0
+        self.study, self.pages = study, set[LiveRequest]()
         try:
             super().__init__((HERE, port), LiveRequest)
         except OSError as error:
@@ -77,7 +77,7 @@ class LiveServer(ThreadingHTTPServer):
     def say_goodbye(self) -> None:
         """Wait until the pages that are open have the end; they close their streams then."""
         until = monotonic() + LINGER
-        while self.watching and self.study.ended and monotonic() < until:
+        while self.pages and self.study.ended and monotonic() < until:
             sleep(NOTICED)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -121,8 +121,8 @@ class LiveRequest(BaseHTTPRequestHandler):
         self.wfile.write(content or b"")
 
     def _stream(self) -> None:
-        """Send the state every second until the page is closed; a page closes it at the end."""
-        self.server.watching += 1
+        """Send the state again and again until the page is closed; it closes this at the end."""
+        self.server.pages.add(self)
         try:
             self._send("text/event-stream", None)
             while True:
@@ -130,7 +130,7 @@ class LiveRequest(BaseHTTPRequestHandler):
                 self.wfile.write(f"data: {state}\n\n".encode())
                 sleep(NOTICED if self.server.study.ended else TICK)
         finally:
-            self.server.watching -= 1
+            self.server.pages.discard(self)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing: the terminal is the run's."""

@@ -102,7 +102,7 @@ def test_the_state_is_streamed_and_open_pages_get_the_end(finished, monkeypatch)
         stream = urlopen(f"{server.address}events", timeout=30)
         assert first_state(stream)["line"] == "16 of 16"
         stream.readline()
-        assert server.watching == 1
+        assert len(server.pages) == 1
         server.study.end("Over.")
         while (state := first_state(stream))["ended"] != "Over.":
             stream.readline()
