@@ -14,7 +14,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from curricle.errors import SettingError, reason
+from curricle.errors import SettingError, StudyError, reason
 from curricle.remote_path import Place
 from curricle.report.live_study import LiveStudy, one_line
 from curricle.report.templates import asset, render
@@ -187,10 +187,11 @@ def live_page(
     try:
         yield server
     finally:
-        study.stop()
         server.say_goodbye()
         server.shutdown()
         server.server_close()
+        if not isinstance(exception(), KeyboardInterrupt):  # which waits for nothing
+            study.stop()
 
 
 @contextmanager
@@ -208,6 +209,7 @@ def live_run(
             server.study.end(INTERRUPTED, read=False)
             raise
         except BaseException as error:
-            server.study.end(f"The run ended with an error. {one_line(error)}")
+            words = f"The run ended with an error. {one_line(error)}"
+            server.study.end(words, read=isinstance(error, StudyError))
             raise
         server.study.end("The run has ended.")

@@ -17,7 +17,7 @@ from curricle.study.record import StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 
 SHARE = 0.05
-"""Of one processor's time that curves and report may take, and as much for looking what is new."""
+"""Of the time that making curves and report may take, and as much for looking what is new."""
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
 """Seconds between two looks into the folder at least."""
 ATTEMPTS = 2
@@ -96,8 +96,9 @@ def arms_so_far(study: StudyResults) -> list[str]:
 class LiveStudy:
     """What a live page shows of a study's folder; a thread reads it again while units are stored.
 
-    Curves and report take at most `SHARE` of one processor's time. Nothing that goes wrong there is
-    raised: the page says it in one sentence.
+    Curves and report are made in at most `SHARE` of the time; where others are at work on the
+    machine, they take longer and so are made less often. Nothing that goes wrong there is raised:
+    the page says it in one sentence.
 
     Parameters
     ----------
@@ -125,6 +126,8 @@ class LiveStudy:
         self._token, self._version, self._page_version = token_hex(4), 0, 0
         self._seen: Any = None
         self._shown: Any = None
+        # what is read over a network is waited for, which slows nothing
+        self._clock = thread_time if isinstance(self.folder, RemotePath) else monotonic
         self._next = 0.0
         self._curves: dict[str, tuple[int, CardCurve]] = {}
         self._over = Event()
@@ -135,14 +138,14 @@ class LiveStudy:
         self._thread.start()
 
     def stop(self) -> None:
-        """Follow the folder no longer."""
+        """Follow the folder no longer, and wait until what is being read is read."""
         self._over.set()
+        self._thread.join()
 
     def end(self, sentence: str, *, read: bool = True) -> None:
-        """Stop, read the folder a last time if asked to, and say how the run ended."""
-        self.stop()
+        """Say how the run ended, after reading the folder a last time if asked to."""
         if read:
-            self._thread.join()
+            self.stop()
             self.refresh(last=True)
         self.ended = sentence
 
@@ -170,12 +173,12 @@ class LiveStudy:
         return f" It was made when {then:,} of the {now:,} units that are stored were there."
 
     def refresh(self, *, last: bool = False) -> float:
-        """Read the folder once; return the seconds of a processor that looking into it took.
+        """Read the folder once; return the seconds that looking into it took.
 
         Curves and report are made if something is new and their share of time allows it, or in any
         case if this is the `last` time.
         """
-        begun, took = thread_time(), 0.0
+        begun, took = self._clock(), 0.0
         for attempt in range(ATTEMPTS):
             try:
                 took = self._read(last)
@@ -184,7 +187,7 @@ class LiveStudy:
             except Exception as error:  # whatever it is, it must not stop a run
                 if attempt == ATTEMPTS - 1:
                     self._trouble = f"The report is not up to date. {one_line(error)}"
-        return thread_time() - begun - took
+        return self._clock() - begun - took
 
     def _follow(self) -> None:
         between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
@@ -205,14 +208,14 @@ class LiveStudy:
             self._seen = seen
         if seen == self._shown or not (last or monotonic() >= self._next):
             return 0.0
-        begun = thread_time()
+        begun = self._clock()
         self._read_curves(study)
         if arms := arms_so_far(study):
             self.page = stored_page(_only(study, {*arms, *study.failed}))
             self._page_version, self._page_counts = self._page_version + 1, unit_counts(study)
         self._note = _note(study.record, study.failed, arms)
         self._shown = seen
-        took = thread_time() - begun
+        took = self._clock() - begun
         self._next = monotonic() + took / SHARE
         return took
 
