@@ -362,7 +362,7 @@ def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more
     refused(1, "mace", "show", finished, "--task", "mace", *more)
 
 
-@pytest.mark.parametrize("command", ["show", "compare"])
+@pytest.mark.parametrize("command", ["show", "compare", "watch"])
 def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
     refused(1, "a folder of results holds a study.json: nowhere has none", command, "nowhere")
 

@@ -75,7 +75,8 @@ def test_where_results_go_on_a_cluster(monkeypatch):
     study = StudyConfig.from_data({"name": "line", "seeds": 6, "arms": {"a": plan}}, Path())
     arms = Arms.of(study)
     each = cost.costs(study, arms)
-    small = 6 * bytes_a_seed(arms.curricula["a"].node("line")) / 1e6
+    nodes = [(one.seeds, arms.curricula[one.arm].node(one.task)) for one in each]
+    small = sum(seeds * bytes_a_seed(node) for seeds, node in nodes) / 1e6
     assert traffic(study, arms, each) == (
         f"on a cluster, results come back here: {small:.1f} MB at most"
     )

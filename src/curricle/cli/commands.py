@@ -17,6 +17,12 @@ Folder = Annotated[
 Seeds = Annotated[
     str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
+Live = Annotated[
+    bool, typer.Option("--open", help="Show the report in the browser while the study runs.")
+]
+Port = Annotated[
+    int | None, typer.Option(min=1, max=65535, help="Of the live page; a free one by default.")
+]
 Changes = Annotated[
     list[str] | None,
     typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
@@ -78,6 +84,8 @@ def run(
         bool, typer.Option(help="Use units that were trained before code changed.")
     ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
+    live: Live = False,
+    port: Port = None,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -89,6 +97,8 @@ def run(
 
     if on is not None and processes:
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
+    if port is not None and not live:
+        raise typer.BadParameter(f"a port is that of the page of --open: got --port {port} alone")
     _announce_imports()
     study = _read(file, seeds, changes)
     folder = out or study.results_folder
@@ -108,8 +118,21 @@ def run(
         on=on,
         shard=_part(shard),
         trackers=track or [],
+        page=(port or 0) if live else None,
     )
     typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
+
+
+def watch(folder: Folder, port: Port = None) -> None:
+    """Show a study's report in the browser, and keep it up to date while units are stored.
+
+    It reads the folder alone, so the study may run anywhere. Ctrl-C ends it, and not the run.
+    """
+    from curricle.cli.live_page import watch_folder
+    from curricle.study import StudyResults
+
+    StudyResults(folder)  # refused before a page is opened
+    watch_folder(folder, port or 0)
 
 
 def merge(
@@ -263,7 +286,7 @@ def apply(
     typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
 
 
-COMMANDS = (new, check, run, merge, schema, show, report, compare, design, apply, paper)
+COMMANDS = (new, check, run, watch, merge, schema, show, report, compare, design, apply, paper)
 
 
 def _write_new(path: Path, text: str, what: str) -> None:

@@ -36,14 +36,33 @@ class Pace:
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock = clock
         self.stored = 0
-        self._progress: Progress | None = None
+        self._units: int | None = None
+        self._workers: int | None = None
+        self._repeated = 0
+        self._link: str | None = None
         self._marks = deque[tuple[float, int]]()
         """When so many had been stored, at the beginning of what the rate is measured over."""
 
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""
-        self._progress, now = progress, self.clock()
-        self.stored += progress.stored is not None
+        self._units = len(progress.units)
+        self._workers, self._repeated = progress.workers, progress.repeated
+        self._link = progress.link
+        self._mark(self.stored + (progress.stored is not None))
+
+    def line_of(self, stored: int, units: int) -> str:
+        """Note how many units a folder has, which another process stores, and return the line.
+
+        The rate is that of what was seen; who works there is not known.
+        """
+        if self._units is None or stored != self.stored:
+            self._mark(stored)
+        self._units = units
+        return self.line()
+
+    def _mark(self, stored: int) -> None:
+        """Note that so many are stored now."""
+        self.stored, now = stored, self.clock()
         if not self._marks or now - self._marks[-1][0] >= BETWEEN:
             self._marks.append((now, self.stored))
         while len(self._marks) > FEWEST and self._marks[1][0] <= now - WINDOW:
@@ -59,20 +78,20 @@ class Pace:
 
     def line(self) -> str:
         """Return how far the run is, how fast it goes and when it ends, in words."""
-        if self._progress is None:
+        if self._units is None:
             return ""
-        units, workers = len(self._progress.units), self._progress.workers
-        words = [f"{self.stored:,} of {units:,} units"]
-        words.append(f"{workers:,} worker{'s' * (workers != 1)}")
+        words = [f"{self.stored:,} of {self._units:,} units"]
+        if (workers := self._workers) is not None:
+            words.append(f"{workers:,} worker{'s' * (workers != 1)}")
         if rate := self.rate():
             words.append(_in_words(rate))
-            if left := units - self.stored:
+            if left := self._units - self.stored:
                 words.append(f"{timedelta(seconds=round(left / rate))} left")
-        return ", ".join([*words, *filter(None, [self.repeated(), self._progress.link])])
+        return ", ".join([*words, *filter(None, [self.repeated(), self._link])])
 
     def repeated(self) -> str:
         """Return how many units were begun again, in words; nothing if none were."""
-        number = 0 if self._progress is None else self._progress.repeated
+        number = self._repeated
         return f"{number:,} unit{'s' * (number != 1)} begun again" if number else ""
 
 

@@ -22,6 +22,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from curricle.cli.live_page import page_of_run
 from curricle.cli.pace import Pace
 from curricle.remote_path import Place
 from curricle.study.arms import Arms
@@ -76,9 +77,13 @@ def run_with_bars(
     processes: bool,
     workers: int | None,
     on: str | None,
+    page: int | None = None,
     **settings: Any,
 ) -> None:
-    """Run a study and show its progress; the time left is for all seeds of a task."""
+    """Run a study and show its progress; the time left is for all seeds of a task.
+
+    With a port for its `page`, which may be 0, a browser shows it and the report so far.
+    """
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     description = TextColumn("{task.description}", markup=False)
@@ -102,7 +107,7 @@ def run_with_bars(
             if not console.is_terminal:
                 lines.show(progress)
 
-    with bars, ExitStack() as ending:
+    with page_of_run(path, pace, page), bars, ExitStack() as ending:
         pool: WorkerProcesses | None = None
         if on is None and (processes or Arms.of(study).live):
             pool = WorkerProcesses(workers)

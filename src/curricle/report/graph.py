@@ -110,7 +110,7 @@ def _graph(
     arm = curricula.arms[arms[0]]
     compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
     curves = {
-        name: _curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
+        name: card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
         for name in arm.nodes
     }
     steps = {name: _steps([learnt[one][name] for one in arms]) for name in arm.nodes}
@@ -160,7 +160,7 @@ def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
     return tuple(f"{'; '.join(owners)}: {words}." for words, owners in notes.items())
 
 
-def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
+def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     """Return the curves of one task in one scale; arms that learnt it alike share one."""
     alike: dict[bytes, list[str]] = {}
     for arm, one in trained.items():

@@ -28,11 +28,11 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     study = StudyResults(folder)
     place = study.store.path
     default = place / "report.html" if isinstance(place, Path) else f"{place.name}-report.html"
-    return write_page(_page(study), Path(default if out is None else out))
+    return write_page(stored_page(study), Path(default if out is None else out))
 
 
-def _page(study: StudyResults) -> str:
-    """Return the page of a stored study."""
+def stored_page(study: StudyResults) -> str:
+    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
     comparison = study.comparison
     learnt = {arm: one for arm, one in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
