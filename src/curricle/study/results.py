@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from curricle.archives.sealed_json import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
@@ -18,21 +19,14 @@ from curricle.deep.policy import TrainedPolicy, policies_of
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.result_arrays import result_of
 from curricle.remote_path import Place
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
 from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
-from curricle.study.sealed_json import sealed
-from curricle.study.serialization import (
-    RUN,
-    SNAPSHOTS,
-    VALUES,
-    check_arrays,
-    curve_table,
-    result_of,
-)
+from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values

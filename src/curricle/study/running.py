@@ -20,6 +20,7 @@ from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
+from curricle.learning.result_arrays import result_of
 from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
@@ -33,7 +34,7 @@ from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
 from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import UnitResult, result_of, without_snapshots
+from curricle.study.serialization import UnitResult, without_snapshots
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.units import Unit, units_of
 

@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from curricle.interop.scene import (
+from curricle.tasks.grid_layout import LETTERS, GridLayout
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.labels import values_of
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.scene import (
     AGENT,
     ASIDE,
     BLOCK,
@@ -23,10 +27,6 @@ from curricle.interop.scene import (
     PursuitScene,
     Scene,
 )
-from curricle.tasks.grid_layout import LETTERS, GridLayout
-from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.labels import values_of
-from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space
 from curricle.tasks.start_states import TaskWithStart
 from curricle.tasks.task import generative_model
