@@ -1,7 +1,6 @@
 """A learning result as plain arrays, to be sent and stored as files, and back again."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,13 +8,20 @@ import numpy.typing as npt
 
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import Snapshots
-from curricle.learning.result import CURVES, TOTALS, LearningResult
 from curricle.learning.storage import SparseValues
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-OTHERS = ("task", "learner", "seeds", "values", "visits", "snapshots")
-PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
-"""The arrays of a result by seed, and ``steps``."""
+HELD = ("greedy_return", "guard_share", "episodes")
+"""Curves whose last value is repeated after a seed's end."""
+CURVES = ("training_return", *HELD)
+"""What there is one of for each seed and checkpoint."""
+TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
+"""What there is one of for each seed."""
+PLAIN = (
+    *("steps", "training_return", "greedy_return", "episodes", "steps_used", "episodes_used"),
+    *("evaluation_steps", "out_of_memory", "guard_share", "own_rewards"),
+)
+"""The arrays of a result by seed, and ``steps``, as they are stored."""
 DTYPES = {
     **dict.fromkeys(("steps", "seeds", "episodes", "snapshot_steps"), "int64"),
     **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
@@ -27,8 +33,8 @@ MOST_STEPS = 2**53
 """Steps that a number of double precision counts."""
 
 
-def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
-    """Return a result's arrays by name.
+def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of a :class:`LearningResult` by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
     its sparse table, or the parameters of its network, ``values_k/name``; ``visits`` if they were
@@ -66,26 +72,20 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
     return found
 
 
-def result_of(arrays: Arrays, task: Any = None, learner: Any = None) -> LearningResult:
-    """Return the result that :func:`arrays_of` was called on; without values if there are none.
-
-    Those of a network are its parameters, a dict for each seed.
-    """
+def fields_of(arrays: Arrays) -> dict[str, Any]:
+    """Return the fields of the result that :func:`arrays_of` was called on, without its objects."""
     seeds = tuple(arrays["seeds"].tolist())
     snapshots = None
     if "snapshot_steps" in arrays:
         steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
         snapshots = Snapshots(seeds[0], steps, tables)
-    plain: dict[str, Any] = {name: frozen(arrays[name]) for name in PLAIN}
-    return LearningResult(
-        task=task,
-        learner=learner,
-        seeds=seeds,
-        values=all_values_of(arrays, len(seeds)),
-        visits=frozen(arrays["visits"]) if "visits" in arrays else None,
-        snapshots=snapshots,
-        **plain,
-    )
+    return {
+        "seeds": seeds,
+        "values": all_values_of(arrays, len(seeds)),
+        "visits": frozen(arrays["visits"]) if "visits" in arrays else None,
+        "snapshots": snapshots,
+        **{name: frozen(arrays[name]) for name in PLAIN},
+    }
 
 
 def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
@@ -93,9 +93,10 @@ def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
     if "values" in arrays:
         return frozen(arrays["values"])
     if "states_0" in arrays:
-        pairs = [(frozen(arrays[f"states_{k}"]), frozen(arrays[f"values_{k}"]))
-                 for k in range(n_seeds)]  # fmt: skip
-        return tuple(SparseValues(*pair) for pair in pairs)
+        return tuple(
+            SparseValues(frozen(arrays[f"states_{k}"]), frozen(arrays[f"values_{k}"]))
+            for k in range(n_seeds)
+        )
     if values_of(arrays, 0) is None:
         return None
     return tuple(values_of(arrays, k) for k in range(n_seeds))
@@ -158,3 +159,33 @@ def check_result_arrays(
     for name in shapes.keys() & {*CURVES, "snapshot_values"}:
         if np.isinf(arrays[name]).any():
             raise ValueError(f"{name} must have finite numbers")
+
+
+def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
+    """Raise ValueError unless the values and visits among arrays are those of so many seeds.
+
+    `pairs` are the states and actions of their task, None where that is not known; compiled loops
+    read tables without looking whether a state lies in them.
+    """
+    for name, kinds in (("values", "f"), ("visits", "i")):
+        if name not in arrays:
+            continue
+        found = arrays[name]
+        fits = pairs is None or found.shape[-2:] == pairs
+        if found.dtype.kind not in kinds or found.ndim < 3 or len(found) != n_seeds or not fits:
+            raise ValueError(f"{name} must be tables of {n_seeds} seeds, {_size(pairs)}")
+    for k in range(n_seeds if "states_0" in arrays else 0):
+        states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))
+        if states is None or values is None or states.ndim != 1 or values.ndim != 2:
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table")
+        ascend = states.dtype == "int64" and (np.diff(states, prepend=-1) > 0).all()
+        within = pairs is None or (not len(states) or states[-1] < pairs[0])
+        wide = len(values) == len(states) and (pairs is None or values.shape[1] == pairs[1])
+        if not (ascend and within and wide and values.dtype.kind == "f"):
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table, {_size(pairs)}")
+
+
+def _size(pairs: tuple[int, int] | None) -> str:
+    if pairs is None:
+        return "one value for each state and action"
+    return f"{pairs[0]:,} states x {pairs[1]:,} actions"

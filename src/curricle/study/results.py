@@ -1,6 +1,7 @@
 """The results of a study, read from its folder."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -15,11 +16,11 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_summary import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
-from curricle.deep.policy import TrainedPolicy, policies_of
+from curricle.curriculum.stored_sources import source_values, sources_read
+from curricle.deep.policy import policies_of
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
-from curricle.learning.result_arrays import result_of
 from curricle.remote_path import Place
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
@@ -27,7 +28,6 @@ from curricle.study.failures import failed_arms, read_failures
 from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
-from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
 from curricle.study.tables import apart, parquet_of
@@ -109,7 +109,9 @@ class StudyResults:
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
         snapshots = self.record.task(arm, task).view is not None
         groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
-        return joined_results([result_of(self._arrays(arm, task, one, *groups)) for one in units])
+        return joined_results(
+            [LearningResult.of_arrays(self._arrays(arm, task, one, *groups)) for one in units]
+        )
 
     def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
@@ -153,43 +155,60 @@ class StudyResults:
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
 
     def policies(
-        self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
-    ) -> tuple[TrainedPolicy, ...]:
-        """Return the :class:`TrainedPolicy` of each seed of an arm's target, as networks learnt it.
+        self,
+        arm: str,
+        curriculum: Curriculum,
+        seeds: Sequence[int] | None = None,
+        *,
+        task: str | None = None,
+    ) -> tuple[Any, ...]:
+        """Return the policy of each seed of a task of an arm, by default of its target.
+
+        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it.
 
         Parameters
         ----------
         arm, curriculum, seeds
             As in :meth:`trained`.
+        task : str, optional
 
         Raises
         ------
         SettingError
-            When the target is learnt in a table, or its values were not saved.
+            When the values were not saved.
         StoreError
             As :meth:`trained`.
         """
-        seeds, target = self.seeds if seeds is None else tuple(seeds), curriculum.target
-        names = [*curriculum.ancestors(target), target]
-        found = self._values(arm, curriculum, seeds, names)[target]
-        learner = curriculum.setting("learner", target)
-        return policies_of(found.task, learner, found.values, found.steps_used)
+        seeds = self.seeds if seeds is None else tuple(seeds)
+        name = curriculum.target if task is None else task
+        if not curriculum.node(name).deep:
+            self._units_of(arm, name, seeds)
+            found = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
+            return tuple(found.policies[found.seeds.index(seed)] for seed in seeds)
+        learnt = self._values(arm, curriculum, seeds, [*curriculum.ancestors(name), name])[name]
+        learner = curriculum.setting("learner", name)
+        return policies_of(learnt.task, learner, learnt.values, learnt.steps_used)
 
     def _values(
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
         """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
-        read = {*sources_read(curriculum, curriculum.target), curriculum.target}
+        read = {*sources_read(curriculum, curriculum.target), curriculum.target, names[-1]}
         found = {}
         for name in names:
-            units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
-            if missing := [seed for seed in seeds if seed not in units]:
-                raise StoreError(
-                    f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
-                    f"{missing[0]} yet"
-                )
+            units = self._units_of(arm, name, seeds)
             found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
         return source_values(curriculum, seeds, found)
+
+    def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
+        """Return the unit of each seed; StoreError where one is missing."""
+        units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
+        if missing := [seed for seed in seeds if seed not in units]:
+            raise StoreError(
+                f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
+                f"{missing[0]} yet"
+            )
+        return units
 
     def _units(self, arm: str, task: str) -> list[StoredUnit]:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""

@@ -20,7 +20,6 @@ from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
-from curricle.learning.result_arrays import result_of
 from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
@@ -239,7 +238,7 @@ def _learnt(
     if isinstance(result, StoredUnit):
         result = store.result(result, unit.seeds)
     node = arms.curricula[unit.arm].node(unit.task)
-    return result_of(result.arrays, node.task, node.learner)
+    return LearningResult.of_arrays(result.arrays, node.task, node.learner)
 
 
 def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:

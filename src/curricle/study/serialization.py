@@ -11,8 +11,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from curricle.learning.result import CURVES, lengthened
-from curricle.learning.result_arrays import Arrays, check_result_arrays
+from curricle.learning.curve_frame import curve_columns
+from curricle.learning.result import lengthened
+from curricle.learning.result_arrays import CURVES, Arrays, check_result_arrays
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
 """Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
@@ -174,19 +175,7 @@ def without_snapshots(result: UnitResult) -> UnitResult:
 
 def curve_table(task: str, arrays: Arrays) -> pa.Table:
     """Return a unit's curves as a tidy table, each seed up to its own end."""
-    steps = arrays["steps"]
-    reached = steps[None, :] <= arrays["steps_used"][:, None]
-    seed, checkpoint = np.nonzero(reached)
-    columns = {
-        "task": [task] * len(seed),
-        "seed": arrays["seeds"][seed],
-        "checkpoint": checkpoint,
-        "steps": steps[checkpoint],
-        "source_steps": arrays["source_steps"][seed],
-    }
-    for name in ("training_return", "greedy_return", "guard_share", "episodes"):
-        columns[name] = arrays[name][reached]
-    return pa.table(columns)
+    return pa.table(curve_columns(arrays, task))
 
 
 def as_parquet(table: pa.Table) -> bytes:

@@ -171,7 +171,7 @@ def _player(
     action = yield None
     try:
         environment = closings.enter_context(closing(task.make()))
-        number, moves = _numbering(task), [task.act(a) for a in range(task.actions.size)]
+        number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset = environment.step, environment.reset
         observation, _ = reset(seed=seed)
         while True:
@@ -199,7 +199,7 @@ def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
     )
 
 
-def _numbering(task: LiveMDP) -> Callable[[Any], int]:
+def numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, checked."""
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 
