@@ -171,7 +171,9 @@ def play(
 
     results = StudyResults(folder)
     arms = list(results.record.arms)
-    arm = arms[0] if arm is None and len(arms) == 1 else arm
+    if arm is None and len(arms) > 1:
+        raise typer.BadParameter(f"--arm must be one of {', '.join(arms)}: got none")
+    arm = arms[0] if arm is None else arm
     task = results.record.target if task is None else task
     if study is None:
         seed, episode = stored_episode(results, arm, task, seed)

@@ -16,7 +16,7 @@ IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 
 
 def stored_episode(
-    results: StudyResults, arm: str | None, task: str, seed: int | None = None
+    results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return the last greedy episode of a task that a folder stores, and the seed that learnt it.
 
@@ -27,7 +27,6 @@ def stored_episode(
     ----------
     results : StudyResults
     arm, task : str
-        None is no arm: the error lists them.
     seed : int, optional
         The one that must have learnt it.
 
@@ -37,7 +36,7 @@ def stored_episode(
         When the folder has no such arm or task, or no such episode: those of tasks with a grid and
         snapshots are stored, of the first seed, when a run that compares arms has ended.
     """
-    arm = _arm_with(results, arm, task)
+    _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
     if pair is None or about.view is None:
@@ -73,7 +72,7 @@ def episode_of(view: GridView, record: EpisodeRecord) -> Episode:
 
 
 def played_episode(
-    results: StudyResults, study: StudyConfig, arm: str | None, task: str, seed: int | None = None
+    results: StudyResults, study: StudyConfig, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return an episode of a learnt policy in the task itself, and the seed that learnt it.
 
@@ -93,7 +92,7 @@ def played_episode(
     SettingError
         When the values were not saved, or the task has no time limit.
     """
-    arm = _arm_with(results, arm, task)
+    _check_names(results, arm, task)
     learnt = results.result(arm, task)
     arms = Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:
@@ -109,9 +108,7 @@ def played_episode(
     return seed, policy.episode()
 
 
-def _arm_with(results: StudyResults, arm: str | None, task: str) -> str:
-    """Return an arm; StoreError unless the study has it, and it the task."""
+def _check_names(results: StudyResults, arm: str, task: str) -> None:
+    """Raise StoreError unless the study has the arm, and it the task."""
     one_of("an arm", arm, results.record.arms, StoreError)
-    name = str(arm)
-    one_of(f"a task of arm {name!r}", task, results.record.arms[name].nodes, StoreError)
-    return name
+    one_of(f"a task of arm {arm!r}", task, results.record.arms[arm].nodes, StoreError)

@@ -1,6 +1,6 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -13,12 +13,11 @@ from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.task_summary import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
 from curricle.curriculum.stored_sources import source_values, sources_read
 from curricle.deep.policy import policies_of
-from curricle.errors import CurriculumError, StoreError, StudyError
+from curricle.errors import StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
 from curricle.remote_path import Place
@@ -28,6 +27,7 @@ from curricle.study.failures import failed_arms, read_failures
 from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
+from curricle.study.shared_target import check_shared_target
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
 from curricle.study.tables import apart, parquet_of
@@ -193,8 +193,8 @@ class StudyResults:
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
         """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
-        read = {*sources_read(curriculum, curriculum.target), curriculum.target, names[-1]}
-        found = {}
+        last, found = names[-1] if names else curriculum.target, {}
+        read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
             units = self._units_of(arm, name, seeds)
             found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
@@ -348,7 +348,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
                 f"states {checkpoints:,}"
             )
-    _check([study.record for study in studies])
+    check_shared_target([study.record for study in studies])
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
@@ -372,32 +372,6 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     budget = min(study.record.budget or 0 for study in studies)
     window = min(first.window, budget // first.eval_freq + 1)
     return Comparison(first.target, found, budget, total, threshold, window, failed)
-
-
-def _check(records: Iterable[StudyRecord]) -> None:
-    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
-    first, *others = records
-    names = [first.name, *(other.name for other in others)]
-    if len(set(names)) < len(names):
-        raise CurriculumError(f"studies that are compared need different names: got {names}")
-    for other in others:
-        pair = f"{first.name!r} and {other.name!r}"
-        if first.target != other.target:
-            raise CurriculumError(
-                f"studies must share their target: {pair} have {first.target!r} and "
-                f"{other.target!r}"
-            )
-        if apart := summary_differences(first.problem, other.problem):
-            raise CurriculumError(
-                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
-        for which in ("evaluation", "learner", "eval_freq"):
-            if mine.get(which) != yours.get(which):
-                raise CurriculumError(
-                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
-                    f"and {yours.get(which)}"
-                )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
