@@ -54,7 +54,8 @@ sys.addaudithook(hook)
 from curricle.cli import main
 from curricle.study import StudyResults
 
-for command in (["show"], ["show", "--decisions"], ["compare"], ["report"]):
+play = ["play", "--arm", "transfer"]
+for command in (["show"], ["show", "--decisions"], ["compare"], ["report"], play):
     sys.argv = ["curricle", command[0], "out", *command[1:]]
     try:
         main()

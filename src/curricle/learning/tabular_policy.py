@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import FloatTable
-from curricle.checks import whole_number
+from curricle.checks import brief, numbers, whole_number
 from curricle.errors import SettingError, StoreError
-from curricle.frozen_arrays import Frozen
+from curricle.frozen_arrays import Frozen, adopted
 from curricle.learning.result_arrays import (
     all_values_of,
     arrays_of_values,
@@ -42,6 +42,11 @@ class TabularPolicy(Frozen):
         What it acts in; without it, it reads numbers of states alone, and plays no episodes.
     values : (S, A) float array or SparseValues
 
+    Raises
+    ------
+    SettingError
+        When the values are not of the states and actions of the task.
+
     Examples
     --------
     >>> import curricle as cr
@@ -57,6 +62,24 @@ class TabularPolicy(Frozen):
 
     task: Task | None
     values: Any
+
+    def __post_init__(self) -> None:
+        values = self.values
+        if not isinstance(values, SparseValues):
+            floats = isinstance(values, np.ndarray) and values.dtype in (np.float32, np.float64)
+            values = values if floats else numbers("values of a policy", values, SettingError)
+            object.__setattr__(self, "values", adopted(values, values.dtype))
+        if self.task is None:
+            return
+        rules, sparse = generative_model(self.task), isinstance(values, SparseValues)
+        pairs = rules.states.size, rules.actions.size
+        try:
+            check_value_arrays(arrays_of_values(self._of_one_seed), 1, pairs)
+        except ValueError:
+            raise SettingError(
+                f"a policy needs {'sparse ' * sparse}values of {pairs[0]:,} states x {pairs[1]:,} "
+                f"actions: got {brief(self.values)}"
+            ) from None
 
     def predict(self, observation: Any) -> Any:
         """Return the action in a state, the first of those that are as good.
