@@ -146,7 +146,7 @@ class Episode:
         number("fps", fps, SettingError, low=0.01)
         # A GIF counts hundredths of a second.
         each = 10 * round(100 / min(fps, FASTEST))
-        quick = Image.Quantize.FASTOCTREE  # a fifth of the time of Pillow's own choice
+        quick = Image.Quantize.FASTOCTREE  # several times faster than Pillow's own choice
         first, *others = (
             Image.fromarray(frame).quantize(method=quick, dither=Image.Dither.NONE)
             for frame in self.frames
