@@ -51,7 +51,9 @@ def test_networks_are_loaded_as_they_were(tmp_path, lake):
 
 
 def test_without_a_learner_there_are_curves_and_parameters(tmp_path, lake):
-    again = DeepResult.load(lake.save(tmp_path / "lake"))
+    file = lake.save(tmp_path / "lake")
+    again = DeepResult.load(file, LAKE)
+    same_networks(lake, DeepResult.load(again.save(tmp_path / "two"), LAKE, ACTOR))
     assert np.array_equal(again.greedy_return, lake.greedy_return)
     assert again.values[0].keys() == parameters(lake)[0].keys()
     with pytest.raises(SettingError, match="these are their parameters alone, see load"):

@@ -110,6 +110,13 @@ def forged(path):
     write_saved(path, "LearningResult", {**arrays, "values": arrays["values"][:, :3]}, about)
 
 
+def forged_with_its_words(path):
+    """The same, where the words say so too."""
+    arrays, about = cr.learn(MAZE, budget=100).parts_of_file()
+    about["task"]["pairs"] = [3, 4]
+    write_saved(path, "LearningResult", {**arrays, "values": arrays["values"][:, :3]}, about)
+
+
 def newer(path):
     write_saved(path, "LearningResult", {}, {"format": 9})
 
@@ -124,7 +131,8 @@ def newer(path):
         (lambda path: np.savez(path, values=np.ones(3)), "was changed since"),
         (lambda path: path.write_bytes(pickle.dumps(Harm())), "was changed since"),
         (pickled, "was changed since"),
-        (forged, r"values must be tables of 1 seeds, 15 states x 4 actions"),
+        (forged, r"values must be a table for each seed \(1\), 15 states x 4 actions"),
+        (forged_with_its_words, r"values must be a table for each seed .* 15 states x 4 actions"),
         (newer, "must have format 1"),
         (lambda path: cr.learn(MAZE, budget=50).policy.save(path), "holds a TabularPolicy"),
         (lambda path: plan().train().save(path), "holds a CurriculumResult"),

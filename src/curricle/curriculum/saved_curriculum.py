@@ -15,12 +15,12 @@ from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.sources import Progress, SourceValues
 from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.deep.result import DeepResult
-from curricle.errors import CurricleError, CurriculumError, StoreError
+from curricle.errors import CurriculumError
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.result_arrays import all_values_of, arrays_of_values, check_value_arrays
-from curricle.learning.saved_result import task_record
+from curricle.learning.saved_result import as_saved, pairs_of, task_record
 from curricle.learning.stopping import Decision, StoppingKernel, StoppingRule
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.scale_fit import ScaleEvidence
@@ -88,14 +88,8 @@ def from_file(saved: SavedFile, curriculum: Any) -> Parts:
     StoreError
         When the file is not as :func:`to_file` writes it.
     """
-    words = saved.about
-    try:
-        return _from_words(saved, words, curriculum)
-    except CurricleError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise StoreError(f"{saved.path} is not as save() writes it: {what}") from None
+    with as_saved(saved):
+        return _from_words(saved, saved.about, curriculum)
 
 
 def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> Parts:
@@ -121,9 +115,8 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
         return replace(found, learner=learner)
 
     def source(name: str, arrays: Arrays, own_rewards: bool) -> SourceValues:
-        task, record = curriculum.tasks[name], words["tasks"][name]
-        seeds, pairs = tuple(arrays["seeds"].tolist()), record.get("pairs")
-        check_value_arrays(arrays, len(seeds), None if pairs is None else (pairs[0], pairs[1]))
+        task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
+        check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
         values, progress = all_values_of(arrays, len(seeds)), None
         if "progress_steps" in arrays:
             progress = Progress(frozen(arrays["progress_steps"]), _visits(arrays))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from curricle.archives.saved_file import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.errors import SettingError, StoreError
+from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.learners import Learner
@@ -20,10 +20,11 @@ from curricle.learning.record import Snapshots
 from curricle.learning.result_arrays import CURVES, HELD, TOTALS, Arrays, arrays_of, fields_of
 from curricle.learning.run import Outcome
 from curricle.learning.saved_result import (
+    as_saved,
     check_saved_arrays,
-    check_task,
     learner_of,
     learner_record,
+    pairs_of,
     task_record,
 )
 from curricle.learning.tabular_policy import TabularPolicy
@@ -210,17 +211,13 @@ class LearningResult(Frozen):
     @classmethod
     def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
         """Return the result whose arrays and words, of all or of a part of it, a file holds."""
-        check_task(saved, about.get("task"), task)
-        check_saved_arrays(saved, arrays, about.get("task"))
-        try:
-            learner = learner_of(about.get("learner"))
-        except ValueError as error:
-            raise StoreError(f"{saved.path} is not as save() writes it: {error}") from None
-        found = cls.of_arrays(arrays, task, learner)
-        if found.snapshots is None:
-            return found
-        seed = about.get("snapshot_seed", found.snapshots.seed)
-        return replace(found, snapshots=replace(found.snapshots, seed=seed))
+        with as_saved(saved):
+            check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
+            found = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
+            if found.snapshots is None:
+                return found
+            seed = int(about["snapshot_seed"])
+            return replace(found, snapshots=replace(found.snapshots, seed=seed))
 
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:

@@ -29,6 +29,8 @@ DTYPES = {
     "snapshot_values": "float32",
 }
 """Of the arrays that are not of float64."""
+FLOATS = "float64", "float32"
+"""Of values that were learnt."""
 MOST_STEPS = 2**53
 """Steps that a number of double precision counts."""
 
@@ -68,7 +70,8 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
         if isinstance(one, SparseValues):
             found |= {f"states_{k}": one.states, f"values_{k}": one.values}
         else:
-            found |= {f"values_{k}/{name}": each for name, each in one.parameters().items()}
+            named = one if isinstance(one, Mapping) else one.parameters()
+            found |= {f"values_{k}/{name}": each for name, each in named.items()}
     return found
 
 
@@ -167,13 +170,13 @@ def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | No
     `pairs` are the states and actions of their task, None where that is not known; compiled loops
     read tables without looking whether a state lies in them.
     """
-    for name, kinds in (("values", "f"), ("visits", "i")):
-        if name not in arrays:
+    for name, axes, kinds in (("values", 3, FLOATS), ("visits", 4, ("int64",))):
+        found = arrays.get(name)
+        if found is None:
             continue
-        found = arrays[name]
         fits = pairs is None or found.shape[-2:] == pairs
-        if found.dtype.kind not in kinds or found.ndim < 3 or len(found) != n_seeds or not fits:
-            raise ValueError(f"{name} must be tables of {n_seeds} seeds, {_size(pairs)}")
+        if found.dtype not in kinds or found.ndim != axes or len(found) != n_seeds or not fits:
+            raise ValueError(f"{name} must be a table for each seed ({n_seeds}), {_size(pairs)}")
     for k in range(n_seeds if "states_0" in arrays else 0):
         states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))
         if states is None or values is None or states.ndim != 1 or values.ndim != 2:
@@ -181,7 +184,7 @@ def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | No
         ascend = states.dtype == "int64" and (np.diff(states, prepend=-1) > 0).all()
         within = pairs is None or (not len(states) or states[-1] < pairs[0])
         wide = len(values) == len(states) and (pairs is None or values.shape[1] == pairs[1])
-        if not (ascend and within and wide and values.dtype.kind == "f"):
+        if not (ascend and within and wide and values.dtype in FLOATS):
             raise ValueError(f"states_{k} and values_{k} must be a sparse table, {_size(pairs)}")
 
 

@@ -1,6 +1,7 @@
 """What the file of a saved result says of its task and its learner, in plain JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
@@ -44,30 +45,45 @@ def task_record(task: Any) -> dict[str, Any]:
     return {"spaces": spaces, "pairs": [rules.states.size, rules.actions.size]}
 
 
-def check_task(saved: SavedFile, record: Any, task: Any) -> None:
-    """Raise SettingError unless a task has the spaces of the one that a file was saved for."""
-    if task is None or not isinstance(record, Mapping) or "spaces" not in record:
-        return
-    if (given := task_record(task)["spaces"]) != record["spaces"]:
+def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
+    """Return the states and actions of values that were saved, those of the task if it is given.
+
+    None where they are not known, or are observations. SettingError where the task has other spaces
+    than `record`, which :func:`task_record` returned for the one that was learnt.
+    """
+    given, recorded = task_record(task), record if isinstance(record, Mapping) else {}
+    if given and recorded and given["spaces"] != recorded.get("spaces"):
         raise SettingError(
-            f"a result must be loaded with its own task: {saved.path} has {record['spaces']}, the "
-            f"task has {given}"
+            f"a result must be loaded with its own task: {saved.path} has "
+            f"{recorded.get('spaces')}, the task has {given['spaces']}"
         )
+    pairs = (given or recorded).get("pairs")
+    return None if pairs is None else (int(pairs[0]), int(pairs[1]))
 
 
-def check_saved_arrays(saved: SavedFile, arrays: Arrays, record: Any) -> None:
-    """Raise StoreError unless arrays are those of a result of the task that was recorded."""
+def check_saved_arrays(arrays: Arrays, pairs: tuple[int, int] | None) -> None:
+    """Raise ValueError unless arrays are those of a result with so many states and actions."""
+    if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
+        raise ValueError("it has no seeds")
+    if pairs is None and "snapshot_values" in arrays:
+        shown: Any = arrays["snapshot_values"].shape[1:]
+        check_result_arrays(arrays, seeds, shown)
+    else:
+        check_result_arrays(arrays, seeds, pairs or (0, 0))
+    check_value_arrays(arrays, len(seeds), pairs)
+
+
+@contextmanager
+def as_saved(saved: SavedFile) -> Iterator[None]:
+    """Turn what reading a file's arrays and words may raise into a StoreError in one line."""
     try:
-        given = record.get("pairs") if isinstance(record, Mapping) else None
-        pairs = None if given is None else (int(given[0]), int(given[1]))
-        seeds = arrays["seeds"].tolist() if "seeds" in arrays else []
-        if not seeds:
-            raise ValueError("it has no seeds")
-        shown = arrays["snapshot_values"].shape[1:] if "snapshot_values" in arrays else (0, 0)
-        check_result_arrays(arrays, seeds, (shown[0], shown[1]) if pairs is None else pairs)
-        check_value_arrays(arrays, len(seeds), pairs)
-    except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise StoreError(f"{saved.path} is not as save() writes it: {error}") from None
+        yield
+    except CurricleError:
+        raise
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        why = " ".join(f"{kind}{error}".split())
+        raise StoreError(f"{saved.path} is not as save() writes it: {why}") from None
 
 
 def learner_record(learner: Any) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """The policy of a learnt table, to take away: acting, a file of its own, episodes to look at."""
 
-from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +11,14 @@ import numpy.typing as npt
 from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import FloatTable
 from curricle.checks import brief, numbers, whole_number
-from curricle.errors import SettingError, StoreError
+from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.learning.result_arrays import (
     all_values_of,
     arrays_of_values,
     check_value_arrays,
 )
-from curricle.learning.saved_result import check_task, task_record
+from curricle.learning.saved_result import as_saved, pairs_of, task_record
 from curricle.learning.storage import SparseValues
 from curricle.planning.episode import Episode, played
 from curricle.planning.greedy import Values, VisitedValues
@@ -228,14 +227,9 @@ class TabularPolicy(Frozen):
             When the task has other states or actions.
         """
         saved = read_saved(path, cls.__name__)
-        record = saved.about.get("task")
-        check_task(saved, record, task)
-        pairs = record.get("pairs") if isinstance(record, Mapping) else None
-        try:
-            check_value_arrays(saved.arrays, 1, None if pairs is None else (pairs[0], pairs[1]))
+        with as_saved(saved):
+            check_value_arrays(saved.arrays, 1, pairs_of(saved, saved.about.get("task"), task))
             values = all_values_of(saved.arrays, 1)[0]
-        except (ValueError, TypeError, LookupError) as error:
-            raise StoreError(f"{saved.path} is not as save() writes it: {error}") from None
         return cls(task, values)
 
     def __repr__(self) -> str:
