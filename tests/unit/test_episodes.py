@@ -80,7 +80,7 @@ def test_a_gif_shows_each_moment_in_its_colours(episode, tmp_path):
 def test_a_notebook_gets_the_same_gif(episode):
     html = episode._repr_html_()
     code = re.fullmatch(
-        r'<img alt="Episode\(3 steps, return 197, terminated\)" '
+        r'<img alt="Episode\(3 steps, return 197, terminated\)" style="max-width: 100%" '
         r'src="data:image/gif;base64,([\w+/=]+)">',
         html,
     )

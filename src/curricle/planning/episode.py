@@ -165,7 +165,7 @@ class Episode:
 
     def _repr_html_(self) -> str:
         code = base64.b64encode(self._gif(self.fps)).decode()
-        return f'<img alt="{self!r}" src="data:image/gif;base64,{code}">'
+        return f'<img alt="{self!r}" style="max-width: 100%" src="data:image/gif;base64,{code}">'
 
     def __repr__(self) -> str:
         return f"Episode({self._summary})"

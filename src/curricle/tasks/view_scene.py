@@ -5,8 +5,8 @@ import numpy as np
 from curricle.array_types import IntArray
 from curricle.tasks.grid_layout import LETTERS
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.scene import AGENT, ASIDE, COATS, WALL, Canvas, Pixels
-from curricle.tasks.scenes import FIGURES, tile
+from curricle.tasks.scene import AGENT, ASIDE, COATS, Pixels
+from curricle.tasks.scenes import canvas_of, tile
 
 INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], strict=True))
 """Colours of markers by name."""
@@ -34,11 +34,7 @@ class ViewScene:
         self._map[tuple((view.walls - view.origin).T)] = "#"
         for name, row, column, _ in view.objects:
             self._map[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
-        self._canvas = Canvas(*view.shape)
-        for (row, column), letter in np.ndenumerate(self._map):
-            if letter != ".":
-                figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
-                self._canvas.put(row, column, figure)
+        self._canvas = canvas_of(self._map)
 
     def image(self, cells: IntArray) -> Pixels:
         """Return the grid from above, (height, width, 3) uint8.
