@@ -88,6 +88,10 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
             assert np.array_equal(mine.v(ROWS), yours.v(ROWS))
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert np.array_equal(again.policy.predict(ROWS), result.policy.predict(ROWS))
+    small = DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
+    other = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=small, budget=64)
+    with pytest.raises(SettingError, match="with the learners they were trained with: Error"):
+        CurriculumResult.load(file, other)
     given = plan.train(seeds=2, trained={"alone": result.sources["alone"]})
     loaded = CurriculumResult.load(given.save(tmp_path / "given"), plan)
     same_networks(loaded.given["alone"], given.given["alone"])

@@ -15,7 +15,7 @@ from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.sources import Progress, SourceValues
 from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.deep.result import DeepResult
-from curricle.errors import CurriculumError
+from curricle.errors import CurriculumError, SettingError
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
@@ -181,7 +181,13 @@ def _with_networks(
         for name, one in learnt.items()
     }
     seeds = next(iter(learnt.values())).seeds
-    built = source_values(curriculum, seeds, stored)
+    try:
+        built = source_values(curriculum, seeds, stored)
+    except RuntimeError as error:  # of PyTorch
+        raise SettingError(
+            "networks must be loaded with the learners they were trained with: "
+            f"{' '.join(str(error).split())}"
+        ) from None
     for name, one in built.items():
         if name in nodes:
             nodes[name] = replace(nodes[name], values=one.values)

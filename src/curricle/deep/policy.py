@@ -29,6 +29,7 @@ class TrainedPolicy:
     Examples
     --------
     >>> from curricle import observation_task
+    >>> import numpy as np
     >>> from curricle.deep import learn_deep
     >>> pole = observation_task("CartPole-v1")
     >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})

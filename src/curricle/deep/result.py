@@ -83,9 +83,9 @@ class DeepResult(LearningResult):
         each = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
         if len(each) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(each)}")
-        return found.with_networks(task, learner, each)
+        return found._with_networks(task, learner, each)
 
-    def with_networks(self, task: Any, learner: Any, shapings: Sequence[Shaping | None]) -> Self:
+    def _with_networks(self, task: Any, learner: Any, shapings: Sequence[Shaping | None]) -> Self:
         """Return the result with networks built from the parameters that are its values."""
         learner.algorithm_class()  # raises ImportError that names what to install
         from curricle.deep.models import network_values

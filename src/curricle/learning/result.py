@@ -221,7 +221,7 @@ class LearningResult(Frozen):
 
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
-        """Return the result that :func:`arrays_of` was called on; values as they are there."""
+        """Return the result with these arrays, as files hold them; values as they are there."""
         return cls(task=task, learner=learner, **fields_of(arrays))
 
     def __repr__(self) -> str:
