@@ -172,6 +172,44 @@ def show(
         typer.echo(line)
 
 
+def play(
+    folder: Folder,
+    arm: Annotated[str | None, typer.Option(help="The arm; needed if there are several.")] = None,
+    task: Annotated[str | None, typer.Option(help="The task; the target by default.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="The seed that learnt it; with --study any.")
+    ] = None,
+    study: Annotated[
+        Path | None, typer.Option(help="The study's file: the task is made and played.")
+    ] = None,
+    changes: Changes = None,
+    out: Annotated[Path | None, typer.Option(help="Write the episode as a GIF instead.")] = None,
+) -> None:
+    """Show one episode of what an arm learnt, drawn with characters or as a GIF.
+
+    Without --study it is the episode that the folder stores, of the first seed: nothing is made or
+    imported. With it the learnt policy plays in the task itself.
+    """
+    from curricle.study import StudyResults, played_episode, stored_episode
+
+    results = StudyResults(folder)
+    arms = list(results.record.arms)
+    if arm is None and len(arms) > 1:
+        raise typer.BadParameter(f"--arm must be one of {', '.join(arms)}: got none")
+    arm = arms[0] if arm is None else arm
+    task = results.record.target if task is None else task
+    if study is None:
+        seed, episode = stored_episode(results, arm, task, seed)
+    else:
+        _announce_imports()
+        seed, episode = played_episode(results, _read(study, None, changes), arm, task, seed)
+    words = f"{arm}: {task}, learnt by seed {seed}"
+    if out is None:
+        typer.echo(f"{words}\n\n{episode}")
+    else:
+        typer.echo(f"{words}: {episode!r}\nOpen {episode.save(out)}")
+
+
 def report(
     folder: Folder,
     out: Annotated[
@@ -286,7 +324,21 @@ def apply(
     typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
 
 
-COMMANDS = (new, check, run, watch, merge, schema, show, report, compare, design, apply, paper)
+COMMANDS = (
+    new,
+    check,
+    run,
+    watch,
+    merge,
+    schema,
+    show,
+    play,
+    report,
+    compare,
+    design,
+    apply,
+    paper,
+)
 
 
 def _write_new(path: Path, text: str, what: str) -> None:

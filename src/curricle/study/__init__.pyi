@@ -1,6 +1,7 @@
 from .config.reading import read_study as read_study
 from .config.study_config import StudyConfig as StudyConfig
 from .config.study_tables import json_schema as json_schema
+from .playing import played_episode as played_episode, stored_episode as stored_episode
 from .recipes.design_file import DesignPlan as DesignPlan, read_design as read_design
 from .recipes.designing import run_design as run_design
 from .recipes.from_recipe import study_text as study_text

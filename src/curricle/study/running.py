@@ -33,7 +33,7 @@ from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
 from curricle.study.resuming import Done, arms_in, different_versions, usable_units
 from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import UnitResult, result_of, without_snapshots
+from curricle.study.serialization import UnitResult, without_snapshots
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.study_arguments import Study, study_of
 from curricle.study.units import Unit, given_to_all, units_of
@@ -266,7 +266,7 @@ def _learnt(
     if isinstance(result, StoredUnit):
         result = store.result(result, unit.seeds)
     node = arms.curricula[unit.arm].node(unit.task)
-    return result_of(result.arrays, node.task, node.learner)
+    return LearningResult.of_arrays(result.arrays, node.task, node.learner)
 
 
 def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:

@@ -11,12 +11,12 @@ from math import inf
 from time import monotonic
 from typing import Any
 
+from curricle.curriculum.stored_sources import StoredValues, sources_read
 from curricle.errors import LostStoreError
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers
 from curricle.study.failures import Failures
 from curricle.study.packing import Packing, Taken
-from curricle.study.source_values import StoredValues, sources_read
 from curricle.study.stored_values import StoredSource, stored_values
 from curricle.study.units import Unit, UnitInput
 

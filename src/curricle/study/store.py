@@ -12,6 +12,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from curricle.archives.array_archive import Damaged
+from curricle.archives.sealed_json import as_json, parsed_json, sealed, unsealed
 from curricle.errors import StoreError
 from curricle.files import PART, read_bounded, remove_folder, write_whole
 from curricle.remote_path import Place, RemotePath, place_at
@@ -28,11 +30,9 @@ from curricle.study.folders import (
     write_errors,
 )
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
-from curricle.study.sealed_json import as_json, parsed_json, sealed, unsealed
 from curricle.study.serialization import GROUPS, UnitResult, as_parquet, of_seeds
 from curricle.study.unit_file import (
     ENDING,
-    Damaged,
     UnitFile,
     checked_unit,
     opened_unit,

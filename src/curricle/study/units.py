@@ -12,15 +12,16 @@ import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
+from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.learning.budget import ended_by
+from curricle.learning.result_arrays import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
 from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import Dependencies
-from curricle.study.serialization import DECISION_SCHEMA, UnitResult, arrays_of
-from curricle.study.source_values import StoredValues, source_values
+from curricle.study.serialization import DECISION_SCHEMA, UnitResult
 
 
 @dataclass(frozen=True)

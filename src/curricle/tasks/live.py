@@ -121,7 +121,7 @@ def reset_state(task: LiveMDP) -> int:
     0
     """
     with closing(task.make()) as environment:
-        return _numbering(task)(environment.reset(seed=0)[0])
+        return numbering(task)(environment.reset(seed=0)[0])
 
 
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
@@ -185,7 +185,7 @@ def _player(
     action = yield None
     try:
         environment = closings.enter_context(closing(task.make()))
-        number, moves = _numbering(task), [task.act(a) for a in range(task.actions.size)]
+        number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset = environment.step, environment.reset
         observation, _ = reset(seed=seed)
         while True:
@@ -213,7 +213,7 @@ def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
     )
 
 
-def _numbering(task: LiveMDP) -> Callable[[Any], int]:
+def numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, checked."""
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 
