@@ -43,6 +43,9 @@ class Pace:
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""
         self._progress, now = progress, self.clock()
+        if progress.stored is None:  # further units, after those of a tuning
+            self.stored = 0
+            self._marks.clear()
         self.stored += progress.stored is not None
         if not self._marks or now - self._marks[-1][0] >= BETWEEN:
             self._marks.append((now, self.stored))
