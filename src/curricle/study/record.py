@@ -333,7 +333,7 @@ class Analysis(Plain):
     of: str
     """A digest of the results that it is of."""
     sections: tuple[SectionRecord, ...] = ()
-    episodes: dict[str, dict[str, EpisodePair]] = {}
+    episodes: dict[str, dict[str, EpisodePair]] = Field(default={})
     """Arm -> task -> episodes."""
 
 

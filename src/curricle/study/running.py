@@ -156,13 +156,7 @@ def run_study(
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report, report_progress = report or to_stderr, progress or (lambda _: None)
-    if study.tune is not None:
-        there = tuning_at(place_at(path))
-        if there is not None and there.of == digest_of(study, arms):  # tuned in an earlier run
-            study = tuned_study(study, there)
-            arms = arms_in(study, path, keep_stale=keep_stale)
-        else:
-            check_tuning(study)
+    study, arms = _tuned_before(study, arms, path, keep_stale=keep_stale)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
@@ -226,6 +220,20 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             self.report(Progress(units, unit, scheduler.number(), link, tuning))
+
+
+def _tuned_before(
+    study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool
+) -> tuple[StudyConfig, Arms]:
+    """Return a study as its folder says that it was tuned; as it is if it is still to be tuned."""
+    if study.tune is None:
+        return study, arms
+    there = tuning_at(place_at(path))
+    if there is None or there.of != digest_of(study, arms):
+        check_tuning(study)
+        return study, arms
+    tuned = tuned_study(study, there)
+    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
 
 
 def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
