@@ -4,7 +4,7 @@ from textwrap import fill
 
 from curricle.cli.terminal_tables import print_table, table
 from curricle.study.config.varied_settings import value_text
-from curricle.study.effects import TUNING, Effects, Level, sweep_effects, tuning_effects
+from curricle.study.effects import TUNING, Effects, Level, effects_of
 from curricle.study.results import StudyResults
 from curricle.study.tuning_record import TuningRecord, read_tuning
 from curricle.study.units import seed_ranges
@@ -17,10 +17,8 @@ def print_effects(results: StudyResults) -> None:
     tuning = read_tuning(results.store)
     if tuning is not None:
         print_tuning(tuning)
-        _print_levels(tuning_effects(tuning))
-    swept = sweep_effects(results.comparison, results.record, tuning)
-    if swept is not None:
-        _print_levels(swept)
+    for found in effects_of(results.comparison, results.record, tuning):
+        _print_levels(found)
 
 
 def print_tuning(tuning: TuningRecord) -> None:

@@ -96,6 +96,15 @@ class Effects:
         return tuple(one for one in self.tried if one.arm == arm)
 
 
+def effects_of(
+    comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
+) -> tuple[Effects, ...]:
+    """Return what the sweep and the tuning of a study show, those that there are."""
+    swept = sweep_effects(comparison, record, tuning)
+    tuned = None if tuning is None else tuning_effects(tuning)
+    return tuple(one for one in (swept, tuned) if one is not None)
+
+
 def sweep_effects(
     comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
 ) -> Effects | None:
@@ -106,10 +115,10 @@ def sweep_effects(
     tuned = set() if tuning is None else {*tuning.space}
     arms, returns = list[str](), list[FloatArray]()
     values = list[dict[str, Any]]()
-    for name, arm in record.arms.items():
-        if arm.variant is not None and name in comparison.arms:
-            arms.append(arm.variant.arm)
-            values.append({k: v for k, v in arm.variant.values.items() if k not in tuned})
+    for name, one in record.arms.items():
+        if one.variant is not None and name in comparison.arms:
+            arms.append(one.variant.arm)
+            values.append({k: v for k, v in one.variant.values.items() if k not in tuned})
             returns.append(comparison.returns[name])
     settings = tuple(
         _listed(key, values) for key in dict.fromkeys(k for one in values for k in one)
@@ -132,8 +141,8 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
     highest. Trials crowd where returns are high, so they are no fair sample of a range.
     """
     arms, values, scores = list[str](), list[dict[str, Any]](), list[float]()
-    for name, arm in tuning.arms.items():
-        for trial in arm.trials:
+    for name, tuned in tuning.arms.items():
+        for trial in tuned.trials:
             if trial.score is not None:
                 arms.append(name)
                 values.append(dict(trial.values))

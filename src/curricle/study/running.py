@@ -18,7 +18,7 @@ from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
-from curricle.remote_path import Place, place_at
+from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -29,12 +29,12 @@ from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.record import RunRecord, StudyRecord, plain
 from curricle.study.recording import curricula_record, study_record
 from curricle.study.results import StudyResults
-from curricle.study.resuming import Done, arms_in, different_versions, usable_units
+from curricle.study.resuming import Done, arms_in, different_versions, tuned_before, usable_units
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult, result_of
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study
-from curricle.study.tuning_record import TRIALS, tuning_at, write_tuning
+from curricle.study.tuning_record import TRIALS, write_tuning
 from curricle.study.units import Unit, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -156,7 +156,9 @@ def run_study(
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report, report_progress = report or to_stderr, progress or (lambda _: None)
-    study, arms = _tuned_before(study, arms, path, keep_stale=keep_stale)
+    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    if study.tune is not None:
+        check_tuning(study)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
@@ -220,20 +222,6 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             self.report(Progress(units, unit, scheduler.number(), link, tuning))
-
-
-def _tuned_before(
-    study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool
-) -> tuple[StudyConfig, Arms]:
-    """Return a study as its folder says that it was tuned; as it is if it is still to be tuned."""
-    if study.tune is None:
-        return study, arms
-    there = tuning_at(place_at(path))
-    if there is None or there.of != digest_of(study, arms):
-        check_tuning(study)
-        return study, arms
-    tuned = tuned_study(study, there)
-    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
 
 
 def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
