@@ -4,7 +4,7 @@ from textwrap import fill
 
 from curricle.cli.terminal_tables import print_table, table
 from curricle.study.config.varied_settings import value_text
-from curricle.study.effects import TUNING, Effects, Level, effects_of
+from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
 from curricle.study.tuning_record import TuningRecord, read_tuning
 from curricle.study.units import seed_ranges
@@ -31,38 +31,32 @@ def print_tuning(tuning: TuningRecord) -> None:
             100,
         )
     )
-    rows = table("best trial", "of", "tuning steps", "mean return", *tuning.space)
+    rows = table("best trial", "of", "tuning steps", "mean return")
     for name, arm in tuning.arms.items():
         best = arm.best
+        words = ", ".join(f"{key} = {_number(value)}" for key, value in best.values.items())
         score = NONE if best.score is None else f"{best.score:.4g}"
-        values = [_number(best.values.get(key)) for key in tuning.space]
-        rows.add_row(name, f"{len(arm.trials)}", f"{tuning.steps(name):,}", score, *values)
+        number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
+        rows.add_row(f"{name}: {words or 'nothing to tune'}", number, steps, score)
     print_table(rows)
 
 
 def _print_levels(found: Effects) -> None:
     """Print the main effect of each setting on each arm."""
-    what = (
-        "trials; lowest and highest" if found.kind == TUNING else "arms; 95 % intervals over seeds"
-    )
-    print(f"\nmain effects on the mean return, sources charged (means over {what})")
-    rows = table("", *found.arms)
+    tuned = found.kind == TUNING
+    over = "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
+    print(f"\nmain effects: mean return, sources charged, over all {over}")
+    rows = table("", "trials" if tuned else "arms", "mean return", "")
     for setting in found.settings:
-        by_arm = {
-            arm: {one.text: one for one in found.levels.get((arm, setting.key), ())}
-            for arm in found.arms
-        }
-        for text in setting.levels:
-            cells = [_level(by_arm[arm].get(text)) for arm in found.arms]
-            if set(cells) != {NONE}:
-                rows.add_row(f"{setting.key} = {text}", *cells)
+        for arm in found.arms:
+            for one in found.levels.get((arm, setting.key), ()):
+                rows.add_row(
+                    f"{arm}: {setting.key} = {one.text}",
+                    f"{one.number}",
+                    f"{one.mean:.4g}",
+                    f"[{one.low:.4g}, {one.high:.4g}]",
+                )
     print_table(rows)
-
-
-def _level(one: Level | None) -> str:
-    if one is None:
-        return NONE
-    return f"{one.mean:.4g} [{one.low:.4g}, {one.high:.4g}] ({one.number})"
 
 
 def _number(value: object) -> str:

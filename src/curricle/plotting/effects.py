@@ -99,7 +99,7 @@ def _marks(setting: Setting) -> list[tuple[float, str]]:
     if setting.values:
         values = setting.values
         values = values if len(values) <= MOST_WORDS else (values[0], values[-1])
-        return [(setting.place(value), minus(_cut(value_text(value)))) for value in values]
+        return [(setting.place(value), _words(value)) for value in values]
     middle = math.sqrt(setting.low * setting.high) if setting.log else 0.0
     middle = middle or (setting.low + setting.high) / 2
     ends = ((0.0, setting.low), (0.5, middle), (1.0, setting.high))
@@ -150,6 +150,7 @@ def draw_main_effects(effects: Effects, *, width: float = 8.6) -> Figure:
     panels = max(1, min(len(effects.settings), int(width / 2.7)))
     rows = math.ceil(len(effects.settings) / panels)
     figure, grid = new_figure(rows, panels, width=width, height=0.2 + PANEL * rows)
+    figure.get_layout_engine().set(h_pad=0.1)  # type: ignore[union-attr, call-arg]
     for axes in grid.flat[len(effects.settings) :]:
         axes.set_axis_off()
     for number, (setting, axes) in enumerate(zip(effects.settings, grid.flat, strict=False)):
@@ -170,7 +171,7 @@ def _draw_effect(axes: Axes, effects: Effects, setting: Setting) -> None:
         mean = [one.mean for one in levels]
         reach = [[one.mean - one.low for one in levels], [one.high - one.mean for one in levels]]
         axes.errorbar(x, mean, reach, color=colours[arm], fmt="o-", ms=4.5, lw=1.5, elinewidth=1)
-    words = [minus(_cut(text)) for text in setting.levels]
+    words = [*map(_words, setting.values or setting.levels)]
     slanted: Any = {"rotation": 25, "ha": "right"} if max(map(len, words)) > 8 else {}
     axes.set_xticks(range(len(words)), words, fontsize=SMALL, **slanted)
     axes.set_xlim(-0.5, len(words) - 0.5)
@@ -190,6 +191,12 @@ def _in_lines(key: str) -> str:
     words = key.split(".")
     lines = [*words[1:2], words[-1]] if words[0] in ("tasks", "transfers") else words[-1:]
     return "\n".join(_cut(line) for line in lines).replace("_", "\n_", 1)
+
+
+def _words(value: Any) -> str:
+    """Return a value, or a part of a range, as axes have it."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return minus(f"{value:,}" if whole else _cut(value_text(value)))
 
 
 def _cut(text: str, most: int = 18) -> str:

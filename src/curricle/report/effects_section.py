@@ -96,6 +96,8 @@ def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
 def _value(value: object) -> str:
     if value is None:
         return NONE
+    if isinstance(value, int) and not isinstance(value, bool):
+        return minus(f"{value:,}")
     return minus(short(value) if isinstance(value, float) else value_text(value))
 
 

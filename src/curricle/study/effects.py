@@ -141,10 +141,10 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
     highest. Trials crowd where returns are high, so they are no fair sample of a range.
     """
     arms, values, scores = list[str](), list[dict[str, Any]](), list[float]()
-    for name, tuned in tuning.arms.items():
+    for tuned in tuning.arms.values():
         for trial in tuned.trials:
             if trial.score is not None:
-                arms.append(name)
+                arms.append(tuned.arm)
                 values.append(dict(trial.values))
                 scores.append(trial.score)
     settings = tuple(_searched(key, one) for key, one in tuning.space.items())
