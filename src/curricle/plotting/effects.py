@@ -51,7 +51,7 @@ def draw_parallel_coordinates(effects: Effects, *, width: float = 8.6) -> Figure
     >>> setting = Setting("learner.epsilon", ("0.1", "0.3"), 0.0, 1.0, False, (0.1, 0.3))
     >>> tried = [Tried("scratch", {"learner.epsilon": e}, -e, e == 0.1) for e in (0.1, 0.3)]
     >>> figure = draw_parallel_coordinates(Effects(TUNING, (setting,), tuple(tried), {}))
-    >>> [axes.get_title() for axes in figure.axes if axes.get_title()]
+    >>> [axes.get_title("left") for axes in figure.axes if axes.axison]
     ['scratch: 2 trials']
     """
     panels = max(1, min(len(effects.arms), int(width / ACROSS)))
