@@ -105,6 +105,6 @@ def _words(tuning: TuningRecord) -> str:
     return (
         f"Each trial was trained on seeds {seed_ranges(tuning.seeds)}, which are none of the "
         f"study’s, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
-        "was tuned as every arm. These steps are stated here; the curves above are not charged "
+        "was tuned as every arm. These steps are stated here; the curves are not charged "
         "with them."
     )

@@ -26,7 +26,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
 from curricle.study.config.varied_settings import value_text, with_values
 from curricle.study.serialization import RUN, result_of
-from curricle.study.store import StudyStore
+from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
 
 AT_RANDOM = 10
@@ -173,7 +173,11 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
         config = trial_study(study, chosen, total)
         arms = Arms.of(config)
         store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
-        curves = {trial: _arm(store, arms, trial, total) for trial in chosen}
+        stored = store.finished()
+        curves = {
+            trial: _arm(store, stored[arms.keys[trial, arms.target]], arms.eval_freq, total)
+            for trial in chosen
+        }
         reference = reference or next(curves[one] for one in chosen if chosen[one][0] == SCRATCH)
         for trial, (name, _) in chosen.items():
             score = float(mean_return(curves[trial].charged(reference)).mean())
@@ -192,14 +196,13 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     )
 
 
-def _arm(store: StudyStore, arms: Arms, name: str, total: int) -> Arm:
-    """Return the curves of a trial, seeds ascending."""
-    stored = store.finished()[arms.keys[name, arms.target]]
+def _arm(store: StudyStore, stored: Mapping[int, StoredUnit], eval_freq: int, total: int) -> Arm:
+    """Return the curves of a trial by the unit that holds each seed, seeds ascending."""
     runs = [store.arrays(unit, RUN) for unit in dict.fromkeys(stored.values())]
     spent = np.concatenate([run["source_steps"] for run in runs])
     order = np.argsort(np.concatenate([run["seeds"] for run in runs]))
     result = joined_results([result_of(run) for run in runs])
-    return Arm.of(result, spent[order], total, arms.eval_freq)
+    return Arm.of(result, spent[order], total, eval_freq)
 
 
 def _space(space: Any) -> SpaceRecord:

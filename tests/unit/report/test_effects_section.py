@@ -88,7 +88,7 @@ def test_the_section_states_the_steps_of_trials_and_the_best_of_each_arm():
         ("a, b", 2, "2,000", "−2", ("0.9", "<b>minimum</b>")),
     ]
     page = render("effects.html", settings_sections=[section])
-    assert "the curves above are not charged" in page
+    assert "the curves are not charged" in page
     assert "<b>minimum</b>" not in page
     assert 'id="tuning"' in page
     assert "7-8" in page
