@@ -86,7 +86,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypat
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
-    assert lines[0] == "chain: 4 arms, 4 seeds"
+    assert lines[0] == "chain: 4 arms, 4 seeds, 16 units"
     cost_at = next(n for n, line in enumerate(lines) if line.startswith("cost at most"))
     heads = [line for line in lines[:cost_at] if line.startswith("arm")]
     assert heads == ["arm scratch", "arms chain, state", "arm calibrated"]  # a graph is drawn once
@@ -114,7 +114,7 @@ def test_check_takes_other_seeds_and_settings(curricle, study_file):
         "check", study_file, "--seeds", "3,8-9", "--set", "tasks.maze.budget=900"
     )
     assert code == 0
-    assert out.startswith("chain: 4 arms, 3 seeds\n")
+    assert out.startswith("chain: 4 arms, 3 seeds, 16 units\n")
     assert "1,800 steps" in out
 
 
