@@ -187,6 +187,7 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("tune.space.learner.epsilon.log=1", "tune.space.learner.epsilon.log must be true or"),
         ("tune.space.learner.epsilon.low='a'", "must be a finite number: got 'a'"),
         ("tune.space.learner.epslon=[1, 2]", "epslon is unknown, did you mean 'epsilon'?"),
+        ("tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 }", "must be a whole number: "),
         ("tune.space.tasks.maze.discount=[0.1, 0.2]", "must leave the target maze as it is"),
         ("scratch=false", "tune needs learning from scratch, which is tuned as every arm"),
     ],

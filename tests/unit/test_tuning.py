@@ -102,6 +102,13 @@ def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
     assert_same(tmp_path / "out", tmp_path / "new")
 
 
+def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):
+    for seeds, folder in ((3, "out"), (2, "out"), (2, "new")):
+        study = read_study(tuned_file, set=["tune.trials=2", f"tune.seeds={seeds}"])
+        run_study(study, tmp_path / folder, resume=True, workers=1)
+    assert_same(tmp_path / "out", tmp_path / "new")
+
+
 def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
     for part in (1, 2):
         study = read_study(tuned_file, set=["seeds_per_unit=1"])

@@ -8,7 +8,7 @@ sources charged.
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from hashlib import blake2b
 from itertools import product
 from typing import Any
@@ -25,7 +25,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
 from curricle.study.config.varied_settings import value_text, with_values
-from curricle.study.serialization import RUN, result_of
+from curricle.study.serialization import RUN, of_seeds, result_of
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
 
@@ -175,7 +175,7 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
         store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
         stored = store.finished()
         curves = {
-            trial: _arm(store, stored[arms.keys[trial, arms.target]], arms.eval_freq, total)
+            trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)
             for trial in chosen
         }
         reference = reference or next(curves[one] for one in chosen if chosen[one][0] == SCRATCH)
@@ -196,13 +196,20 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     )
 
 
-def _arm(store: StudyStore, stored: Mapping[int, StoredUnit], eval_freq: int, total: int) -> Arm:
-    """Return the curves of a trial by the unit that holds each seed, seeds ascending."""
-    runs = [store.arrays(unit, RUN) for unit in dict.fromkeys(stored.values())]
+def _arm(
+    store: StudyStore,
+    stored: Mapping[int, StoredUnit],
+    seeds: Sequence[int],
+    arms: Arms,
+    total: int,
+) -> Arm:
+    """Return the curves of some seeds of a trial, ascending, by the unit that holds each seed."""
+    units = dict.fromkeys(stored[seed] for seed in seeds)
+    runs = [of_seeds(store.arrays(unit, RUN), seeds) for unit in units]
     spent = np.concatenate([run["source_steps"] for run in runs])
     order = np.argsort(np.concatenate([run["seeds"] for run in runs]))
     result = joined_results([result_of(run) for run in runs])
-    return Arm.of(result, spent[order], total, eval_freq)
+    return Arm.of(result, spent[order], total, arms.eval_freq)
 
 
 def _space(space: Any) -> SpaceRecord:
@@ -239,9 +246,7 @@ class Search:
             trial = self._study.ask(
                 {name: _distribution(space) for name, space in self.space.items()}
             )
-            values = {
-                name: space_value(self.space[name], given) for name, given in trial.params.items()
-            }
+            values = {name: _value(self.space[name], given) for name, given in trial.params.items()}
             self._asked.append((trial, values))
             yield len(self.trials) + len(self._asked) - 1, values
 
@@ -263,7 +268,7 @@ def _distribution(space: Any) -> Any:
     return kind(space.low, space.high, log=space.log)
 
 
-def space_value(space: Any, given: Any) -> Any:
+def _value(space: Any, given: Any) -> Any:
     """Return the value of a setting for what Optuna gives."""
     return given if isinstance(space, RangeTable) else json.loads(json.dumps(space[given]))
 

@@ -5,7 +5,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import PrivateAttr, model_validator
+from pydantic import PrivateAttr, ValidationError, model_validator
 
 from curricle.comparison.scratch import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
@@ -14,7 +14,7 @@ from curricle.errors import ConfigError, CurricleError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.building import CurriculumBuilder
 from curricle.study.config.derived_tables import built
-from curricle.study.config.positions import Positions, Problems
+from curricle.study.config.positions import Positions, Problems, path_text
 from curricle.study.config.study_tables import ArmTables, RunTable
 from curricle.study.config.tables import Count, Flag, Table, unknown, wrong_at
 from curricle.study.config.task_names import table
@@ -199,9 +199,20 @@ class StudyConfig(RunTable):
         found.raise_any()
 
     def varied(self, **fields: Any) -> Self:
-        """Return the study with some fields in plain data in the place of its own."""
+        """Return the study with some fields in plain data in the place of its own.
+
+        Raises
+        ------
+        ConfigError
+            Naming the first field that does not fit.
+        """
         data = {**self.to_data(), **fields}
-        made = self.from_data(data, self._folder, self._positions, say=self._say)
+        try:
+            made = self.from_data(data, self._folder, self._positions, say=self._say)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = path_text(first["loc"])
+            raise ConfigError(f"{self._positions.file}: {place} {first['msg']}") from None
         made._made = self._made
         return made
 

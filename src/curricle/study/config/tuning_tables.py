@@ -170,7 +170,7 @@ def places_of_tuning(
     first = table(patches.get(next(iter(variants.values())).arm))
     learners = table(study.get("scratch_learners"))
     for name, own in scratches.items():
-        given = table(learners.get(own.arm.removeprefix(f"{SCRATCH}, ")))
+        given = learners.get(own.arm.removeprefix(f"{SCRATCH}, ")) if own.arm != SCRATCH else {}
         found[name] = {
             one.name: tuple(
                 place

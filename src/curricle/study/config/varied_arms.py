@@ -1,6 +1,6 @@
 """The arms of a study whose settings vary, by a sweep or a tuning, in plain data."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from curricle.checks import unfit_name
@@ -64,10 +64,21 @@ def _probes(
     for one in tuned_in(study):
         arm = next(arm for arm in places if places[arm][one.name])
         here = places[arm][one.name]
-        ends = (one.given["low"], one.given["high"]) if isinstance(one.given, dict) else one.given
-        for value in ends:
+        for value in _some(one.given):
             given = with_values(variants[arm].curriculum, dict.fromkeys(here, value))
             yield f"{one.name} = {value_text(value)}", given, dict.fromkeys(here, one.home)
+
+
+def _some(space: Any) -> Sequence[Any]:
+    """Return the values of a setting that are checked: those listed, or ends and one between.
+
+    That one is no whole number unless all are, which some settings refuse.
+    """
+    if not isinstance(space, dict):
+        return tuple(space)
+    low, high = space["low"], space["high"]
+    whole = isinstance(low, int) and isinstance(high, int)
+    return (low, high) if whole else (low, high, low + (high - low) / 3**0.5)
 
 
 def wrong_made(variants: Mapping[str, Any]) -> Iterator[tuple[KeyPath, str]]:
