@@ -156,6 +156,8 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ("sweep={}", "sweep must name a setting to sweep: got none"),
+        ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
         ("sweep=3", "sweep must be a table: got 3"),
         ("sweep.learner.epsilon=0.1", "sweep.learner.epsilon must be a list of values: got 0.1"),
         ("sweep.learner.epsilon=[]", "sweep.learner.epsilon must be a list of values: got []"),
@@ -163,7 +165,10 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("sweep.learner.epsilon=['a']", "sweep.learner.epsilon must be a number: got 'a'"),
         ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),
         ("sweep.learner.epslon=[1]", "epslon is unknown, did you mean 'epsilon'?"),
-        ("sweep.mode=pairs", "must be 'grid' or 'paired': got 'pairs', did you mean 'paired'?"),
+        (
+            "sweep={ mode = 'pairs', unknown_value = [1.0] }",
+            "must be 'grid' or 'paired': got 'pairs', did you mean 'paired'?",
+        ),
         ("sweep.budget=[1, 2]", "changes nothing: each task or arm that it could apply to sets it"),
         ("sweep.tasks.maze.budget=[1, 2]", "must leave the target maze as it is"),
         ("sweep.eval_freq=[10, 20]", "must leave the target maze as it is"),

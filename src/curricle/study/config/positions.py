@@ -54,7 +54,8 @@ class Positions:
         arm, varied = self.varied.get(arm, (arm, {}))
         for place, home in varied.items():
             n = min(len(place), len(path))
-            if place[:n] == path[:n] and n > (path[:1] == ("tasks",)) + 1:
+            setting = place[0] == "tasks" and place[2] in SETTINGS
+            if place[:n] == path[:n] and n > 1 + setting:  # not only the task that has it
                 return home
         patch = table(table(self.study.get("arms")).get(arm))
         chosen = patch.get("transfers")

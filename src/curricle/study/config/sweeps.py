@@ -69,6 +69,8 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Raw]) -> Iterator[tuple[KeyPa
     wrong = [(one.home, why) for one in keys if (why := _wrong_list(study, complete, one))]
     names = [one.name for one in keys]
     wrong += [(one.home, "is given twice") for n, one in enumerate(keys) if one.name in names[:n]]
+    if not keys and isinstance(study.get("sweep"), dict):
+        wrong.append((HOME, "must name a setting to sweep: got none"))
     yield from wrong
     if wrong or not keys:
         return
