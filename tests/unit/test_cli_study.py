@@ -86,7 +86,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypat
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
-    assert lines[0] == "chain: 4 arms, 4 seeds"
+    assert lines[0] == "chain: 4 arms, 4 seeds, 16 units"
     cost_at = next(n for n, line in enumerate(lines) if line.startswith("cost at most"))
     heads = [line for line in lines[:cost_at] if line.startswith("arm")]
     assert heads == ["arm scratch", "arms chain, state", "arm calibrated"]  # a graph is drawn once
@@ -114,7 +114,7 @@ def test_check_takes_other_seeds_and_settings(curricle, study_file):
         "check", study_file, "--seeds", "3,8-9", "--set", "tasks.maze.budget=900"
     )
     assert code == 0
-    assert out.startswith("chain: 4 arms, 3 seeds\n")
+    assert out.startswith("chain: 4 arms, 3 seeds, 16 units\n")
     assert "1,800 steps" in out
 
 
@@ -402,3 +402,68 @@ def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
         assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
     refused(2, "Missing argument", "merge", "whole")
     refused(1, "has none", "merge", "whole", "nowhere")
+
+
+# -- sweeps and tunings ------------------------------------------------------------------------
+
+SWEPT = """
+name = "line"
+seeds = 2
+[tasks.line]
+type = "maze"
+map = "S...T"
+budget = 500
+[tasks.end]
+type = "crop"
+of = "line"
+rows = [0, 1]
+columns = [2, 5]
+budget = 100
+[[transfers]]
+source = "end"
+target = "line"
+mapping = "same_position"
+"""
+SWEEP = "[sweep]\nlearner.learning_rate = [0.1, 0.3]\n"
+TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
+
+
+def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
+    pytest.importorskip("optuna")
+    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
+    code, out, _ = curricle("check", "line.toml")
+    assert code == 0
+    assert "line: 4 arms, 2 seeds, 6 units" in out
+    assert "swept: learner.learning_rate = 0.1, 0.3" in out
+    words = " ".join(out.split())
+    assert "before that, tuning: 2 trials of each arm on seeds 1000000, 8 trials in all" in words
+    assert "forecasts are for the first settings of each arm" in out
+
+
+def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
+    pytest.importorskip("optuna")
+    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
+    code, out, _ = curricle("run", "line.toml", "--dry-run")
+    assert code == 0
+    assert out.startswith("first of all 2 trials of each arm")
+    code, _, told = curricle("run", "line.toml")
+    assert code == 0
+    assert "tuning, 2 of 2 trials" in told
+    code, out, _ = curricle("show", "line-results")
+    assert code == 0
+    assert "tuned on seeds 1000000, " in out
+    assert "shown here and not charged to the curves" in " ".join(out.split())
+    assert out.count("main effects: mean return") == 2
+    assert "scratch: learner.learning_rate = 0.3" in out
+    assert "nan" not in out
+    code, out, _ = curricle("run", "line.toml", "--dry-run", "--resume")
+    assert out.startswith("0 units to do")
+    code, _, told = curricle("run", "line.toml")
+    assert code == 1
+    assert "go on with --resume" in told
+
+
+def test_a_sweep_of_too_many_arms_is_one_sentence(curricle, refused, tmp_path):
+    (tmp_path / "line.toml").write_text(SWEPT)
+    values = f"--set=sweep.unknown_value={[*range(200)]}"
+    refused(1, "sweep must make at most 100 arms: got 200 values", "run", "line.toml", values)

@@ -62,6 +62,22 @@ def test_a_network_learns_from_a_table(capsys, monkeypatch):
     assert "from one predator: -" in capsys.readouterr().out
 
 
+def test_a_sweep_and_a_tuning_run(tmp_path):
+    pytest.importorskip("optuna")
+    small = ["seeds=2", "tasks.hunt.size=3", "tasks.chase.size=3", "tasks.hunt.budget=2_000"]
+    changes = {
+        "sweep": ["sweep.tasks.chase.budget=[300, 900]"],
+        "tune": ["tune.trials=3", "tune.seeds=1", "tune.space.tasks.chase.budget.high=2_001"],
+    }
+    for name, own in changes.items():
+        study = cr.read_study(FOLDER / f"{name}.toml", set=[*small, *own])
+        results = cr.run_study(study, tmp_path / name)
+        assert len(results.seeds) == 2
+        assert "mean return" in str(results.comparison)
+        kind = {"sweep": "sweep", "tune": "tuning"}[name]
+        assert f'id="{kind}"' in cr.report.write_report(tmp_path / name).read_text("utf-8")
+
+
 def test_no_example_is_left_out():
     known = {*PICTURES, *COMPARISONS, "own_task", "deep_pursuit"}
     assert {path.stem for path in FOLDER.glob("*.py")} == known

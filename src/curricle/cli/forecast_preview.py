@@ -45,7 +45,14 @@ SEEDS = 3
 def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> None:
     """Print a forecast for each arm with transfers into the target; `each` is what it costs."""
     # Not those of `arms`, whose target has the total: a trial adds the sources' steps by itself.
-    curricula = {name: one for name, one in study.curricula.items() if one.in_edges(one.target)}
+    shown = _first_settings(study)
+    curricula = {
+        name: one
+        for name, one in study.curricula.items()
+        if name in shown and one.in_edges(one.target)
+    }
+    if len(shown) < len(study.arms):
+        print("\nforecasts are for the first settings of each arm")
     sources = {
         arms.keys[name, source]: source
         for name, one in curricula.items()
@@ -92,6 +99,13 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     sys.stdout.flush()
     trial = None if quick else False
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
+
+
+def _first_settings(study: StudyConfig) -> set[str]:
+    """Return the first arm of each that a sweep makes of an arm in the file."""
+    own = {name: (study.variants or {}).get(name) for name in study.arms}
+    first = {name if one is None else one.arm: name for name, one in reversed(own.items())}
+    return set(first.values())
 
 
 def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:

@@ -48,7 +48,11 @@ class Pace:
         self._units = len(progress.units)
         self._workers, self._repeated = progress.workers, progress.repeated
         self._link = progress.link
-        self._mark(self.stored + (progress.stored is not None))
+        if progress.stored is None:  # further units, after those of a tuning
+            self._marks.clear()
+            self._mark(0)
+        else:
+            self._mark(self.stored + 1)
 
     def line_of(self, stored: int, units: int) -> str:
         """Note how many units a folder has, which another process stores, and return the line.

@@ -28,6 +28,7 @@ from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.running import Progress, run_study
+from curricle.study.units import Unit
 from curricle.study.workers import WorkerProcesses
 
 MANY = 1_000
@@ -89,22 +90,24 @@ def run_with_bars(
     description = TextColumn("{task.description}", markup=False)
     pace = Pace()
     bars, lines = BarsAndPace(pace, description, *columns, console=console), Lines(pace)
-    rows: dict[tuple[str, str], Any] = {}
+    rows: dict[str, Any] = {}
 
     def show(progress: Progress) -> None:
         pace.note(progress)
         unit = progress.stored
         if unit is None:
-            seeds = Counter[tuple[str, str]]()
+            seeds = Counter[str]()
             for one in progress.units:
-                seeds[one.arm, one.task] += len(one.seeds)
-            for (arm, task), total in seeds.items():
-                rows[arm, task] = bars.add_task(f"{arm}: {task}", total=total)
+                seeds[_row(progress, one)] += len(one.seeds)
+            for row, total in seeds.items():
+                rows[row] = bars.add_task(row, total=total)
+            if progress.tuning and not console.is_terminal:
+                print(progress.tuning, file=sys.stderr, flush=True)
         else:
-            bars.advance(rows[unit.arm, unit.task], len(unit.seeds))
-            if bars.finished:
+            bars.advance(rows[_row(progress, unit)], len(unit.seeds))
+            if bars.finished and not progress.tuning:
                 bars.add_task("forecasts and certificates", total=None)
-            if not console.is_terminal:
+            if not (console.is_terminal or progress.tuning):
                 lines.show(progress)
 
     with page_of_run(path, pace, page), bars, ExitStack() as ending:
@@ -113,3 +116,8 @@ def run_with_bars(
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)
+
+
+def _row(progress: Progress, unit: Unit) -> str:
+    """Return the name of a unit's row: all trials of a tuning that are made at once share one."""
+    return progress.tuning or f"{unit.arm}: {unit.task}"

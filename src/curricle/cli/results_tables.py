@@ -4,6 +4,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
+from curricle.cli.effects_tables import print_effects
 from curricle.cli.terminal_tables import print_table, table
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
@@ -32,6 +33,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
     if compared and results.seeds:
         print(f"\n{results.comparison}")
+        print_effects(results)
     else:
         for name, error in results.failed.items():
             print(f"{name} failed: {error}")

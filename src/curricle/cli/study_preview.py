@@ -11,12 +11,14 @@ from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.varied_settings import value_text
 from curricle.study.cost import Cost, costs, duration
 from curricle.study.folders import STUDY
 from curricle.study.packing import bytes_a_seed, seeds_per_file
-from curricle.study.resuming import Done, arms_in, usable_units
+from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
-from curricle.study.units import units_of
+from curricle.study.tuning import check_tuning, tuning_of
+from curricle.study.units import seed_ranges, units_of
 from curricle.transfer.descriptions import countable, mapping_words
 from curricle.transfer.edges import transfer_names
 
@@ -24,18 +26,24 @@ from curricle.transfer.edges import transfer_names
 def print_preview(study: StudyConfig) -> None:
     """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
     arms = Arms.of(study)
-    print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds")
+    units = len(units_of(study, arms, {}))
+    print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds, {units} units")
+    for line in _swept(study):
+        print(_wrapped(line, 2))
     if few := too_few(study, arms):
         print(few)
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
         alike.setdefault(tuple(graph(curriculum)), []).append(name)
     for lines, names in alike.items():
-        print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
+        between = "; " if study.variants else ", "
+        print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
     each = costs(study, arms)
     _print_cost(each)
-    print(fill(traffic(study, arms, each), 80, subsequent_indent="  "))
+    print(_wrapped(traffic(study, arms, each), 0))
+    if study.tune is not None:
+        print(_wrapped(_tuning(study, arms, each), 0))
     try:
         study.check_networks()
     except ImportError as error:
@@ -67,6 +75,28 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if countable(edge.mapping) else ""
             yield _wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
+
+
+def _swept(study: StudyConfig) -> Iterator[str]:
+    """Yield each setting that is swept, with its values."""
+    values: dict[str, dict[str, None]] = {}
+    for one in (study.variants or {}).values():
+        for key, value in one.values.items():
+            values.setdefault(key, {})[value_text(value)] = None
+    yield from (f"swept: {key} = {', '.join(texts)}" for key, texts in values.items())
+
+
+def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
+    """Return what tuning every arm takes at most, in words."""
+    tune, total = tuning_of(study), check_tuning(study)
+    number = sum(tune.trials if tune.keys(arm) else 1 for arm in arms.curricula)
+    runs = number * len(tune.seeds)
+    one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
+    return (
+        f"before that, tuning: {tune.trials} trials of each arm on seeds "
+        f"{seed_ranges(tune.seeds)}, {number} trials in all, {runs * total:,} steps, "
+        f"about {duration(runs * one)}"
+    )
 
 
 def _wrapped(line: str, indent: int) -> str:
@@ -119,6 +149,13 @@ def units_left(
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
+    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    if study.tune is not None:
+        check_tuning(study)
+        yield (
+            f"first of all {study.tune.trials} trials of each arm; what follows is then trained "
+            "with the best settings, not with those of the file"
+        )
     done: Done = {}
     if (place_at(path) / STUDY).exists():
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)

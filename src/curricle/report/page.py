@@ -16,6 +16,7 @@ from curricle.learning.budget import ended_by
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import arm_styles, shades_of
 from curricle.report.curve_data import MOST_SEEDS, curve_data
+from curricle.report.effects_section import effects_sections
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Learnt, Reasons, graphs
@@ -24,8 +25,10 @@ from curricle.report.svg import inline_svg
 from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
 from curricle.study.analysis import analysed
+from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.recording import curricula_record
+from curricle.study.tuning_record import TuningRecord
 
 WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
@@ -109,6 +112,8 @@ class ShownStudy:
     learnt: Learnt  # arm -> task -> its training
     analysis: Analysis
     reasons: Reasons  # (arm, task) -> for each seed why its training ended
+    effects: tuple[Effects, ...] = ()
+    tuning: TuningRecord | None = None
 
 
 def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
@@ -139,6 +144,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
         table=table(comparison),
         measures=MEASURES,
         weak=WEAK,
+        settings_sections=effects_sections(study.effects, study.tuning),
         sections=forecast_sections(study.analysis, curricula, learnt),
         replays=shown,
         menu={one.task: [other for other in shown if other.task == one.task] for one in shown},

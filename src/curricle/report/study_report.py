@@ -5,8 +5,10 @@ from pathlib import Path
 from curricle.remote_path import Place
 from curricle.report.page import ShownStudy, page_of
 from curricle.report.templates import write_page
+from curricle.study.effects import effects_of
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.results import StudyResults
+from curricle.study.tuning_record import read_tuning
 from curricle.study.units import seed_ranges
 
 
@@ -39,7 +41,10 @@ def stored_page(study: StudyResults) -> str:
     reasons = {place: list(study.ended_by(*place).values()) for place in places}
     record = study.record.only(learnt)
     analysis = study.analysis or _no_analysis(record)
-    shown = ShownStudy(study.record.name, comparison, record, learnt, analysis, reasons)
+    tuning = read_tuning(study.store)
+    effects = effects_of(comparison, record, tuning)
+    name = study.record.name
+    shown = ShownStudy(name, comparison, record, learnt, analysis, reasons, effects, tuning)
     return page_of(shown, _environment(study))
 
 

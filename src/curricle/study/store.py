@@ -257,6 +257,10 @@ class StudyStore:
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
 
+    def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
+        """Return the folder, which must be open, with another description of the same study."""
+        return self._claimed(self.path, json.loads(json.dumps(description)), True, False)
+
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of a description, as :meth:`opened` takes it, differ."""
         for name, (there, here) in differences(self.description, description):
