@@ -11,8 +11,9 @@ from textwrap import fill
 from typing import Any
 
 from curricle.comparison.candidates import AGGREGATES, candidates_of
-from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasting import forecast_once
 from curricle.comparison.forecasts import Forecast
+from curricle.comparison.judged_potentials import JudgedPotentials
 from curricle.comparison.trial import affordable, hindrance
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
@@ -77,8 +78,9 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
             f"\ntraining {names} for one seed would take about {duration(a_seed)}, so these "
             "forecasts are for sources learnt perfectly; curricle.forecast trains them"
         )
+        judged = JudgedPotentials()
         for name, curriculum in curricula.items():
-            print(f"\narm {name}", _forecast(curriculum, perfect=True), sep="\n")
+            print(f"\narm {name}", _forecast(judged, curriculum, perfect=True), sep="\n")
         return
     seeds = study.seeds[: counts[0]]
     tried, seconds = _trials(curricula, a_seed, target)
@@ -147,15 +149,15 @@ def _print_trained(
 
     A line for sources that are learnt perfectly follows, where they can be solved.
     """
-    known: dict[str, SourceValues] = {}
+    judged, known = JudgedPotentials(), dict[str, SourceValues]()
     for name, curriculum in curricula.items():
         own = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
         trained = {source: known[key] for source, key in own.items() if key in known}
-        found = _forecast(curriculum, seeds=seeds, trained=trained, **settings)
+        found = _forecast(judged, curriculum, seeds=seeds, trained=trained, **settings)
         print(f"\narm {name}", found, sep="\n")
         if isinstance(found, Forecast):
             known |= {own[source]: values for source, values in found.trained.items()}
-            perfect = _forecast(curriculum, perfect=True)
+            perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
             if isinstance(perfect, Forecast):
                 print(fill(_in_a_line(perfect), 80, subsequent_indent="  "))
 
@@ -165,9 +167,9 @@ def _in_a_line(found: Forecast) -> str:
     return f"{found.computed_from}: {found.used.name} {found.used.verdict}"
 
 
-def _forecast(curriculum: Curriculum, **settings: Any) -> Forecast | str:
+def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:
     """Return a forecast, or why there is none."""
     try:
-        return forecast(curriculum, **settings)
+        return forecast_once(judged, curriculum, **settings)
     except (CurricleError, ImportError) as error:
         return f"no forecast: {error}"
