@@ -24,7 +24,7 @@ from curricle.tasks.task import generative_model
 
 PairPotential = StateActionPotential | MappedPotential
 LARGEST_ARRAY = 1_000_000
-"""Pairs (S x A) up to which a mapped potential is read from an array, by a loop that is compiled."""
+"""Pairs (S x A) up to which a mapped potential is read from an array, as others are."""
 MOST_STEPS = 50_000_000
 """Steps that may be recorded (2.4 GB)."""
 
