@@ -4,7 +4,7 @@ Arms of a study often read the same sources in the same ways. Their forecasts th
 potentials, each of which is judged once.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Any, NamedTuple
@@ -71,10 +71,12 @@ class JudgedPotentials:
 
 def _digest(potential: MappedPotential | StateActionPotential) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
-    mapped = isinstance(potential, MappedPotential)
+    parts: Iterable[Any] = (
+        potential.lookup if isinstance(potential, MappedPotential) else (potential.values,)
+    )
     found = blake2b(type(potential).__name__.encode())
-    for one in potential.lookup if mapped else (potential.values,):
+    for one in parts:
         array = np.ascontiguousarray(one)
         found.update(f"{array.dtype} {array.shape}".encode())
-        found.update(array)
+        found.update(array.data)
     return found.digest()
