@@ -118,9 +118,11 @@ def merge(
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
+    from curricle.text_tables import counted
 
     results = merged(out, parts)
-    typer.echo(f"{len(results.seeds)} seeds of {len(parts)} folders in {out}")
+    seeds, folders = counted(len(results.seeds), "seed"), counted(len(parts), "folder")
+    typer.echo(f"{seeds} of {folders} in {out}")
 
 
 def schema() -> None:
@@ -170,11 +172,12 @@ def compare(
     ] = None,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
+    from curricle.cli.terminal_tables import table_width
     from curricle.study import StudyResults, compare_studies
 
     found = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else found.against(against)
-    typer.echo(str(found))
+    typer.echo(found.text(table_width()))
     for name, verdict in answers.items():
         typer.echo(f"{name} gains more than {against}: {verdict}")
 
