@@ -36,7 +36,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     print_text(
         "(means over seeds; evaluations are free; the greedy return with its standard deviation)"
     )
-    if record.budget is not None and record.total is not None:
+    if record.budget is not None and record.total not in (None, record.budget):
         steps = record.budget, record.total, record.eval_freq
         sources = any(one.transfers for one in record.arms.values())
         print_text(total_words(record.target, *steps, sources=sources))

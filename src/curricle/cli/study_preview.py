@@ -36,7 +36,7 @@ def print_preview(study: StudyConfig) -> None:
     print()
     each = costs(study, arms)
     _print_cost(each)
-    if arms.budget is not None and arms.total is not None:
+    if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(one.transfers for one in arms.curricula.values())
         print_text(total_words(arms.target, *steps, sources=sources))

@@ -141,8 +141,6 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     'every arm spends 1,010 steps: 1,003 of maze, rounded up to whole checkpoints of 10'
     """
     words = f"every arm spends {counted(total, 'step')}"
-    if total == budget:
-        return words
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
     return f"{words}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
