@@ -154,7 +154,6 @@ def forecast_once(
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     each = candidates_of(curriculum, name, aggregates)
-    shown = [one for one in each if one.used or not only_used]
     if perfect and trial:
         raise CurriculumError(
             "a trial trains the sources: with perfect=True, trial must be False or left out"
@@ -164,11 +163,11 @@ def forecast_once(
     reads_values = curriculum.setting("shaping", name).reads_values
     judge = _judgement if reads_values else _judgement_of_networks
     rows = list[ForecastRow]()
-    for one in shown:
+    for one in (one for one in each if one.used or not only_used):
         potentials = tuple(one.potentials(sources, numbers))
         make = partial(judge, potentials, any_target, workers)
-        found_row = judged.judgement(any_target, potentials, make)
-        rows.append(ForecastRow(one.name, one.aggregate, one.used, *found_row))
+        row = judged.judgement(any_target, potentials, make)
+        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
     found, no_trial = None, "no source is trained"
     if not perfect:
         found, no_trial = _trial(each, trial, threshold, workers)
