@@ -10,7 +10,9 @@ import pytest
 
 import curricle as cr
 from curricle.cli.app import main
+from curricle.cli.commands import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
+from curricle.study.config.templates import KINDS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -71,8 +73,51 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     refused(1, "a new study needs a new file: maze.toml is there already", "new", "maze")
     assert (tmp_path / "maze.toml").read_text() == "years of work"
     refused(1, "cannot be written to nowhere/maze.toml", "new", "maze", "nowhere/maze.toml")
-    refused(2, "'labyrinth' is not one of 'maze'", "new", "labyrinth")
+    refused(1, "called 'labyrinth'; curricle new without a name lists", "new", "labyrinth")
+    refused(1, "no file 'mase' to start from, did you mean 'maze'?", "new", "mase")
+    refused(1, "did you mean FrozenLake-v1", "new", "FrozenLakes-v1")
     assert curricle("new", "maze", "other.toml")[0] == 0
+
+
+def test_new_lists_what_it_knows(curricle):
+    code, out, _ = curricle("new")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:6]] == list(KINDS)
+    assert set(COMPLETED) == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("FrozenLake-v1", "gymnasium"),
+        ("Blackjack-v1", "gymnasium"),
+        ("MiniGrid-Empty-5x5-v0", "tabulated"),
+        ("CartPole-v1", "observation_task"),
+    ],
+)
+def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):
+    code, _, complaint = curricle("new", name)
+    assert code == 0, complaint
+    assert f'type = "{form}"' in (tmp_path / f"{name}.toml").read_text()
+    assert list(read_study(tmp_path / f"{name}.toml").curricula) == ["transfer"]
+
+
+def test_a_new_study_of_an_environment_runs_as_it_is(curricle):
+    assert curricle("new", "FrozenLake-v1", "lake.toml")[0] == 0
+    quick = ["--seeds", "2", "--set", "tasks.target.budget=400"]
+    code, _, complaint = curricle("run", "lake.toml", *quick)
+    assert code == 0, complaint
+    assert curricle("report", "lake-results")[0] == 0
+
+
+def test_the_words_are_explained_if_asked(curricle, finished):
+    code, plain, _ = curricle("show", finished)
+    assert "strong gain: mean return above" not in plain
+    code, out, _ = curricle("show", finished, "--explain")
+    assert code == 0
+    assert out.startswith(plain)
+    assert "\nstrong gain: mean return above" in out
+    assert "\nphi: " not in out  # it was not printed
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypatch, tmp_path):

@@ -3,9 +3,12 @@
 import json
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+KINDS = ("maze", "pursuit", "gymnasium", "deep", "design")
+"""What a shell completes after `curricle new`; a test holds that these are all."""
 
 if TYPE_CHECKING:
     from curricle.study import StudyConfig
@@ -27,35 +30,51 @@ Changes = Annotated[
     list[str] | None,
     typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
 ]
+Explain = Annotated[bool, typer.Option("--explain", help="Also what the words mean.")]
 
 
 def new(
     kind: Annotated[
-        Literal["maze", "pursuit", "gymnasium", "deep", "design"],
-        typer.Argument(help="What the tasks are; or design, for a recipe."),
-    ],
+        str | None,
+        typer.Argument(
+            help="maze, pursuit, gymnasium, deep or design; or any id of Gymnasium's registry. "
+            "Left out, they are listed.",
+            autocompletion=lambda: list(KINDS),
+            show_default=False,
+        ),
+    ] = None,
     file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
     """Write a commented study to start from, or a design, which runs as it is."""
-    from curricle.study.config.templates import DESIGN, template
+    from curricle.cli.new_files import DESIGN, kinds, new_file
 
-    path = file or Path(f"{kind}.toml")
-    _write_new(path, template(kind), kind if kind == DESIGN else "study")
+    if kind is None:
+        typer.echo(kinds())
+        return
+    name, text = new_file(kind)
+    path = file or Path(name)
+    _write_new(path, text, kind if kind == DESIGN else "study")
     first = f"curricle check {path}, then curricle run {path}"
     if kind == DESIGN:
         first = f"curricle design {path} --on miniatures --budget 3_000_000"
     typer.echo(f"Wrote {path}: {first}")
 
 
-def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
+def check(
+    file: File, seeds: Seeds = None, changes: Changes = None, explain: Explain = False
+) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
     For the forecast the sources are trained at their budgets, where that takes seconds.
     """
+    from curricle.cli.compilation import announce_compilation
+    from curricle.cli.explanations import explained
     from curricle.cli.study_preview import print_preview
 
     _announce_imports()
-    print_preview(_read(file, seeds, changes))
+    announce_compilation()
+    with explained(explain):
+        print_preview(_read(file, seeds, changes))
 
 
 def run(
@@ -141,9 +160,11 @@ def merge(
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
+    from curricle.text_tables import counted
 
     results = merged(out, parts)
-    typer.echo(f"{len(results.seeds)} seeds of {len(parts)} folders in {out}")
+    seeds, folders = counted(len(results.seeds), "seed"), counted(len(parts), "folder")
+    typer.echo(f"{seeds} of {folders} in {out}")
 
 
 def schema() -> None:
@@ -159,14 +180,17 @@ def show(
     arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
     task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of this seed only.")] = None,
+    explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
+    from curricle.cli.explanations import explained
     from curricle.cli.results_tables import decision_lines, print_results
     from curricle.study import StudyResults
 
     results = StudyResults(folder)
     if not decisions:
-        print_results(results, arm, task)
+        with explained(explain):
+            print_results(results, arm, task)
         return
     for line in decision_lines(results, arm, task, seed):
         typer.echo(line)
@@ -229,15 +253,19 @@ def compare(
     against: Annotated[
         str | None, typer.Option(help="Also whether each other arm gains more than this one.")
     ] = None,
+    explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
+    from curricle.cli.explanations import explained
+    from curricle.cli.terminal_tables import table_width
     from curricle.study import StudyResults, compare_studies
 
     found = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else found.against(against)
-    typer.echo(str(found))
-    for name, verdict in answers.items():
-        typer.echo(f"{name} gains more than {against}: {verdict}")
+    with explained(explain):
+        print(found.text(table_width()))
+        for name, verdict in answers.items():
+            print(f"{name} gains more than {against}: {verdict}")
 
 
 def paper(
@@ -253,9 +281,15 @@ def paper(
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from curricle.cli.progress_bars import CompilationColumn
     from curricle.paper.reproduce import FIGURES, reproduce
 
-    columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (
+        SpinnerColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+        CompilationColumn(),
+    )
     with Progress(*columns, transient=True) as progress:
         task = progress.add_task("starting", total=None)
         claims = reproduce(
@@ -291,10 +325,12 @@ def design(
     Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
     Beside it is a page too, on how it was found.
     """
+    from curricle.cli.compilation import announce_compilation
     from curricle.report.design_report import write_design_report
     from curricle.study.recipes.designing import run_design
 
     _announce_imports()
+    announce_compilation()
     found = run_design(
         file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
     )

@@ -1,8 +1,6 @@
 """What ``curricle show`` prints of a sweep or a tuning."""
 
-from textwrap import fill
-
-from curricle.cli.terminal_tables import print_table, table
+from curricle.cli.terminal_tables import print_table, print_text
 from curricle.study.config.varied_settings import value_text
 from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
@@ -23,40 +21,39 @@ def print_effects(results: StudyResults) -> None:
 
 def print_tuning(tuning: TuningRecord) -> None:
     """Print how every arm was tuned, what that took, and its best trial."""
-    print(
-        "\n"
-        + fill(
-            f"tuned on seeds {seed_ranges(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
-            "sources included; these steps are shown here and not charged to the curves",
-            100,
-        )
+    print()
+    print_text(
+        f"tuned on seeds {seed_ranges(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+        "sources included; these steps are shown here and not charged to the curves"
     )
-    rows = table("best trial", "of", "tuning steps", "mean return")
+    rows = list[tuple[str, ...]]()
     for name, arm in tuning.arms.items():
         best = arm.best
         words = ", ".join(f"{key} = {_number(value)}" for key, value in best.values.items())
         score = NONE if best.score is None else f"{best.score:.4g}"
         number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-        rows.add_row(f"{name}: {words or 'nothing to tune'}", number, steps, score)
-    print_table(rows)
+        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, score))
+    print_table(("best trial", "of", "tuning steps", "mean return"), rows)
 
 
 def _print_levels(found: Effects) -> None:
     """Print the main effect of each setting on each arm."""
     tuned = found.kind == TUNING
     over = "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
-    print(f"\nmain effects: mean return, sources charged, over all {over}")
-    rows = table("", "trials" if tuned else "arms", "mean return", "")
-    for setting in found.settings:
-        for arm in found.arms:
-            for one in found.levels.get((arm, setting.key), ()):
-                rows.add_row(
-                    f"{arm}: {setting.key} = {one.text}",
-                    f"{one.number}",
-                    f"{one.mean:.4g}",
-                    f"[{one.low:.4g}, {one.high:.4g}]",
-                )
-    print_table(rows)
+    print()
+    print_text(f"main effects: mean return, sources charged, over all {over}")
+    rows = [
+        (
+            f"{arm}: {setting.key} = {one.text}",
+            f"{one.number}",
+            f"{one.mean:.4g}",
+            f"[{one.low:.4g}, {one.high:.4g}]",
+        )
+        for setting in found.settings
+        for arm in found.arms
+        for one in found.levels.get((arm, setting.key), ())
+    ]
+    print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
 
 
 def _number(value: object) -> str:

@@ -16,12 +16,14 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress as Bars,
     ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.text import Text
 
+from curricle.cli.compilation import announce_compilation
 from curricle.cli.live_page import page_of_run
 from curricle.cli.pace import Pace
 from curricle.remote_path import Place
@@ -37,17 +39,31 @@ BETWEEN = 1.0
 """Seconds between two lines of it at least."""
 
 
+class CompilationColumn(ProgressColumn):
+    """What is being compiled."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.compilation = announce_compilation()
+        self.compilation.aside = sys.stdout.isatty()
+
+    def render(self, task: Task) -> Text:
+        """Return it as text."""
+        return Text(self.compilation.words)
+
+
 class BarsAndPace(Bars):
-    """Bars, and below them a line on the whole run."""
+    """Bars, and below them a line on the whole run and on what is being compiled."""
 
     def __init__(self, pace: Pace, *columns: ProgressColumn, console: Console):
-        self.pace = pace
+        self.pace, self.compilation = pace, announce_compilation()
+        self.compilation.aside = console.is_terminal
         super().__init__(*columns, console=console, disable=not console.is_terminal)
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bars and the line."""
         yield from super().get_renderables()
-        yield Text(self.pace.line())
+        yield Text(", ".join(filter(None, [self.pace.line(), self.compilation.words])))
 
 
 class Lines:

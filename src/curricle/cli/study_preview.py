@@ -1,10 +1,9 @@
 """What ``curricle check`` prints: a study's tasks, its cost and a forecast, before it is run."""
 
 from collections.abc import Iterator
-from textwrap import fill
 
 from curricle.cli.forecast_preview import print_forecasts
-from curricle.cli.terminal_tables import print_table, table
+from curricle.cli.terminal_tables import print_table, print_text, wrapped
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.remote_path import Place, place_at
@@ -12,13 +11,14 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.varied_settings import value_text
-from curricle.study.cost import Cost, costs, duration
+from curricle.study.cost import Cost, costs, duration, total_words
 from curricle.study.folders import STUDY
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
 from curricle.study.tuning import check_tuning, tuning_of
 from curricle.study.units import seed_ranges, units_of
+from curricle.text_tables import counted
 from curricle.transfer.descriptions import countable, mapping_words
 from curricle.transfer.edges import transfer_names
 
@@ -27,11 +27,12 @@ def print_preview(study: StudyConfig) -> None:
     """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
     arms = Arms.of(study)
     units = len(units_of(study, arms, {}))
-    print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds, {units} units")
+    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
+    print_text(f"{study.name}: {', '.join(counted(*one) for one in numbers)}")
     for line in _swept(study):
-        print(_wrapped(line, 2))
+        print_text(line, 2)
     if few := too_few(study, arms):
-        print(few)
+        print_text(few)
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
         alike.setdefault(tuple(graph(curriculum)), []).append(name)
@@ -41,13 +42,17 @@ def print_preview(study: StudyConfig) -> None:
     print()
     each = costs(study, arms)
     _print_cost(each)
-    print(_wrapped(traffic(study, arms, each), 0))
+    if arms.budget is not None and arms.total not in (None, arms.budget):
+        steps = arms.budget, arms.total, arms.eval_freq
+        sources = any(one.transfers for one in arms.curricula.values())
+        print_text(total_words(arms.target, *steps, sources=sources))
+    print_text(traffic(study, arms, each))
     if study.tune is not None:
-        print(_wrapped(_tuning(study, arms, each), 0))
+        print_text(_tuning(study, arms, each))
     try:
         study.check_networks()
     except ImportError as error:
-        print(f"a task is learnt by a network: {error}")
+        print_text(f"a task is learnt by a network: {error}")
     print_forecasts(study, arms, each)
 
 
@@ -68,13 +73,13 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         else:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
-        steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
+        steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
         steps = "no steps, by exact answers" if node.takes_no_steps else steps
-        yield _wrapped(f"{name}: {task}; {learner}; {steps}", 2)
+        yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if countable(edge.mapping) else ""
-            yield _wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
+            yield wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
 
 
 def _swept(study: StudyConfig) -> Iterator[str]:
@@ -93,29 +98,26 @@ def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
     runs = number * len(tune.seeds)
     one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
     return (
-        f"before that, tuning: {tune.trials} trials of each arm on seeds "
-        f"{seed_ranges(tune.seeds)}, {number} trials in all, {runs * total:,} steps, "
+        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on seeds "
+        f"{seed_ranges(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
         f"about {duration(runs * one)}"
     )
 
 
-def _wrapped(line: str, indent: int) -> str:
-    return fill(line, 80, initial_indent=" " * indent, subsequent_indent=" " * (indent + 2))
-
-
 def _print_cost(each: list[Cost]) -> None:
-    rows = table("cost at most", "seeds", "steps a seed", "tables", "time")
-    for one in each:
-        rows.add_row(
+    rows = [
+        (
             f"{one.arm}: {one.task}",
             f"{one.seeds}",
             f"{one.steps:,}",
             _megabytes(one.table_bytes),
             duration(one.seconds),
         )
-    print_table(rows)
+        for one in each
+    ]
+    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
     seconds = sum(one.seconds for one in each)
-    print(f"about {duration(seconds)} on one processor, without compilation")
+    print_text(f"about {duration(seconds)} on one processor, without compilation")
 
 
 def traffic(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
@@ -165,4 +167,4 @@ def units_left(
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
     done_before = len(units_of(study, arms, {}, shard)) - len(left)
-    yield f"{len(left)} units to do, {done_before} done, in {path}"
+    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"

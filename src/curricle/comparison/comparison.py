@@ -10,9 +10,10 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
+from curricle.comparison.comparison_table import comparison_text, short
 from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
-from curricle.errors import CurriculumError, in_words
+from curricle.errors import CurriculumError
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
@@ -24,6 +25,7 @@ from curricle.statistics.intervals import (
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
+from curricle.text_tables import UNBOUNDED
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
@@ -308,36 +310,11 @@ class Comparison:
         return row
 
     def __str__(self) -> str:
-        width = max(len(name) for name in self.arms) + 2
-        lines = [
-            f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
-            f"{self.seeds} seed{'s' * (self.seeds > 1)}{self.stopped and f' ({self.stopped})'}; "
-            f"threshold {self.threshold:.4g}",
-            f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
-            f"{'strong gain':<22}{'weak gain':<22}verdict",
-        ]
-        lines += [self._line(name, width) for name in self.arms]
-        lines += self.sentences
-        lines += [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
-        return "\n".join(lines)
+        return self.text()
 
-    def _line(self, name: str, width: int) -> str:
-        """Return an arm's line of the table; its name has `width` characters."""
-        times = self.times(name)
-        missed = int((~times.reached).sum())
-        text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
-        text = "> " * (missed > 0) + text
-        line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<21}  "
-        if name in self.contrasts:
-            contrast = self.contrasts[name]
-            line += f"{_short(contrast.strong_gain):<20}  {_short(contrast.weak_gain):<20}  "
-            line += contrast.verdict
-            if name in self.verdicts and not self.verdicts[name].too_few:
-                line += f" (p = {contrast.adjusted_p:.2g})"
-            line += f", {contrast.reason}" if contrast.reason else ""
-        elif name == self.best_scratch and len(self.scratches) > 1:
-            line = f"{line:{width + 89}}the best from scratch: gains are over it"
-        return line.rstrip()
+    def text(self, width: int = UNBOUNDED) -> str:
+        """Return the table, and sentences on it, in lines of so many characters at most."""
+        return comparison_text(self, width)
 
     @property
     def sentences(self) -> list[str]:
@@ -390,9 +367,4 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
 
 def _signed(interval: Interval) -> str:
     """Return an interval without its number of seeds, with its sign."""
-    return "+" * (float(interval.estimate) > 0) + _short(interval)
-
-
-def _short(interval: Interval) -> str:
-    """Return an interval without its number of seeds."""
-    return str(interval).rsplit(",", 1)[0]
+    return "+" * (float(interval.estimate) > 0) + short(interval)

@@ -7,6 +7,7 @@ epsilon-greedy learning falls from there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from curricle.comparison.candidates import Candidate, candidates_of
 from curricle.comparison.distilled_sources import distilled_sources
 from curricle.comparison.forecasts import Forecast, ForecastRow
+from curricle.comparison.judged_potentials import JudgedPotentials, Judgement
 from curricle.comparison.learnt_sources import source_learning
 from curricle.comparison.potential_words import (
     AnyTarget,
@@ -36,7 +38,7 @@ from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, transfer_names
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.observation_rollouts import ObservationTarget, target_of
+from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 
@@ -109,14 +111,48 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
+    return forecast_once(
+        JudgedPotentials(),
+        curriculum,
+        target,
+        seeds=seeds,
+        aggregates=aggregates,
+        trained=trained,
+        perfect=perfect,
+        episodes=episodes,
+        trial=trial,
+        threshold=threshold,
+        workers=workers,
+    )
+
+
+def forecast_once(
+    judged: JudgedPotentials,
+    curriculum: Curriculum,
+    target: str | None = None,
+    *,
+    seeds: int | Sequence[int] = 3,
+    aggregates: Sequence[Aggregate] = (),
+    trained: Mapping[str, Learnt] | None = None,
+    perfect: bool = False,
+    only_used: bool = False,
+    episodes: int | None = None,
+    trial: bool | Curriculum | None = None,
+    threshold: float | None = None,
+    workers: int | None = None,
+) -> Forecast:
+    """Return a forecast as :func:`forecast`, with what others for the same target have computed.
+
+    With `only_used` it has a row for the potential that the curriculum would use, and no other.
+    """
     name, edges = transfers_into(curriculum, target, "a forecast")
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
                 f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
             )
-    any_target = target_of(
-        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
+    any_target = judged.target(
+        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     each = candidates_of(curriculum, name, aggregates)
@@ -127,8 +163,13 @@ def forecast(
     _check_trial(each, trial)
     sources = _sources(curriculum, name, numbers, trained, perfect, workers)
     reads_values = curriculum.setting("shaping", name).reads_values
-    row = _row if reads_values else _row_of_networks
-    rows = [row(one, one.potentials(sources, numbers), any_target, workers) for one in each]
+    judge = _judgement if reads_values else _judgement_of_networks
+    rows = list[ForecastRow]()
+    for one in (one for one in each if one.used or not only_used):
+        potentials = tuple(one.potentials(sources, numbers))
+        make = partial(judge, potentials, any_target, workers)
+        row = judged.judgement(any_target, potentials, make)
+        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
     found, no_trial = None, "no source is trained"
     if not perfect:
         found, no_trial = _trial(each, trial, threshold, workers)
@@ -266,13 +307,10 @@ def _coverage(
     return {label: edge.mapping.coverage() for label, edge in counted.items()}
 
 
-def _row(
-    candidate: Candidate,
-    potentials: Sequence[AnyPotential],
-    any_target: AnyTarget,
-    workers: int | None,
-) -> ForecastRow:
-    """Return a row without what a trial and words add."""
+def _judgement(
+    potentials: Sequence[AnyPotential], any_target: AnyTarget, workers: int | None
+) -> Judgement:
+    """Return how good potentials are, and their scale."""
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
         threads, fit = 1, Calibrate(any_target.episodes, cautious=False)
@@ -284,16 +322,13 @@ def _row(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return ForecastRow(
-        candidate.name, candidate.aggregate, candidate.used, tuple(seeds), calibrations
-    )
+    return Judgement(tuple(seeds), calibrations)
 
 
-def _row_of_networks(
-    candidate: Candidate, potentials: Sequence[Any], target: Any, workers: int | None
-) -> ForecastRow:
-    """Return a row of networks whose values are not read: the returns of their policies."""
+def _judgement_of_networks(
+    potentials: Sequence[Any], target: Any, workers: int | None
+) -> Judgement:
+    """Return the same of networks whose values are not read: the returns of their policies."""
     nan = float("nan")
     starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
-    seeds = tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts)
-    return ForecastRow(candidate.name, candidate.aggregate, candidate.used, seeds, ())
+    return Judgement(tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ())

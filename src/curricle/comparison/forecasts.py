@@ -1,8 +1,7 @@
 """A forecast as a record: rows of potentials, the answer of a trial, and both as text."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from textwrap import fill
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError
 from curricle.statistics.intervals import Interval
+from curricle.text_tables import counted, folded, or_dash, text_table
 from curricle.transfer.calibration import Calibration
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
@@ -140,7 +140,7 @@ class Forecast:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
         sources = [f"{name} ({_steps(one)})" for name, one in self.trained.items()]
-        return f"from {seeds} seed{'s' * (seeds > 1)} of {_listed(sources)}"
+        return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
 
     @property
     def answer(self) -> str:
@@ -157,6 +157,10 @@ class Forecast:
         return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
 
     def __str__(self) -> str:
+        return self.text()
+
+    def text(self, width: int = 80) -> str:
+        """Return it in lines of so many characters at most."""
         how = "exact" if self.exact else "returns by rollouts"
         if not self.solved and self._values_are_read:
             how += "; Q* estimated by the values of phi's own policy"
@@ -171,17 +175,32 @@ class Forecast:
             f"{self.random_return:.4g} ({how})",
             *(f"{name}: {cover}" for name, cover in self.coverage.items()),
         ]
-        lines = [_wrapped(line) for line in lines]
-        width = max(len(one.name) for one in self.rows) + 2
-        gains = any(one.gain is not None for one in self.rows)
-        lines.append(
-            f"{'':{width}}{'gain':>10}"[: None if gains else width]
-            + f"{'start':>11}"
-            + f"{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}" * self._values_are_read
+        words = [f"{one.name}: {one.verdict}" for one in self.rows if one.aggregate]
+        return "\n".join(
+            [
+                *(folded(line, width) for line in lines),
+                *self._table(width),
+                *(folded(line, width) for line in words),
+            ]
         )
-        lines += [self._line(one, width, gains) for one in self.rows]
-        lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]
-        return "\n".join(lines)
+
+    def _table(self, width: int) -> list[str]:
+        """Return a line for each row, and the heads above them."""
+        columns: dict[str, Callable[[ForecastRow], str]] = {
+            "": lambda one: one.name + " *" * one.used,
+            "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",
+            "start": lambda one: or_dash(one.mean("start")),
+            "phi > Q*": lambda one: or_dash(one.mean("optimistic"), ".0%"),
+            "excess": lambda one: or_dash(one.mean("excess"), ".2g"),
+            "rank": lambda one: or_dash(one.mean("rank"), ".2f"),
+            "scale": lambda one: "none" if np.isnan(one.scale) else f"{one.scale:.2g}",
+        }
+        if all(one.gain is None for one in self.rows):
+            del columns["gain"]
+        if not self._values_are_read:
+            columns = {head: columns[head] for head in columns if head in ("", "gain", "start")}
+        rows = [[cell(one) for cell in columns.values()] for one in self.rows]
+        return text_table(list(columns), rows, width)
 
     @property
     def _values_are_read(self) -> bool:
@@ -193,24 +212,6 @@ class Forecast:
         """The transfers that may be anti-knowledge; a single one is its aggregate's row."""
         alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
         return [one for one in alone if one.anti_knowledge]
-
-    def _line(self, one: ForecastRow, width: int, gains: bool) -> str:
-        """Return a row of the table."""
-        gain = "" if one.gain is None else f"{one.gain.estimate:.3g}"
-        start = "-" if np.isnan(one.mean("start")) else f"{one.mean('start'):.3g}"
-        line = f"{one.name + ' *' * one.used:{width}}{gain:>{10 * gains}}{start:>11}"
-        if not self._values_are_read:
-            return line
-        scale = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
-        return (
-            f"{line}{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
-            f"{one.mean('rank'):>7.2f}{scale:>7}"
-        )
-
-
-def _wrapped(line: str) -> str:
-    """Return a line as lines that fit a terminal of 80 columns."""
-    return fill(line, 80, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _listed(names: Iterable[str]) -> str:
