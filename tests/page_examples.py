@@ -36,7 +36,7 @@ class Timed(doctest.DocTestRunner):
         self.late += late
         if late or took > SHOWN:
             first = example.source.splitlines()[0]
-            print(f"{took:7.1f} s of {most:5.0f} s  >>> {first}{'  TOO LATE' * late}", flush=True)
+            out(f"{took:7.1f} s of {most:5.0f} s  >>> {first}{'  TOO LATE' * late}\n")
 
 
 def main() -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"# ([\w-]+\.\w+)\n")
-TABLE = re.compile(r"(\[[\w.-]+\])\n")
+TABLE = re.compile(r"(\[[\w.-]+\])[^\n]*\n")
 TIME = re.compile(r"#.*?\b(\d+) (s|seconds|minutes?)\b")
 SECONDS = {"s": 1, "seconds": 1, "minute": 60, "minutes": 60}
 MOST = 10.0
@@ -89,7 +89,7 @@ def put(step: File | Table, folder: Path) -> None:
     if isinstance(step, File):
         (folder / step.name).write_text(step.text, "utf-8")
         return
-    pattern = re.compile(rf"^{re.escape(step.header)}\n.*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
+    pattern = re.compile(rf"^{re.escape(step.header)}.*?\n(?=\[|\Z)", re.MULTILINE | re.DOTALL)
     holders = [path for path in folder.glob("*.toml") if pattern.search(path.read_text("utf-8"))]
     if len(holders) != 1:
         raise LookupError(f"one file must have {step.header}: {[path.name for path in holders]}")
