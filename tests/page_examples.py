@@ -11,9 +11,9 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[1]))
 
-from pages import stated_seconds  # noqa: E402 (found where the line above has Python look)
+from tests.pages import stated_seconds  # noqa: E402 (found where the line above has Python look)
 
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 SHOWN = 1.0

@@ -21,9 +21,9 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path.insert(0, str(HERE))
+sys.path.append(str(ROOT))
 
-from pages import Command, steps  # noqa: E402 (found where the line above has Python look)
+from tests.pages import Command, steps  # noqa: E402 (found where the line above has Python look)
 
 OLDEST, NEWEST = 11, 30
 """Minor versions of Python 3 that are looked for."""

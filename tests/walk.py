@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[1]))
 
-from pages import Command, put, steps  # noqa: E402 (found where the line above has Python look)
+from tests.pages import Command, put, steps  # noqa: E402 (found where the line above has Python look)
 
 ERROR, INTERRUPTED = "curricle: ", "curricle: interrupted"
 BAR, A_TIME = "━", re.compile(r"\b\d+ (s|min|h)\b")
