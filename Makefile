@@ -53,6 +53,7 @@ doctest: .venv/dev.stamp ## every example in src/, docs/ and README.md
 docs: .venv/dev.stamp ## the documentation, into docs/_build (open index.html there)
 	rm -rf docs/_build docs/api/generated docs/api/*.rst
 	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
+	$(BIN)/python -m pytest -n0 -m slow tests/site
 
 bench: .venv/test.stamp ## time every benchmarks/bench_*.py
 	@set -e; for script in $(sort $(wildcard benchmarks/bench_*.py)); do \

@@ -1,9 +1,11 @@
 """The pages: their links lead somewhere, and what they tell their readers to type is right."""
 
 import ast
+import itertools
 import re
 import shlex
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -11,6 +13,9 @@ import pytest
 import typer
 
 from curricle.cli.app import app
+from curricle.comparison.reasons import Reason, not_asked
+from curricle.comparison.verdicts import Verdict, too_few_seeds
+from curricle.statistics import Interval
 from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
 from tests.walk import Ended, faults
 
@@ -188,3 +193,27 @@ def test_what_is_wrong_with_a_command_is_told(told, status, printed, complained,
     assert [one.startswith(start) for one, start in zip(found, wrong, strict=True)] == [True] * len(
         wrong
     )
+
+
+# -- every word of a verdict is explained -------------------------------------------------------
+
+
+def test_every_word_of_a_verdict_is_explained():
+    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/reading_a_verdict.md").read_text("utf-8"))
+    interval = Interval(1.0, 0.5, 1.5, 0.95, 9)
+    words = {too_few_seeds(5, 6)}
+    for p, gain in itertools.product((0.01, 0.5), (interval, replace(interval, estimate=-1.0))):
+        verdict = Verdict(gain, "scratch", 1, p, p, 9, 6)
+        words |= {verdict.against_scratch, verdict.answer}
+        pays = replace(verdict, gain=replace(interval, low=4.0), p=0.01, adjusted_p=0.01)
+        for high in (0.1, 9.0):
+            over = replace(verdict, gain=replace(gain, high=high))
+            words.add(Reason(pays, over, 1.0).words)
+    assert len(words) == 11
+    assert [word for word in sorted(words) if f"| {word} |" not in page] == []
+    assert "*pessimism*" in page
+    assert not_asked([Reason(verdict_of_one(interval), None)]).partition(":")[0] in page
+
+
+def verdict_of_one(gain: Interval) -> Verdict:
+    return Verdict(gain, "scratch", 1, 0.01, 0.01, 9, 6)
