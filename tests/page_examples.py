@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from tests.pages import stated_seconds  # noqa: E402 (found where the line above has Python look)
+from tests.pages import stated_seconds
 
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 SHOWN = 1.0

@@ -1,9 +1,9 @@
 """What a Markdown page has its reader do: files to write, commands to type, and their outputs.
 
-A fenced block that begins with ``# name.ext`` is a file. In a block of ``console`` lines after ``$``
-are commands and the others what they print; in one of ``sh`` all lines are commands. A block of
-TOML that begins with ``[a.table]`` is put in the place of that table in the file that has it. A time
-in a command's comment, ``# 30 s``, is the most that the page grants it.
+A fenced block that begins with ``# name.ext`` is a file. In a block of ``console`` lines after
+``$`` are commands and the others what they print; in one of ``sh`` all lines are commands. A block
+of TOML that begins with ``[a.table]`` is put in the place of that table in the file that has it. A
+time in a command's comment, ``# 30 s``, is the most that the page grants it.
 """
 
 import re

@@ -3,9 +3,9 @@
     python tests/release.py [--out dist] [--python PATH ...]
 
 Source distribution and wheel are built and their metadata checked. Then, in a temporary folder
-outside the checkout, for every Python from 3.11 on that the machine has: the wheel is installed into
-a new environment, and the README's commands and examples and `curricle paper --seeds 2` are run.
-A Python that cannot run is passed over with a word.
+outside the checkout, for every Python from 3.11 on that the machine has: the wheel is installed
+into a new environment, and the README's commands and examples and `curricle paper --seeds 2` are
+run. A Python that cannot run is passed over with a word.
 """
 
 import argparse
@@ -37,7 +37,8 @@ READS = [
 
 def run(*command: str | Path, folder: Path = ROOT, **variables: str) -> None:
     """Run a command; end with its output where it fails."""
-    print("  $", *(Path(one).name if Path(one).is_absolute() else one for one in command), flush=True)
+    shown = [Path(one).name if Path(one).is_absolute() else one for one in command]
+    print("  $", *shown, flush=True)
     ended = subprocess.run(
         [str(one) for one in command], cwd=folder, env=_clean(variables), text=True, check=False,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,

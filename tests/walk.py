@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from tests.pages import Command, put, steps  # noqa: E402 (found where the line above has Python look)
+from tests.pages import Command, put, steps
 
 ERROR, INTERRUPTED = "curricle: ", "curricle: interrupted"
 BAR, A_TIME = "━", re.compile(r"\b\d+ (s|min|h)\b")

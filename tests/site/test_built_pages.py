@@ -1,4 +1,4 @@
-"""The site that `make docs` has built: no link is dead, nothing is fetched, pages fit and search works.
+"""The site that `make docs` has built: no dead link, nothing fetched, pages fit, search works.
 
 `make docs` runs this on what it has just built; elsewhere it is skipped where there is no site.
 """

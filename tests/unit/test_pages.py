@@ -2,8 +2,10 @@
 
 import ast
 import itertools
+import os
 import re
 import shlex
+import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +19,7 @@ from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import Verdict, too_few_seeds
 from curricle.statistics import Interval
 from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
-from tests.walk import Ended, faults
+from tests.walk import Ended, faults, walk
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -193,6 +195,16 @@ def test_what_is_wrong_with_a_command_is_told(told, status, printed, complained,
     assert [one.startswith(start) for one, start in zip(found, wrong, strict=True)] == [True] * len(
         wrong
     )
+
+
+@pytest.mark.slow
+def test_the_tutorial_prints_what_it_says(tmp_path):
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    variables = {**os.environ, "PATH": programs, "COLUMNS": "80"}
+    mine = ("curricle ", "python ")  # neither the environment that it makes nor pip
+    page = ROOT / "docs" / "tutorial.md"
+    wrong = walk(page, tmp_path, variables, timed=False, taken=lambda one: one.startswith(mine))
+    assert wrong == []
 
 
 # -- every word of a verdict is explained -------------------------------------------------------
