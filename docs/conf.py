@@ -41,15 +41,13 @@ napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
-# Nothing is fetched, so Python's own names lead nowhere. Folders of the repository are no pages.
-# The others are real and not public.
+# Nothing is fetched, so Python's own names lead nowhere. The others are real and not public.
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"ValueError|Exception|concurrent\.futures\._base\.BrokenExecutor"),
     ("py:exc", r"pydantic\.ValidationError"),
     ("py:class", "Arms|FactoredModel"),
     ("py:func", "right_states|shared_limits|arm_styles"),
-    ("myst", r"(\.\./)+examples(/\w+)?/"),
 ]
 
 html_theme = "furo"

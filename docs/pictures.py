@@ -1,7 +1,7 @@
 """Take the documentation's pictures of reports: pictures.py [PAGE SELECTOR NAME].
 
 Without arguments the tutorial's studies are run in a temporary folder, as the tutorial says, and
-all pictures of PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
+all PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
 """
 
 import io

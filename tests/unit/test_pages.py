@@ -114,6 +114,12 @@ def test_targets_are_in_the_makefile(page, line):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_has_one_title(page):
+    titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
+    assert len(titles) == 1, titles
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_toml_and_python_parse(page):
     for language, block in blocks(page.read_text("utf-8")):
         if language == "toml":
