@@ -16,7 +16,7 @@ FILE = re.compile(r"# ([\w-]+\.\w+)\n")
 TABLE = re.compile(r"(\[[\w.-]+\])[^\n]*\n")
 TIME = re.compile(r"#.*?\b(\d+) (s|seconds|minutes?)\b")
 SECONDS = {"s": 1, "seconds": 1, "minute": 60, "minutes": 60}
-MOST = 10.0
+MOST = 20.0
 """Seconds granted where the page states none."""
 
 
@@ -53,7 +53,7 @@ def stated_seconds(code: str) -> float:
     """Return the seconds that a comment grants, or those granted where none does.
 
     >>> stated_seconds("make paper  # into paper-results/, at most 3 minutes"), stated_seconds("ls")
-    (180.0, 10.0)
+    (180.0, 20.0)
     """
     found = TIME.search(code)
     return float(found[1]) * SECONDS[found[2]] if found else MOST

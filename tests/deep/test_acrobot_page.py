@@ -29,7 +29,7 @@ def study(tmp_path):
 def test_the_page_makes_its_study(study):
     plan = study.curriculum("distilled")
     assert plan.tasks["grid"].actions == plan.tasks["acrobot"].actions
-    assert str(plan.node("acrobot").shaping) == "WeightTransfer(parts='all', kl=0.1)"
+    assert repr(plan.node("acrobot").shaping) == "WeightTransfer(parts='all', kl=0.1)"
 
 
 @pytest.mark.slow
