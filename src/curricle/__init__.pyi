@@ -75,3 +75,5 @@ from .transfer.mapping import (
     from_function as from_function,
     same_position as same_position,
 )
+
+__version__: str
