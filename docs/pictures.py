@@ -22,6 +22,7 @@ from tests.walk import walk  # noqa: E402 (found where the line above has Python
 PICTURES = {
     "report_watch.png": ("maze-results", "#watch .viewer"),
     "report_findings.png": ("vault-results", "#findings"),
+    "report_curves.png": ("vault-results", "#curves .answers"),
 }
 """Of which of the tutorial's studies, and of what part of its report."""
 WIDTH, HEIGHT = 860, 900

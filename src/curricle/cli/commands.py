@@ -3,34 +3,27 @@
 import json
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from curricle.cli.design_commands import apply, design
+from curricle.cli.options import (
+    Changes,
+    Explain,
+    File,
+    Folder,
+    Live,
+    Port,
+    Seeds,
+    announce_imports,
+    part_of,
+    read,
+    write_new,
+)
+
 KINDS = ("maze", "pursuit", "gymnasium", "deep", "design")
 """What a shell completes after `curricle new`; a test holds that these are all."""
-
-if TYPE_CHECKING:
-    from curricle.study import StudyConfig
-
-File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
-Folder = Annotated[
-    str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
-]
-Seeds = Annotated[
-    str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
-]
-Live = Annotated[
-    bool, typer.Option("--open", help="Show the report in the browser while the study runs.")
-]
-Port = Annotated[
-    int | None, typer.Option(min=1, max=65535, help="Of the live page; a free one by default.")
-]
-Changes = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
-]
-Explain = Annotated[bool, typer.Option("--explain", help="Also what the words mean.")]
 
 
 def new(
@@ -53,7 +46,7 @@ def new(
         return
     name, text = new_file(kind)
     path = file or Path(name)
-    _write_new(path, text, kind if kind == DESIGN else "study")
+    write_new(path, text, kind if kind == DESIGN else "study")
     first = f"curricle check {path}, then curricle run {path}"
     if kind == DESIGN:
         first = f"curricle design {path} --on miniatures --budget 3_000_000"
@@ -71,10 +64,10 @@ def check(
     from curricle.cli.explanations import explained
     from curricle.cli.study_preview import print_preview
 
-    _announce_imports()
+    announce_imports()
     announce_compilation()
     with explained(explain):
-        print_preview(_read(file, seeds, changes))
+        print_preview(read(file, seeds, changes))
 
 
 def run(
@@ -118,11 +111,11 @@ def run(
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
     if port is not None and not live:
         raise typer.BadParameter(f"a port is that of the page of --open: got --port {port} alone")
-    _announce_imports()
-    study = _read(file, seeds, changes)
+    announce_imports()
+    study = read(file, seeds, changes)
     folder = out or study.results_folder
     if dry_run:
-        for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
+        for line in units_left(study, folder, part_of(shard), keep_stale=keep_stale):
             typer.echo(line)
         return
     if few := too_few(study, Arms.of(study)):
@@ -135,7 +128,7 @@ def run(
         workers=workers,
         processes=processes,
         on=on,
-        shard=_part(shard),
+        shard=part_of(shard),
         trackers=track or [],
         page=(port or 0) if live else None,
     )
@@ -225,8 +218,8 @@ def play(
     if study is None:
         seed, episode = stored_episode(results, arm, task, seed)
     else:
-        _announce_imports()
-        seed, episode = played_episode(results, _read(study, None, changes), arm, task, seed)
+        announce_imports()
+        seed, episode = played_episode(results, read(study, None, changes), arm, task, seed)
     words = f"{arm}: {task}, learnt by seed {seed}"
     if out is None:
         typer.echo(f"{words}\n\n{episode}")
@@ -306,60 +299,6 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
-def design(
-    file: Annotated[
-        Path, typer.Argument(help="A family and its miniatures, a TOML file.", show_default=False)
-    ],
-    budget: Annotated[int, typer.Option(min=0, help="Steps of all trainings together, at most.")],
-    on: Annotated[str, typer.Option(help="The table of the file with the members.")] = "miniatures",
-    out: Annotated[Path, typer.Option(help="The recipe.")] = Path("recipe.toml"),
-    seed: Annotated[int, typer.Option(min=0, help="The same seed, the same recipe.")] = 0,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Threads; all processors by default.")
-    ] = None,
-    resume: Annotated[bool, typer.Option(help="Go on with a design that was interrupted.")] = False,
-    changes: Changes = None,
-) -> None:
-    """Design a recipe on small members of a family: which sources, and how long each.
-
-    Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
-    Beside it is a page too, on how it was found.
-    """
-    from curricle.cli.compilation import announce_compilation
-    from curricle.report.design_report import write_design_report
-    from curricle.study.recipes.designing import run_design
-
-    _announce_imports()
-    announce_compilation()
-    found = run_design(
-        file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
-    )
-    typer.echo(str(found))
-    typer.echo(f'Wrote {out}: curricle apply {out} --to "PARAMETER=VALUE, ..."')
-    page = out.with_suffix(".html" if out.suffix != ".html" else ".report.html")
-    typer.echo(f"Open {write_design_report(found, page)}")
-
-
-def apply(
-    recipe: Annotated[Path, typer.Argument(help="The recipe, a TOML file.", show_default=False)],
-    to: Annotated[str, typer.Option(help="The member by its parameters: size=10, predators=3.")],
-    budget: Annotated[int, typer.Option(min=1, help="Steps of the target.")] = 200_000,
-    seeds: Annotated[int, typer.Option(min=1, help="How many.")] = 30,
-    out: Annotated[Path, typer.Option(help="The study.")] = Path("study.toml"),
-) -> None:
-    """Write the study of one member of a recipe's family, to be read, changed and run."""
-    from curricle.study import read_recipe, study_text
-    from curricle.study.recipes.designing import parameters_of
-
-    _announce_imports()
-    stored = read_recipe(recipe)
-    text = study_text(stored, parameters_of(to), budget=budget, seeds=seeds, file=out)
-    _write_new(out, text, "study")
-    if not stored.recipe.stages:
-        typer.echo("The recipe has no sources: the study learns the target alone.")
-    typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
-
-
 COMMANDS = (
     new,
     check,
@@ -375,43 +314,3 @@ COMMANDS = (
     apply,
     paper,
 )
-
-
-def _write_new(path: Path, text: str, what: str) -> None:
-    """Write a file that was not there; StoreError if it was, or cannot be written."""
-    from curricle.errors import StoreError
-
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise StoreError(f"a new {what} needs a new file: {path} is there already") from None
-    except OSError as error:
-        raise StoreError(f"a {what} cannot be written to {path}: {error.strerror}") from None
-
-
-def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
-    from curricle.study import read_study
-
-    number = seeds is not None and seeds.isdecimal()
-    given = [] if seeds is None else [f"seeds={seeds}" if number else f'seeds="{seeds}"']
-    return read_study(file, set=[*(changes or []), *given])
-
-
-def _announce_imports() -> None:
-    """Print which modules a study names before they are imported."""
-    import logging
-
-    from curricle.study.config.references import LOGGER
-
-    if not LOGGER.handlers:
-        LOGGER.addHandler(logging.StreamHandler())
-        LOGGER.setLevel(logging.INFO)
-
-
-def _part(shard: str) -> tuple[int, int]:
-    part, slash, parts = shard.partition("/")
-    numbers = slash and part.isdecimal() and parts.isdecimal()
-    if not numbers or not 1 <= int(part) <= int(parts):
-        raise typer.BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
-    return int(part), int(parts)
