@@ -48,7 +48,8 @@ class RayEngine:
         """Return the future result of a call, which has a processor to itself."""
         if not ray.is_initialized():  # Ray would start a new cluster
             raise ConnectionError("it is not connected to Ray")
-        reference = self._remote(_counted).remote(function, argument)
+        call = self._remote(_counted).options(name=function.__name__)
+        reference = call.remote(function, argument)
         found = Future[Any]()
         self._open.add(found)
 
