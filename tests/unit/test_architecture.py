@@ -15,7 +15,8 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "array_types", "frozen_arrays", "checks", "remote_path", "files"],
+    *["errors", "array_types", "frozen_arrays", "checks"],
+    *["display", "progress", "remote_path", "files"],
     *["tasks", "statistics", "planning", "learning", "teaching", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study"],
     *["plotting", "report", "paper", "cli"],

@@ -6,9 +6,9 @@ import pytest
 from rich.console import Console
 
 from curricle.cli import progress_bars
-from curricle.cli.pace import Pace
-from curricle.cli.progress_bars import BarsAndPace, Lines
-from curricle.study.running import Progress
+from curricle.cli.progress_bars import Lines
+from curricle.progress import Bars, Screen
+from curricle.study.progress import Pace, Progress
 from curricle.study.units import Unit
 
 
@@ -67,9 +67,7 @@ def printed(capsys, clock, number):
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)
     for unit in (None, *every):
-        progress = Progress(every, unit)
-        pace.note(progress)
-        lines.show(progress)
+        lines.show(Progress(every, unit))
         clock.now += 0.01
     return capsys.readouterr().err.splitlines()
 
@@ -91,8 +89,8 @@ def test_the_line_stands_below_the_bars(clock, width):
     console = Console(record=True, force_terminal=True, width=width, file=io.StringIO())
     pace, every = Pace(clock), units(4)
     pace.note(Progress(every))
-    with BarsAndPace(pace, console=console) as bars:
-        bars.add_task("scratch: maze", total=4)
+    with Screen(console, pace.line) as screen:
+        Bars(screen).bar("scratch: maze", 4)
         clock.now += 1.0
         pace.note(Progress(every, every[0]))
     *_, last = console.export_text().strip().splitlines()

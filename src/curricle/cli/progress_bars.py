@@ -1,51 +1,25 @@
-"""Running a study with progress bars on the terminal, one for each task of each arm.
+"""Running a study from the command line: bars on a terminal, and lines where there is none.
 
-Below them stands how fast the whole run goes. Where stderr is no terminal, a line is printed for
-each unit; in a study of very many, how fast it goes, once a second.
+There a line is printed for each unit; in a study of very many, how fast it goes, once a second.
 """
 
 import sys
-from collections import Counter
-from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
-from rich.console import Console, RenderableType
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress as Bars,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.text import Text
+from rich.console import Console
 
-from curricle.cli.pace import Pace
 from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.running import Progress, run_study
+from curricle.study.progress import Pace, Progress
+from curricle.study.running import run_study
 from curricle.study.workers import WorkerProcesses
 
 MANY = 1_000
 """Units of a study; one with more does not print a line for each."""
 BETWEEN = 1.0
 """Seconds between two lines of it at least."""
-
-
-class BarsAndPace(Bars):
-    """Bars, and below them a line on the whole run."""
-
-    def __init__(self, pace: Pace, *columns: ProgressColumn, console: Console):
-        self.pace = pace
-        super().__init__(*columns, console=console, disable=not console.is_terminal)
-
-    def get_renderables(self) -> Iterator[RenderableType]:
-        """Yield the bars and the line."""
-        yield from super().get_renderables()
-        yield Text(self.pace.line())
 
 
 class Lines:
@@ -57,6 +31,7 @@ class Lines:
 
     def show(self, progress: Progress) -> None:
         """Print a line about the unit that was stored, if it is time for one."""
+        self.pace.note(progress)
         units, now = len(progress.units), self.pace.clock()
         if progress.stored is None:
             return
@@ -78,33 +53,11 @@ def run_with_bars(
     on: str | None,
     **settings: Any,
 ) -> None:
-    """Run a study and show its progress; the time left is for all seeds of a task."""
-    console = Console(stderr=True)
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    description = TextColumn("{task.description}", markup=False)
-    pace = Pace()
-    bars, lines = BarsAndPace(pace, description, *columns, console=console), Lines(pace)
-    rows: dict[tuple[str, str], Any] = {}
-
-    def show(progress: Progress) -> None:
-        pace.note(progress)
-        unit = progress.stored
-        if unit is None:
-            seeds = Counter[tuple[str, str]]()
-            for one in progress.units:
-                seeds[one.arm, one.task] += len(one.seeds)
-            for (arm, task), total in seeds.items():
-                rows[arm, task] = bars.add_task(f"{arm}: {task}", total=total)
-        else:
-            bars.advance(rows[unit.arm, unit.task], len(unit.seeds))
-            if bars.finished:
-                bars.add_task("forecasts and certificates", total=None)
-            if not console.is_terminal:
-                lines.show(progress)
-
-    with bars, ExitStack() as ending:
+    """Run a study and show its progress."""
+    progress = True if Console(stderr=True).is_terminal else Lines(Pace()).show
+    with ExitStack() as ending:
         pool: WorkerProcesses | None = None
         if on is None and (processes or Arms.of(study).live):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)
+        run_study(study, path, workers=workers, executor=pool, on=on, progress=progress, **settings)

@@ -6,6 +6,7 @@ difference in each state is the effect of that transfer.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -20,6 +21,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.planning.solution import Solution, right_choices, solve
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables
@@ -145,6 +147,7 @@ def attribute(
     seeds: int | Sequence[int] = 20,
     trained: Mapping[str, Learnt] | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Attribution:
     """Return which transfers helped or did harm, and in which states.
 
@@ -161,6 +164,9 @@ def attribute(
         Sources trained before, for the same seeds.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each task that is learnt, and for the target without each transfer; a
+        function is called with the name of each transfer that has been left out.
 
     Raises
     ------
@@ -182,27 +188,33 @@ def attribute(
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
     """
+    check_progress(progress)
     name, edges = transfers_into(curriculum, target, "an attribution")
     numbers = seed_tuple(seeds)
     if len(numbers) < 2:
         raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")
     steps = whole_number("steps of an attribution", steps, 1, SettingError)
     solution = solve(curriculum.tasks[name])  # before any training, as it may refuse the task
-    sources = curriculum.train(
-        numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).sources
     short = curriculum.replace(name, budget=steps, eval_freq=steps)
     elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
 
-    def learn_with(into: Sequence[Transfer]) -> LearningResult:
+    def learn_with(into: Sequence[Transfer], bars: Bars) -> LearningResult:
         fewer = replace(short, transfers=[*elsewhere, *into])
-        return fewer.train(numbers, only=[name], trained=sources, workers=workers)[name]
+        how: Any = {"trained": sources, "workers": workers, "progress": bars}
+        return fewer.train(numbers, only=[name], **how)[name]
 
-    with_all = learn_with(edges)
-    without = [learn_with([edge for edge in edges if edge is not left_out]) for left_out in edges]
+    without = []
+    with shown(progress) as bars:
+        before: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+        sources = curriculum.train(numbers, only=curriculum.ancestors(name), **before).sources
+        with_all = learn_with(edges, bars.within())
+        for left_out, label in zip(edges, transfer_names(edges), strict=True):
+            others = [edge for edge in edges if edge is not left_out]
+            without.append(learn_with(others, bars.within(f"without {label}")))
+            bars.tell(label)
     loss, wrong = _choices(with_all.values, solution)
-    others = [_choices(result.values, solution) for result in without]
-    more_wrong = np.stack([wrong.astype(float) - other for _, other in others])
+    alone = [_choices(result.values, solution) for result in without]
+    more_wrong = np.stack([wrong.astype(float) - other for _, other in alone])
     returns = with_all.greedy_return[:, -1]
     return Attribution(
         task=curriculum.tasks[name],
@@ -210,7 +222,7 @@ def attribute(
         names=tuple(transfer_names(edges)),
         wrong=more_wrong.mean(axis=1),
         error=more_wrong.std(axis=1, ddof=1) / np.sqrt(len(numbers)),
-        loss=np.stack([(loss - other).mean(axis=0) for other, _ in others]),
+        loss=np.stack([(loss - other).mean(axis=0) for other, _ in alone]),
         gain=tuple(paired_difference(returns, r.greedy_return[:, -1]) for r in without),
     )
 

@@ -5,7 +5,7 @@ says where learning starts: the return of the greedy policy on phi, and whether 
 epsilon-greedy learning falls from there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from curricle.deep.policy_return import policy_return
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.target import Target
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, fit_calibration
@@ -52,6 +53,7 @@ def forecast(
     trial: bool | Curriculum | None = None,
     threshold: float | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
 
@@ -86,6 +88,9 @@ def forecast(
         Return that counts as learnt in the trial, as in :func:`compare`.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each task that is learnt and for the potentials; a function is called
+        with the name of each potential when it has been looked at, and with "trial" after one.
 
     Raises
     ------
@@ -107,6 +112,7 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
+    check_progress(progress)
     name, edges = transfers_into(curriculum, target, "a forecast")
     for function in aggregates:
         if not callable(function):
@@ -123,13 +129,17 @@ def forecast(
             "a trial trains the sources: with perfect=True, trial must be False or left out"
         )
     _check_trial(each, trial)
-    sources = _sources(curriculum, name, numbers, trained, perfect, workers)
     reads_values = curriculum.setting("shaping", name).reads_values
-    row = _row if reads_values else _row_of_networks
-    rows = [row(one, one.potentials(sources, numbers), any_target, workers) for one in each]
-    found, no_trial = None, "no source is trained"
-    if not perfect:
-        found, no_trial = _trial(each, trial, threshold, workers)
+    found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
+    with shown(progress) as bars:
+        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
+        made = ((one, one.potentials(sources, numbers)) for one in each)
+        rows = _rows(made, len(each), any_target, workers, bars, reads_values=reads_values)
+        if not perfect:
+            found, no_trial = _trial(each, trial, threshold, workers, bars.within())
+            if found is not None:
+                bars.tell("trial")
+            learnt = _judged_sources(curriculum, sources, workers, bars.within())
     optimum, random_return = any_target.optimum, any_target.random_return
     rows = _judged(rows, found, any_target, reads_values=reads_values)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
@@ -143,7 +153,7 @@ def forecast(
         exact=any_target.evaluation.method == "exact",
         trained=sources,
         perfect=perfect,
-        sources={} if perfect else _judged_sources(curriculum, sources, workers),
+        sources=learnt,
         trial=found,
         no_trial=no_trial,
     )
@@ -171,10 +181,10 @@ def _judged(
 
 
 def _judged_sources(
-    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None
+    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None, bars: Bars
 ) -> dict[str, Any]:
     """Return how much of its own task each source knows."""
-    learnt = source_learning(curriculum, sources, workers=workers)
+    learnt = source_learning(curriculum, sources, workers=workers, progress=bars)
     return {**learnt, **distilled_sources(curriculum.tasks, sources)}
 
 
@@ -185,6 +195,7 @@ def _sources(
     trained: Mapping[str, Learnt] | None,
     perfect: bool,
     workers: int | None,
+    bars: Bars,
 ) -> dict[str, SourceValues]:
     """Return what the sources of a target learnt, or their solutions."""
     if perfect and trained:
@@ -195,7 +206,8 @@ def _sources(
     if perfect:
         return _solved(curriculum, [edge.source for edge in curriculum.in_edges(name)], seeds)
     before = curriculum.ancestors(name)
-    return curriculum.train(seeds, only=before, trained=trained, workers=workers).sources
+    how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+    return curriculum.train(seeds, only=before, **how).sources
 
 
 def _solved(
@@ -232,15 +244,17 @@ def _trial(
     trial: bool | Curriculum | None,
     threshold: float | None,
     workers: int | None,
+    bars: Bars,
 ) -> tuple[Trial | None, str]:
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
         return None, "none was asked for"
     (used,) = (one for one in candidates if one.used)
+    how: Any = {"workers": workers, "progress": bars}
     if isinstance(trial, Curriculum):
-        return rehearse(trial, used, workers=workers), ""
+        return rehearse(trial, used, **how), ""
     if trial is True:
-        return run_trial(candidates, threshold=threshold, workers=workers), ""
+        return run_trial(candidates, threshold=threshold, **how), ""
     why = hindrance(used.curriculum)
     if why:
         return None, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
@@ -248,7 +262,7 @@ def _trial(
     if not seeds:
         return None, "it would take long; trial=True makes it"
     try:
-        return run_trial(tried, seeds=seeds, threshold=threshold, workers=workers), ""
+        return run_trial(tried, seeds=seeds, threshold=threshold, **how), ""
     except CurricleError as error:  # the potentials can be looked at all the same
         return None, f"it failed: {error}"
 
@@ -262,6 +276,25 @@ def _coverage(
         return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
     counted = {label: edge for label, edge in edges.items() if countable(edge.mapping)}
     return {label: edge.mapping.coverage() for label, edge in counted.items()}
+
+
+def _rows(
+    potentials: Iterable[tuple[Candidate, Sequence[AnyPotential]]],
+    number: int,
+    any_target: AnyTarget,
+    workers: int | None,
+    bars: Bars,
+    *,
+    reads_values: bool,
+) -> list[ForecastRow]:
+    """Return the rows of candidates without what a trial and words add."""
+    rows, row = list[ForecastRow](), _row if reads_values else _row_of_networks
+    grow = bars.bar("potentials", number)
+    for candidate, each in potentials:
+        rows.append(row(candidate, each, any_target, workers))
+        grow()
+        bars.tell(candidate.name)
+    return rows
 
 
 def _row(

@@ -22,6 +22,7 @@ from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
+from curricle.progress import Progress
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
@@ -153,6 +154,7 @@ class Node:
         snapshots: int = 0,
         workers: int | None = None,
         saves: Path | None = None,
+        progress: Progress = None,
     ) -> LearningResult:
         """Return the task learnt by K seeds.
 
@@ -169,9 +171,11 @@ class Node:
             As in :func:`learn`; not for networks.
         saves : Path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
+        progress
+            As in :func:`learn`.
         """
         if self.takes_no_steps:
-            return self._distilled(seeds, potentials)
+            return self._distilled(seeds, potentials, progress)
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -180,6 +184,7 @@ class Node:
             "stream": self.name,
             "warm_up": list(warm_ups) or None,
             "charged": charged,
+            "progress": progress,
         }
         if self.deep:
             found = learn_deep(
@@ -202,14 +207,19 @@ class Node:
         )
 
     def _distilled(
-        self, seeds: Sequence[int], potentials: Sequence[AnyPotential]
+        self, seeds: Sequence[int], potentials: Sequence[AnyPotential], progress: Progress
     ) -> LearningResult:
         """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
         self.learner.algorithm_class()
         from curricle.deep.miniature_learning import learn_miniatures
 
         return learn_miniatures(
-            self.task, self.learner, seeds, potentials, eval_freq=self.eval_freq
+            self.task,
+            self.learner,
+            seeds,
+            potentials,
+            eval_freq=self.eval_freq,
+            progress=progress,
         )
 
     def decisions(self, result: LearningResult) -> list[list[Decision]]:

@@ -10,7 +10,6 @@ import subprocess
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -20,6 +19,7 @@ from curricle.checks import BEYOND_64_BITS, instance, whole_number
 from curricle.errors import SettingError, StoreError
 from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
+from curricle.progress import check_progress
 from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
@@ -28,6 +28,7 @@ from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import FAILURES, Failures, read_failures
 from curricle.study.packing import Packing, files_of, pack
+from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, plain
 from curricle.study.recording import study_record
 from curricle.study.results import StudyResults
@@ -42,35 +43,6 @@ OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
 """Optional libraries."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is.
-
-    Attributes
-    ----------
-    units : tuple of Unit
-        All that the run trains; the same tuple each time.
-    stored : Unit or None
-        The unit that has just been stored; None at the beginning.
-    workers : int
-        How many there are now: those of a cluster come and go.
-    link : str or None
-        To the cluster's own page, if it has one.
-
-    Examples
-    --------
-    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
-    >>> progress = Progress((unit,), stored=unit, workers=2)
-    >>> progress.stored.label, progress.workers
-    ('scratch: maze, seeds 0-1', 2)
-    """
-
-    units: tuple[Unit, ...]
-    stored: Unit | None = None
-    workers: int = 1
-    link: str | None = None
-
-
 def run_study(
     study: StudyConfig,
     path: str | Place,
@@ -83,7 +55,7 @@ def run_study(
     keep_stale: bool = False,
     trackers: Sequence[str | Tracker] = (),
     report: Callable[[str], Any] | None = None,
-    progress: Callable[[Progress], Any] | None = None,
+    progress: bool | Callable[[Progress], Any] | None = True,
 ) -> StudyResults:
     """Run a study into a folder and return its results.
 
@@ -116,8 +88,9 @@ def run_study(
     report : callable, optional
         Called with a sentence for each failure of a tracker, and for each task with units that are
         damaged or stale; printed to stderr by default.
-    progress : callable, optional
-        Called with a :class:`Progress` at the beginning and whenever a unit is stored.
+    progress : bool or callable, optional
+        By default bars for the tasks of each arm, and below them how fast the run goes; a function
+        is called with a :class:`Progress` at the beginning and whenever a unit is stored.
 
     Raises
     ------
@@ -144,11 +117,10 @@ def run_study(
     array([500, 500])
     """
     instance("study", study, StudyConfig, SettingError)
+    check_progress(progress)
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
-    part, parts = shard
-    if not 1 <= part <= parts:
-        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+    _check_shard(*shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
@@ -160,7 +132,7 @@ def run_study(
     }
     record = study_record(study, arms)
     described = {**description, "record": plain(record)}
-    report, report_progress = report or to_stderr, progress or (lambda _: None)
+    report = report or to_stderr
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
@@ -174,11 +146,12 @@ def run_study(
         given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures, per_file = Failures(arms.keys), files_of(record)
         scheduler = Scheduler(given, arms, Packing(store, done, per_file), places, failures)
-        report_progress(Progress(units, None, scheduler.number(), places.link))
+        say = ending.enter_context(shown_units(progress))
+        say(Progress(units, None, scheduler.number(), places.link))
         for unit, result in scheduler.results(units):
             if trackers:
                 tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
-            report_progress(Progress(units, unit, scheduler.number(), places.link))
+            say(Progress(units, unit, scheduler.number(), places.link))
         _write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
@@ -189,6 +162,11 @@ def run_study(
     if failures:
         raise failures.error()
     return found
+
+
+def _check_shard(part: int, parts: int) -> None:
+    if not 1 <= part <= parts:
+        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
 
 
 def _check_networks(study: StudyConfig) -> None:

@@ -1,11 +1,15 @@
-"""How fast the units of a run are stored, and how long the others will take."""
+"""How far a run is, how fast its units are stored, and how long the others will take."""
 
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import timedelta
 from time import monotonic
+from typing import Any
 
-from curricle.study.running import Progress
+from curricle.progress import shown
+from curricle.study.units import Unit
 
 WINDOW = 60.0
 """Seconds that the rate is measured over."""
@@ -13,6 +17,35 @@ FEWEST = 10
 """Marks that it is measured over at least: units of an hour end less than once a minute."""
 BETWEEN = 1.0
 """Seconds between two marks at least."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    units : tuple of Unit
+        All that the run trains; the same tuple each time.
+    stored : Unit or None
+        The unit that has just been stored; None at the beginning.
+    workers : int
+        How many there are now: those of a cluster come and go.
+    link : str or None
+        To the cluster's own page, if it has one.
+
+    Examples
+    --------
+    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
+    >>> progress = Progress((unit,), stored=unit, workers=2)
+    >>> progress.stored.label, progress.workers
+    ('scratch: maze, seeds 0-1', 2)
+    """
+
+    units: tuple[Unit, ...]
+    stored: Unit | None = None
+    workers: int = 1
+    link: str | None = None
 
 
 class Pace:
@@ -69,6 +102,36 @@ class Pace:
             if left := units - self.stored:
                 words.append(f"{timedelta(seconds=round(left / rate))} left")
         return ", ".join([*words, *filter(None, [self._progress.link])])
+
+
+@contextmanager
+def shown_units(
+    progress: bool | Callable[[Progress], Any] | None,
+) -> Iterator[Callable[[Progress], None]]:
+    """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for.
+
+    Bars are of all seeds of a task in an arm; below them stands how fast the whole run goes.
+    """
+    pace = Pace()
+    grow: dict[tuple[str, str], Callable[[], None]] = {}
+    with shown(progress, pace.line) as bars:
+
+        def show(now: Progress) -> None:
+            pace.note(now)
+            if now.stored is None:
+                seeds = Counter[tuple[str, str]]()
+                for unit in now.units:
+                    seeds[unit.arm, unit.task] += len(unit.seeds)
+                for (arm, task), total in seeds.items():
+                    grow[arm, task] = bars.bar(f"{arm}: {task}", total)
+            else:
+                for _ in now.stored.seeds:
+                    grow[now.stored.arm, now.stored.task]()
+                if pace.stored == len(now.units):
+                    bars.bar("forecasts and certificates")
+            bars.tell(now)
+
+        yield show
 
 
 def _in_words(rate: float) -> str:

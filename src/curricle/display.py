@@ -1,0 +1,1 @@
+"""Results as HTML for a notebook: tables and curves."""
