@@ -17,6 +17,7 @@ from curricle.checks import one_of, whole_number
 from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt
+from curricle.display import block, brief_repr, printed, table
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
@@ -56,6 +57,9 @@ class Region:
     loss: float
     where: str
 
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         n = len(self.states)
         return f"{n} state{'s' * (n > 1)} ({self.where}), in {abs(self.share):.0%} of seeds"
@@ -89,6 +93,24 @@ class Attribution:
     error: FloatArray = field(repr=False)
     loss: FloatArray = field(repr=False)
     gain: tuple[Interval, ...]
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, str(gain), *(self._places(name, harmed=harmed) for harmed in (True, False)))
+            for name, gain in zip(self.names, self.gain, strict=True)
+        ]
+        head = ["transfer", "change of the greedy return", "worse in", "better in"]
+        title = f"Attribution after {self.steps:,} steps"
+        return block(title, table(head, rows, wide=head[2:]))
+
+    def _places(self, name: str, *, harmed: bool) -> str:
+        """Return the largest regions in which choices became worse, or better, in words."""
+        regions = self.regions(name, harmed=harmed)
+        shown, left = "; ".join(map(str, regions[:SHOWN])), len(regions) - SHOWN
+        more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
+        return f"{shown}{more}" if regions else "nowhere"
 
     def changed_states(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:
         """Return the states whose choice a transfer made worse (or better), (S,) bool.
@@ -131,11 +153,8 @@ class Attribution:
         for name, gain in zip(self.names, self.gain, strict=True):
             lines.append(f"{name} after {self.steps:,} steps: greedy return changed by {gain}")
             for harmed, word in ((True, "worse"), (False, "better")):
-                regions = self.regions(name, harmed=harmed)
-                shown = "; ".join(str(region) for region in regions[:SHOWN])
-                left = len(regions) - SHOWN
-                more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
-                lines.append(f"  {word} in {shown}{more}" if regions else f"  {word} nowhere")
+                where = self._places(name, harmed=harmed)
+                lines.append(f"  {word} {where if where == 'nowhere' else f'in {where}'}")
         return "\n".join(lines)
 
 

@@ -10,9 +10,11 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
+from curricle.comparison.comparison_table import as_html, as_text, in_brief, short
 from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
-from curricle.errors import CurriculumError, in_words
+from curricle.display import block, brief_repr, table
+from curricle.errors import CurriculumError
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
@@ -74,6 +76,12 @@ class Contrast:
     adjusted_p: float
     verdict: str
     reason: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        rows = [(name.replace("_", " "), str(getattr(self, name))) for name in MEASURES]
+        return block(f"Against scratch: {self.answer}", table(["measure", "over seeds"], rows))
 
     @property
     def answer(self) -> str:
@@ -308,36 +316,13 @@ class Comparison:
         return row
 
     def __str__(self) -> str:
-        width = max(len(name) for name in self.arms) + 2
-        lines = [
-            f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
-            f"{self.seeds} seed{'s' * (self.seeds > 1)}{self.stopped and f' ({self.stopped})'}; "
-            f"threshold {self.threshold:.4g}",
-            f"{'':{width}}{'steps to threshold':>20}  {'mean return (IQM)':<23}"
-            f"{'strong gain':<22}{'weak gain':<22}verdict",
-        ]
-        lines += [self._line(name, width) for name in self.arms]
-        lines += self.sentences
-        lines += [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
-        return "\n".join(lines)
+        return as_text(self)
 
-    def _line(self, name: str, width: int) -> str:
-        """Return an arm's line of the table; its name has `width` characters."""
-        times = self.times(name)
-        missed = int((~times.reached).sum())
-        text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
-        text = "> " * (missed > 0) + text
-        line = f"{name:{width}}{text:>20}  {_short(self.mean_return(name)):<21}  "
-        if name in self.contrasts:
-            contrast = self.contrasts[name]
-            line += f"{_short(contrast.strong_gain):<20}  {_short(contrast.weak_gain):<20}  "
-            line += contrast.verdict
-            if name in self.verdicts and not self.verdicts[name].too_few:
-                line += f" (p = {contrast.adjusted_p:.2g})"
-            line += f", {contrast.reason}" if contrast.reason else ""
-        elif name == self.best_scratch and len(self.scratches) > 1:
-            line = f"{line:{width + 89}}the best from scratch: gains are over it"
-        return line.rstrip()
+    def __repr__(self) -> str:
+        return in_brief(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
     @property
     def sentences(self) -> list[str]:
@@ -390,9 +375,4 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
 
 def _signed(interval: Interval) -> str:
     """Return an interval without its number of seeds, with its sign."""
-    return "+" * (float(interval.estimate) > 0) + _short(interval)
-
-
-def _short(interval: Interval) -> str:
-    """Return an interval without its number of seeds."""
-    return str(interval).rsplit(",", 1)[0]
+    return "+" * (float(interval.estimate) > 0) + short(interval)

@@ -33,9 +33,9 @@ from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, fit_calibration
+from curricle.transfer.coverage import Coverage
 from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, transfer_names
-from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality

@@ -2,19 +2,20 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from textwrap import fill
 
 import numpy as np
 
 from curricle.checks import one_of
 from curricle.comparison.distilled_sources import DistilledSource
+from curricle.comparison.forecast_table import as_html, as_text, in_brief
 from curricle.comparison.learnt_sources import SourceLearning
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
+from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError
 from curricle.statistics.intervals import Interval
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.mapping import Coverage
+from curricle.transfer.coverage import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.quality import PotentialQuality
 
@@ -50,6 +51,12 @@ class ForecastRow:
     gain: Interval | None = None
     verdict: str = ""
     anti_knowledge: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        gain = None if self.gain is None else f"gain in the trial: {self.gain}"
+        return block(self.name, self.verdict, self.anti_knowledge, gain)
 
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of a field of :class:`PotentialQuality`."""
@@ -157,60 +164,13 @@ class Forecast:
         return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
 
     def __str__(self) -> str:
-        how = "exact" if self.exact else "returns by rollouts"
-        if not self.solved and self._values_are_read:
-            how += "; Q* estimated by the values of phi's own policy"
-        optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
-        lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
-        if self.trial is not None and not self.trial.relative and not self.best.used:
-            lines.append(f"the highest gain in the trial: {self.best.name}")
-        lines += map(str, self.sources.values())
-        lines += [f"{one.name} {one.anti_knowledge}" for one in self._worse]
-        lines += [
-            f"The start with phi, {self.computed_from}: {optimum}random policy "
-            f"{self.random_return:.4g} ({how})",
-            *(f"{name}: {cover}" for name, cover in self.coverage.items()),
-        ]
-        lines = [_wrapped(line) for line in lines]
-        width = max(len(one.name) for one in self.rows) + 2
-        gains = any(one.gain is not None for one in self.rows)
-        lines.append(
-            f"{'':{width}}{'gain':>10}"[: None if gains else width]
-            + f"{'start':>11}"
-            + f"{'phi > Q*':>10}{'excess':>10}{'rank':>7}{'scale':>7}" * self._values_are_read
-        )
-        lines += [self._line(one, width, gains) for one in self.rows]
-        lines += [_wrapped(f"{one.name}: {one.verdict}") for one in self.rows if one.aggregate]
-        return "\n".join(lines)
+        return as_text(self)
 
-    @property
-    def _values_are_read(self) -> bool:
-        """Whether potentials are compared with values; they are not where networks enter."""
-        return not all(np.isnan(one.mean("optimistic")) for one in self.rows)
+    def __repr__(self) -> str:
+        return in_brief(self)
 
-    @property
-    def _worse(self) -> list[ForecastRow]:
-        """The transfers that may be anti-knowledge; a single one is its aggregate's row."""
-        alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
-        return [one for one in alone if one.anti_knowledge]
-
-    def _line(self, one: ForecastRow, width: int, gains: bool) -> str:
-        """Return a row of the table."""
-        gain = "" if one.gain is None else f"{one.gain.estimate:.3g}"
-        start = "-" if np.isnan(one.mean("start")) else f"{one.mean('start'):.3g}"
-        line = f"{one.name + ' *' * one.used:{width}}{gain:>{10 * gains}}{start:>11}"
-        if not self._values_are_read:
-            return line
-        scale = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
-        return (
-            f"{line}{one.mean('optimistic'):>10.0%}{one.mean('excess'):>10.2g}"
-            f"{one.mean('rank'):>7.2f}{scale:>7}"
-        )
-
-
-def _wrapped(line: str) -> str:
-    """Return a line as lines that fit a terminal of 80 columns."""
-    return fill(line, 80, subsequent_indent="  ", break_on_hyphens=False)
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
 
 def _listed(names: Iterable[str]) -> str:

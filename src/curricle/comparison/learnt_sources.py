@@ -16,6 +16,7 @@ from curricle.array_types import FloatArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
+from curricle.display import brief_repr, printed
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
@@ -79,6 +80,9 @@ class SourceLearning(Frozen):
     measured_by: str
     noise: float = 0.0
     fresh_steps: int = field(default=0, kw_only=True)
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def shares(self) -> FloatArray:

@@ -15,8 +15,10 @@ from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparable import most_source_steps
 from curricle.comparison.comparing import compare
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison_table import as_html
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
+from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, in_words
 from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.stopping import StoppingRule
@@ -59,6 +61,11 @@ class Trial:
     comparison: Comparison = field(repr=False)
     assumes: str
     relative: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        return block("Trial", self.assumes) + as_html(self.comparison)
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
+from curricle.curriculum.curriculum_table import curriculum_html
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
@@ -47,7 +48,7 @@ from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.proposal import search_steps
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Curriculum(TaskGraph):
     """A directed acyclic graph of tasks whose edges carry potentials.
 
@@ -214,6 +215,9 @@ class Curriculum(TaskGraph):
         one_of("a task", name, self.tasks, CurriculumError)
         settings = {which: self.setting(which, name) for which in SETTINGS if which != "retrain"}
         return Node.of(name, self.tasks[name], **settings)
+
+    def _repr_html_(self) -> str:
+        return curriculum_html(self)
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the same curriculum with other settings, such as ``budget=``, for one task."""

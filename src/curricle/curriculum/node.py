@@ -12,8 +12,10 @@ from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.deep.miniature_task import Miniatures
 from curricle.deep.spaces import check_spaces
+from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, longest_run, spacing
+from curricle.learning.decisions import Decisions
 from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
@@ -64,6 +66,8 @@ class Node:
     eval_freq: int
     evaluation: GreedyEvaluation
     storage: Storage
+
+    __repr__ = brief_repr
 
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
@@ -222,14 +226,14 @@ class Node:
             progress=progress,
         )
 
-    def decisions(self, result: LearningResult) -> list[list[Decision]]:
+    def decisions(self, result: LearningResult) -> Decisions:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
-            return [[] for _ in result.seeds]
+            return Decisions([[] for _ in result.seeds], result.seeds)
         level = stopping_level(self.budget, self.task, self.evaluation)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
         found = list[list[Decision]]()
         for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
             each = self.budget.decisions(result.steps, greedy, level=level, used=used)
             found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
-        return found
+        return Decisions(found, result.seeds)

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.display import block
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
+from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.learning.run import Outcome
 from curricle.tasks.task import Task
 
@@ -93,11 +95,16 @@ class LearningResult(Frozen):
     snapshots: Snapshots | None = None
 
     def __repr__(self) -> str:
+        seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"
         return (
-            f"LearningResult({type(self.learner).__name__}, {len(self.seeds)} seeds, "
+            f"{type(self).__name__}({type(self.learner).__name__}, {seeds}, "
             f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
             f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
         )
+
+    def _repr_html_(self) -> str:
+        name = type(self.task).__name__
+        return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
 
 
 def learning_result(

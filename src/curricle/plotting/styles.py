@@ -11,19 +11,9 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
+from curricle.display import COLOURS as COLOURS, OWN_COLOURS
 from curricle.statistics.curves import SCRATCH
 
-COLOURS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "green": "#009E73",
-    "blue": "#0072B2",
-    "vermillion": "#D55E00",
-    "purple": "#CC79A7",
-    "grey": "#777777",
-}
-"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -41,9 +31,8 @@ DIVERGING, SEQUENTIAL = "PuOr", "cividis"
 """Colour maps that colour-blind readers can read."""
 SHADES = 64
 """Colours of a map on a page."""
-OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula, in order, then again with the next of `MORE_DASHES`; scratch is black."""
 MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
+"""Of the curricula, when all of `OWN_COLOURS` are used up; scratch is black."""
 CONTROL_DASHES: tuple[Any, ...] = (
     (0, (3, 1.5)),
     (0, (5, 1.2, 1, 1.2)),

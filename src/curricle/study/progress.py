@@ -8,6 +8,7 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
+from curricle.display import brief_repr
 from curricle.progress import shown
 from curricle.study.units import Unit
 
@@ -46,6 +47,8 @@ class Progress:
     stored: Unit | None = None
     workers: int = 1
     link: str | None = None
+
+    __repr__ = brief_repr
 
 
 class Pace:

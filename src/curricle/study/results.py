@@ -36,6 +36,7 @@ from curricle.study.serialization import (
 from curricle.study.source_values import source_values, sources_read
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
+from curricle.study.study_table import ShownStudy
 from curricle.study.tables import apart, parquet_of
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
@@ -46,7 +47,7 @@ HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
 
-class StudyResults:
+class StudyResults(ShownStudy):
     """The results in a study's folder, also while the study is still running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
@@ -302,9 +303,9 @@ class StudyResults:
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished; arms that failed are left out.
-    Where studies gave their arms different totals,
-    all are compared at the smallest: what was learnt by then does not depend on what came after.
+    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
+    their arms different totals, all are compared at the smallest: what was learnt by then does not
+    depend on what came after.
 
     Parameters
     ----------

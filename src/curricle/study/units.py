@@ -10,6 +10,7 @@ import numpy as np
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
+from curricle.display import brief_repr
 from curricle.learning.budget import ended_by
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
@@ -52,6 +53,8 @@ class Unit:
     sources: Mapping[str, str] = field(hash=False)
     dependencies: Dependencies = field(hash=False, repr=False)
     snapshots: int
+
+    __repr__ = brief_repr
 
     @property
     def label(self) -> str:

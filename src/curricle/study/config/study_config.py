@@ -17,6 +17,7 @@ from curricle.study.config.positions import Positions, Problems
 from curricle.study.config.study_tables import ArmTables, RunTable
 from curricle.study.config.tables import unknown
 from curricle.study.config.task_names import table
+from curricle.study.study_table import config_html, config_in_brief
 
 
 class StudyConfig(RunTable):
@@ -91,6 +92,12 @@ class StudyConfig(RunTable):
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+
+    def __repr__(self) -> str:
+        return config_in_brief(self)
+
+    def _repr_html_(self) -> str:
+        return config_html(self)
 
     __hash__ = None  # type: ignore[assignment]
 
