@@ -26,7 +26,7 @@ COLOURS = {
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula of a comparison, in order."""
-MOST_POINTS, MOST_ROWS = 60, 40
+MOST_POINTS, MOST_ROWS = 60, 30
 """Points of a line and rows of a table that are shown, at most."""
 LONGEST, LONGEST_VALUE = 900, 60
 """Characters of a result and of one value in it, in a few words."""
@@ -35,9 +35,10 @@ WIDTH, HEIGHT = 460, 190
 LEFT, RIGHT, TOP, BOTTOM = 58, 8, 10, 30
 """Room around the curves."""
 STYLE = Markup(
-    "<style>.curricle{font-size:13px;line-height:1.45;max-width:60em}"
-    ".curricle>*{margin:.4em 0}.curricle .wide{overflow-x:auto}"
-    ".curricle table{border-collapse:collapse;margin:0}"
+    "<style>.curricle{font-size:13px;line-height:1.45}"
+    ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
+    ".curricle .wide{overflow-x:auto}"
+    ".curricle table{border-collapse:collapse;margin:0;font-size:inherit}"
     ".curricle th,.curricle td{text-align:left;vertical-align:top;padding:.2em .7em .2em 0;"
     "border:0;border-bottom:1px solid rgba(128,128,128,.35);background:none;white-space:nowrap}"
     ".curricle th{font-weight:600}.curricle .n{text-align:right;font-variant-numeric:tabular-nums}"
@@ -160,16 +161,15 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
     lines = [line for line in map(_thinned, lines) if len(line.steps)]
     if not lines:
         return Markup()
-    low = min(float(np.min(line.low)) for line in lines)
-    high = max(float(np.max(line.high)) for line in lines)
+    low, high = _range(lines)
     last = max(float(line.steps[-1]) for line in lines) or 1.0
-    high = high if high > low else low + 1.0
 
     def x(steps: Any) -> Any:
         return LEFT + np.asarray(steps) / last * (WIDTH - LEFT - RIGHT)
 
     def y(values: Any) -> Any:
-        return TOP + (high - np.asarray(values)) / (high - low) * (HEIGHT - TOP - BOTTOM)
+        inside = np.clip(values, low, high)
+        return TOP + (high - inside) / (high - low) * (HEIGHT - TOP - BOTTOM)
 
     drawn = [_drawn(line, x, y) for line in lines]
     texts = [
@@ -197,6 +197,20 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
         "{}</svg>"
     ).format(WIDTH, HEIGHT, f"{up} over {across}", Markup("").join(parts))
     return picture + (_key(lines) if len(lines) > 1 else Markup())
+
+
+def _range(lines: Sequence[Line]) -> tuple[float, float]:
+    """Return the lowest and the highest return that is drawn.
+
+    Bands of few seeds may be many times as high as all lines, so they are cut off where they would
+    take more than a third of the picture.
+    """
+    least = min(float(np.min(line.values)) for line in lines)
+    most = max(float(np.max(line.values)) for line in lines)
+    room = (most - least) / 4 or max(abs(most), 1.0) / 2
+    low = max(least - room, min(float(np.min(line.low)) for line in lines))
+    high = min(most + room, max(float(np.max(line.high)) for line in lines))
+    return (low, high) if high > low else (low - room, high + room)
 
 
 def _thinned(line: Line) -> Line:

@@ -1,5 +1,6 @@
 """A curriculum and what training it gave: in a few words, and as HTML for a notebook."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from curricle.display import beside, block, brief_value, shortened, table
 from curricle.errors import CurricleError
 from curricle.learning.results_table import learnt_curve, learnt_table
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import generative_model
 from curricle.transfer.calibration import Calibration
 
 MOST_CURVES = 4
@@ -25,9 +28,9 @@ def curriculum_html(curriculum: Any) -> str:
     tasks = [
         (
             name,
-            brief_value(curriculum.tasks[name]),
-            brief_value(curriculum.setting("learner", name)),
-            str(curriculum.node(name).budget),
+            _task_in_words(curriculum.tasks[name]),
+            type(curriculum.setting("learner", name)).__name__,
+            _budget_in_words(curriculum.node(name).budget),
         )
         for name in curriculum.order
     ]
@@ -37,10 +40,26 @@ def curriculum_html(curriculum: Any) -> str:
     ]
     head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
     return block(
-        f"Curriculum of {len(tasks)} tasks, {len(transfers)} transfers",
-        table(["task", "", "learner", "budget"], tasks, wide=["", "learner", "budget"]),
+        f"Curriculum: {_number(tasks, 'task')}, {_number(transfers, 'transfer')}",
+        table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
         transfers and table(head, transfers, wide=["mapping"]),
     )
+
+
+def _number(things: Sequence[Any], name: str) -> str:
+    return f"{len(things)} {name}{'s' * (len(things) != 1)}"
+
+
+def _task_in_words(task: Any) -> str:
+    if is_observation_task(task):
+        return brief_value(task)
+    model = generative_model(task)
+    sizes = f"{model.states.size:,} states, {model.actions.size:,} actions"
+    return f"{type(task).__name__}, {sizes}"
+
+
+def _budget_in_words(budget: Any) -> str:
+    return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
 
 
 def _calibrated(transfer: Any) -> str:

@@ -16,7 +16,7 @@ class Decisions(list[list[Decision]]):
     >>> rule = StoppingRule(max_steps=5_000, threshold=100.0)
     >>> plan = Curriculum({"maze": GridWorld("S..T")}, budget=rule)
     >>> plan.train(seeds=3).decisions("maze")
-    Decisions(3 seeds: threshold reached 3)
+    Decisions(3 seeds: threshold reached (3))
     """
 
     def __init__(self, each: Iterable[list[Decision]], seeds: Sequence[int]):
@@ -27,7 +27,7 @@ class Decisions(list[list[Decision]]):
     def in_words(self) -> str:
         """What ended training, and of how many seeds; empty without a rule."""
         ends = Counter(one[-1].criterion or "none yet" for one in self if one)
-        return ", ".join(f"{words} {number}" for words, number in ends.most_common())
+        return ", ".join(f"{words} ({number})" for words, number in ends.most_common())
 
     def __repr__(self) -> str:
         words = self.in_words or "no stopping rule"

@@ -51,7 +51,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
-    figure = Figure(figsize=(11.5, height), layout="constrained")
+    figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
     draw_arms(curves, comparison, styles, strong=True)
     scale_returns([curves], comparison)

@@ -1,5 +1,6 @@
 """One style for all figures: colours, Matplotlib's settings, styles of arms, text around axes."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -41,6 +42,8 @@ CONTROL_DASHES: tuple[Any, ...] = (
     (0, (5, 1.2, 1, 1.2, 1, 1.2)),
     (0, (8, 1.5, 3, 1.5)),
 )
+SCREEN = 72
+"""Pixels of an inch in a notebook."""
 GREY, GREYNESS = "#999999", 0.6
 """The grey in a control's colour, and its share."""
 
@@ -101,6 +104,21 @@ def shades_of(palette: str) -> list[str]:
     return [to_hex(one) for one in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows by itself, once, whether pyplot is imported or not.
+
+    pyplot knows nothing of it, so that nothing has to be closed.
+    """
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture, at twice the size that it is shown at."""
+        content = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            self.savefig(content, format="png", dpi=2 * SCREEN)
+        width, height = self.get_size_inches() * SCREEN
+        return content.getvalue(), {"width": round(width), "height": round(height)}
+
+
 def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, Any]:
     """Return a figure of `width` x `height` inches and its (rows, columns) array of axes.
 
@@ -110,7 +128,7 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
     >>> axes.shape
     (1, 2)
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 

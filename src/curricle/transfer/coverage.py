@@ -71,4 +71,6 @@ def coverage_table(covers: Mapping[str, Any]) -> Markup:
         parts = (cover.mapped, cover.ended, cover.unmapped)
         rows.append((name, pairs, *(f"{part:.1%}" for part in parts)))
     pairs = "pairs" if all(isinstance(one, Coverage) for one in covers.values()) else "observations"
-    return table(["mapping", pairs, "mapped", "at the source's end", "unmapped"], rows)
+    head = ["mapping", pairs, "mapped", "at the source's end", "unmapped"]
+    named = int(not any(covers))  # the first column is left out where the names are empty
+    return table(head[named:], [row[named:] for row in rows])

@@ -117,8 +117,8 @@ class StateActionMapping(Frozen):
         return transferred(values, self.index, self.unmapped_value, scale, shift)
 
     def __repr__(self) -> str:
-        mapped = int((self.index != UNMAPPED).sum())
-        return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs not unmapped)"
+        mapped = int((self.index >= 0).sum())
+        return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
 
     def _repr_html_(self) -> str:
         target = generative_model(self.target)
