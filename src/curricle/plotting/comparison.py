@@ -13,7 +13,15 @@ from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import controls_first, draw_arms, scale_returns
 from curricle.plotting.scales import return_scale, without_seeds
-from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, caption, write_columns
+from curricle.plotting.styles import (
+    COLOURS,
+    STYLE,
+    ArmStyle,
+    ShownFigure,
+    arm_styles,
+    caption,
+    write_columns,
+)
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.metrics import asymptotic_performance
