@@ -303,9 +303,8 @@ class StudyResults(ShownStudy):
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
-    their arms different totals, all are compared at the smallest: what was learnt by then does not
-    depend on what came after.
+    Over the seeds that every arm has finished, arms that failed left out, at the smallest total of
+    all studies: what was learnt by then does not depend on what came after.
 
     Parameters
     ----------
