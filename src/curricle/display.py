@@ -28,8 +28,8 @@ OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula of a comparison, in order."""
 MOST_POINTS, MOST_ROWS = 60, 30
 """Points of a line and rows of a table that are shown, at most."""
-LONGEST, LONGEST_VALUE = 900, 60
-"""Characters of a result and of one value in it, in a few words."""
+LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
+"""Characters of a result and of one value in it, and elements of an array, in a few words."""
 WIDTH, HEIGHT = 460, 190
 """Of the picture of some curves; it is made smaller where there is less room."""
 LEFT, RIGHT, TOP, BOTTOM = 58, 8, 10, 30
@@ -281,10 +281,11 @@ def brief_value(value: Any) -> str:
     Examples
     --------
     >>> brief_value(np.arange(3)), brief_value(["a"] * 99), brief_value({"chase": "x" * 99})
-    ('[0 1 2]', 'list of 99', '{chase}')
+    ('array([0, 1, 2])', 'list of 99', '{chase}')
     """
     if isinstance(value, np.ndarray):
-        return str(value) if value.size <= 5 else f"{value.dtype} {value.shape}"
+        small = value.size <= MOST_ELEMENTS
+        return " ".join(repr(value).split()) if small else f"{value.dtype} {value.shape}"
     text = " ".join(repr(value).split())
     if len(text) <= LONGEST_VALUE:
         return text
