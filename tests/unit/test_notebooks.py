@@ -61,3 +61,16 @@ def test_a_notebook_runs_and_shows_what_is_stored(name):
     assert all(one.output_type != "error" for cell in code(found) for one in cell.outputs)
     if name != "networks":  # torch's version and the machine round differently
         assert texts(found) == texts(stored(name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["", "import matplotlib.pyplot\n"])
+def test_a_figure_is_shown_once_and_bars_leave_nothing(first, tmp_path):
+    task = 'cr.Curriculum({"maze": cr.GridWorld("S.T")}, budget=500)'
+    cells = [f"{first}import curricle as cr", f"result = {task}.train(seeds=2, progress=True)"]
+    cells += ["from curricle.plotting import new_figure", "new_figure(1, 1, width=3, height=2)[0]"]
+    notebook = nbformat.v4.new_notebook(cells=[*map(nbformat.v4.new_code_cell, cells)])
+    nbformat.write(notebook, tmp_path / "figure.ipynb")
+    found = code(script().executed(tmp_path / "figure.ipynb"))
+    assert [len(cell.outputs) for cell in found] == [0, 0, 0, 1]
+    assert "image/png" in found[3].outputs[0].data
